@@ -1,0 +1,150 @@
+"""Every error this package raises on purpose.
+
+An error carries fields a program can act on; its message is built from them and ends with what
+to do next. Errors cross a process boundary (plans are made in a worker), so they pickle with all
+their fields. Mistakes of the calling program stay ``ValueError`` and ``TypeError``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from so101_motion.geometry import Array
+    from so101_motion.state import JointState
+
+
+def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So101Error:
+    error = cls.__new__(cls)
+    Exception.__init__(error, message)
+    error.__dict__.update(fields)
+    return error
+
+
+class So101Error(Exception):
+    """The root: anything that went wrong and that the user can do something about."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (_rebuild, (type(self), str(self), dict(self.__dict__)))
+
+
+class ConfigError(So101Error, ValueError):
+    """A setting or a request holds a value that cannot be used.
+
+    Attributes:
+        key: The attribute or request key.
+        value: What was given.
+        reason: What is wrong and what would be right.
+    """
+
+    def __init__(self, key: str, value: object, reason: str) -> None:
+        self.key, self.value, self.reason = key, value, reason
+        super().__init__(f'"{key}" = {value!r}: {reason}')
+
+
+class PlanningError(So101Error):
+    """No trajectory for this request."""
+
+
+class Unreachable(PlanningError):
+    """The goal lies outside what the arm can reach.
+
+    Attributes:
+        error_position: Distance from the goal to the nearest reachable point [m].
+        error_angle: Angle between the goal and the nearest reachable orientation [rad].
+        p_base_nearest: The nearest reachable point in the base frame, shape (3,), [m].
+        q_nearest: Joint angles that reach it, shape (5,), [rad].
+        limit: What stops the arm there, by name: a joint limit such as
+            ``"elbow_flex at its upper limit"``, ``"full stretch"``, or None.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        error_position: float,
+        error_angle: float,
+        p_base_nearest: Array,
+        q_nearest: Array,
+        limit: str | None,
+    ) -> None:
+        self.error_position, self.error_angle = error_position, error_angle
+        self.p_base_nearest, self.q_nearest, self.limit = p_base_nearest, q_nearest, limit
+        super().__init__(message)
+
+
+class OutsideLimits(PlanningError, ValueError):
+    """A joint value, speed or acceleration outside its limits.
+
+    Attributes:
+        joint: Which joint.
+        value: What was asked for [rad], [rad/s] or [rad/s^2].
+        lower: Smallest allowed value.
+        upper: Largest allowed value.
+    """
+
+    def __init__(
+        self, message: str, *, joint: str, value: float, lower: float, upper: float
+    ) -> None:
+        self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
+        super().__init__(message)
+
+
+class InCollision(PlanningError):
+    """The arm would touch itself or its surroundings.
+
+    Attributes:
+        first: One of the two bodies, e.g. ``"gripper"``.
+        second: The other, e.g. ``"floor"``.
+        where: ``"start"``, ``"goal"`` or ``"way"``.
+    """
+
+    def __init__(self, message: str, *, first: str, second: str, where: str) -> None:
+        self.first, self.second, self.where = first, second, where
+        super().__init__(message)
+
+
+class NoPath(PlanningError):
+    """Start and goal are free, but no way between them was found in the time allowed."""
+
+
+class BusError(So101Error):
+    """The servos cannot be reached or answer nonsense."""
+
+
+class MotionError(So101Error):
+    """A motion did not end where it was meant to."""
+
+
+class Interrupted(MotionError):
+    """A motion was ended on purpose before it arrived; the arm holds where it stopped.
+
+    Attributes:
+        by: What ended it: ``"stop"``, ``"a newer motion"``, ``"cancelled"``, ``"shutdown"``.
+    """
+
+    def __init__(self, by: str) -> None:
+        self.by = by
+        super().__init__(f"the motion was ended early by {by}; the arm holds where it stopped")
+
+
+class NotHolding(MotionError):
+    """The arm is limp or in a fault, so it cannot be moved until it holds again."""
+
+
+class FollowingError(MotionError):
+    """A joint did not follow its setpoints; the arm holds.
+
+    Attributes:
+        joint: Which joint was furthest off.
+        error: How far it was off [rad].
+        recent: The last second of states, oldest first.
+    """
+
+    def __init__(self, message: str, *, joint: str, error: float, recent: tuple[JointState, ...]):
+        self.joint, self.error, self.recent = joint, error, recent
+        super().__init__(message)
+
+
+class WorkerError(So101Error):
+    """The planning process could not be started or died while it worked; it is restarted."""

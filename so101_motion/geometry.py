@@ -1,0 +1,146 @@
+"""Rigid transforms and the array types everybody shares.
+
+``T_base_tool`` maps a point given in the tool frame to the base frame: ``T_base_tool @ p_tool``
+is ``p_base``, and neighbouring names cancel. Metres and radians, right-handed frames.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def frozen_array(values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:
+    """A read-only float copy of ``values``.
+
+    Args:
+        values: Anything numpy can read as numbers.
+        shape: The shape it must have; ``-1`` matches any length.
+
+    Raises:
+        ValueError: The shape is another one.
+    """
+    array = np.array(values, dtype=np.float64)
+    if shape is not None and (
+        array.ndim != len(shape)
+        or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True))
+    ):
+        raise ValueError(f"expected an array of shape {shape}, got {array.shape}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SE3:
+    """A rigid transform: rotation ``R`` (3, 3) and translation ``p`` (3,) in metres."""
+
+    R: Array
+    p: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "R", frozen_array(self.R, (3, 3)))
+        object.__setattr__(self, "p", frozen_array(self.p, (3,)))
+
+    @classmethod
+    def identity(cls) -> SE3:
+        """The transform that changes nothing."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_translation(cls, p: ArrayLike) -> SE3:
+        """A pure translation by ``p``, shape (3,), [m]."""
+        return cls(np.eye(3), np.asarray(p, dtype=np.float64))
+
+    @classmethod
+    def from_rpy(cls, rpy: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
+        """From roll, pitch, yaw [rad] as URDF means them: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+        roll, pitch, yaw = rpy
+        return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
+
+    @property
+    def matrix(self) -> Array:
+        """The homogeneous matrix, shape (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3] = self.R
+        T[:3, 3] = self.p
+        return T
+
+    @property
+    def inverse(self) -> SE3:
+        """The transform that undoes this one."""
+        return SE3(self.R.T, -self.R.T @ self.p)
+
+    @overload
+    def __matmul__(self, other: SE3) -> SE3: ...
+    @overload
+    def __matmul__(self, other: Array) -> Array: ...
+    def __matmul__(self, other: SE3 | Array) -> SE3 | Array:
+        """Compose with a transform, or map a point (3,) or points (n, 3)."""
+        if isinstance(other, SE3):
+            return SE3(self.R @ other.R, self.R @ other.p + self.p)
+        points = np.asarray(other, dtype=np.float64)
+        return np.asarray(points @ self.R.T + self.p)
+
+    def quaternion_wxyz(self) -> Array:
+        """The rotation as a unit quaternion (w, x, y, z) with w >= 0."""
+        return quaternion_wxyz(self.R)
+
+
+def rot_x(angle: float) -> Array:
+    """Rotation about x by ``angle`` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rot_y(angle: float) -> Array:
+    """Rotation about y by ``angle`` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rot_z(angle: float) -> Array:
+    """Rotation about z by ``angle`` [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_angle(R: Array) -> float:
+    """The angle of a rotation matrix, 0 to pi [rad]; accurate near both ends."""
+    sine = 0.5 * math.sqrt(
+        (R[2, 1] - R[1, 2]) ** 2 + (R[0, 2] - R[2, 0]) ** 2 + (R[1, 0] - R[0, 1]) ** 2
+    )
+    return math.atan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
+
+
+def quaternion_wxyz(R: Array) -> Array:
+    """Unit quaternion (w, x, y, z) of a rotation matrix, with w >= 0.
+
+    Source: S. W. Shepperd, Quaternion from rotation matrix, 1978: start from the largest component.
+    """
+    diagonal = np.diag(R)
+    trace = float(diagonal.sum())
+    choice = int(np.argmax([trace, *diagonal]))
+    if choice == 0:
+        q = np.array([1.0 + trace, R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    else:
+        i = choice - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = np.empty(4)
+        q[0] = R[k, j] - R[j, k]
+        q[1 + i] = 1.0 + R[i, i] - R[j, j] - R[k, k]
+        q[1 + j] = R[j, i] + R[i, j]
+        q[1 + k] = R[k, i] + R[i, k]
+    q /= math.sqrt(float(q @ q))
+    return q if q[0] >= 0.0 else -q
+
+
+def is_finite(values: Any) -> bool:
+    """Whether every number in ``values`` is finite."""
+    return bool(np.all(np.isfinite(values)))

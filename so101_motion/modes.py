@@ -1,0 +1,80 @@
+"""What the arm may do next, as a table.
+
+The executor asks ``can(mode, event)`` or takes ``after(mode, event)`` and does nothing that the
+table does not allow. Two channels move (the arm and the jaw), but torque and faults belong to the
+whole bus, so there is one mode.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Mode(Enum):
+    """What the arm is doing."""
+
+    LIMP = "limp"
+    HOLDING = "holding"
+    MOVING = "moving"
+    STOPPING = "stopping"
+    CALIBRATING = "calibrating"
+    FAULT = "fault"
+
+
+class Event(Enum):
+    """What can happen to it."""
+
+    MOVE = "a motion starts"
+    STOP = "a stop is asked for"
+    REST = "all motion has ended"
+    RELEASE = "torque goes off"
+    HOLD = "torque comes on, goal seeded"
+    CALIBRATE = "a calibration takes the bus"
+    DONE = "the calibration gives it back"
+    FAIL = "a fault is seen"
+
+
+TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
+    (Mode.LIMP, Event.HOLD): Mode.HOLDING,
+    (Mode.LIMP, Event.RELEASE): Mode.LIMP,
+    (Mode.LIMP, Event.STOP): Mode.LIMP,
+    (Mode.LIMP, Event.CALIBRATE): Mode.CALIBRATING,
+    (Mode.LIMP, Event.FAIL): Mode.FAULT,
+    (Mode.HOLDING, Event.MOVE): Mode.MOVING,
+    (Mode.HOLDING, Event.HOLD): Mode.HOLDING,
+    (Mode.HOLDING, Event.STOP): Mode.HOLDING,
+    (Mode.HOLDING, Event.REST): Mode.HOLDING,
+    (Mode.HOLDING, Event.RELEASE): Mode.LIMP,
+    (Mode.HOLDING, Event.CALIBRATE): Mode.CALIBRATING,
+    (Mode.HOLDING, Event.FAIL): Mode.FAULT,
+    (Mode.MOVING, Event.MOVE): Mode.MOVING,
+    (Mode.MOVING, Event.STOP): Mode.STOPPING,
+    (Mode.MOVING, Event.REST): Mode.HOLDING,
+    (Mode.MOVING, Event.FAIL): Mode.FAULT,
+    (Mode.STOPPING, Event.STOP): Mode.STOPPING,
+    (Mode.STOPPING, Event.REST): Mode.HOLDING,
+    (Mode.STOPPING, Event.FAIL): Mode.FAULT,
+    (Mode.CALIBRATING, Event.DONE): Mode.LIMP,
+    (Mode.CALIBRATING, Event.FAIL): Mode.FAULT,
+    (Mode.FAULT, Event.STOP): Mode.FAULT,
+    (Mode.FAULT, Event.RELEASE): Mode.LIMP,
+    (Mode.FAULT, Event.HOLD): Mode.HOLDING,
+}
+"""Every legal step; what is not here is refused."""
+
+
+def can(mode: Mode, event: Event) -> bool:
+    """Whether ``event`` is legal in ``mode``."""
+    return (mode, event) in TRANSITIONS
+
+
+def after(mode: Mode, event: Event) -> Mode:
+    """The mode that follows.
+
+    Raises:
+        ValueError: The step is not legal.
+    """
+    try:
+        return TRANSITIONS[mode, event]
+    except KeyError:
+        raise ValueError(f"{event.value} is not possible while {mode.value}") from None

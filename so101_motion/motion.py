@@ -1,0 +1,106 @@
+"""One motion somebody asked for, from the request to rest.
+
+A ``Motion`` is what a caller holds while the arm plans and moves: it can be waited for, and it can
+be interrupted. Interrupting touches this motion only; when it is already over, nothing happens.
+That is what makes a cancelled call stop its own movement and never its successor's.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from so101_motion.errors import Interrupted
+
+if TYPE_CHECKING:
+    from so101_motion.planning.planner import Plan
+
+T = TypeVar("T")
+
+
+class Motion:
+    """A motion that is being planned, is under way, or is over.
+
+    Attributes:
+        future: Completes when the arm has arrived and settled, or raises what went wrong:
+            ``PlanningError``, ``Interrupted``, ``FollowingError``, ``WorkerError``.
+        plan: What is being executed, once it is known; None for motions without a plan.
+    """
+
+    def __init__(self) -> None:
+        self.future: Future[None] = Future()
+        self.plan: Plan | None = None
+        self._lock = threading.Lock()
+        self._interruption: Future[str] = Future()
+        self._halt: Callable[[str], object] | None = None
+
+    def result(self, timeout: float | None = None) -> None:
+        """Wait until the arm has arrived.
+
+        Args:
+            timeout: How long to wait on the wall clock [s]; the motion goes on when it passes.
+
+        Raises:
+            TimeoutError: It is still under way.
+            So101Error: Why it did not arrive.
+        """
+        self.future.result(timeout)
+
+    def interrupt(self, by: str) -> None:
+        """End this motion early; the arm slows to rest along a jerk-limited ramp.
+
+        Returns at once; ``future`` completes when the arm is at rest.
+        """
+        with self._lock:
+            if self.future.done() or self._interruption.done():
+                return
+            self._interruption.set_result(by)
+            halt = self._halt
+        if halt is not None:
+            halt(by)
+
+    def wait_for(self, awaited: Future[T]) -> T:
+        """The result of ``awaited``, given up as soon as this motion is interrupted.
+
+        Raises:
+            Interrupted: The motion was interrupted first.
+        """
+        either: list[Future[Any]] = [awaited, self._interruption]
+        wait(either, return_when=FIRST_COMPLETED)
+        self._raise_if_interrupted()
+        return awaited.result()
+
+    def begin(
+        self,
+        start: Callable[[], Future[None]],
+        halt: Callable[[Future[None], str], object],
+    ) -> Future[None]:
+        """Start moving unless interrupted meanwhile.
+
+        Args:
+            start: Starts the movement and returns its future.
+            halt: ``halt(running, by)`` ends what ``start`` returned, and only that.
+
+        Raises:
+            Interrupted: The motion was interrupted before it could begin; nothing was started.
+        """
+        with self._lock:
+            self._raise_if_interrupted()
+            running = start()
+            self._halt = partial(halt, running)
+            return running
+
+    def take_outcome(self, done: Future[None]) -> None:
+        """End as ``done`` did: the callback for motions that need no thread of their own."""
+        error = done.exception()
+        if error is not None:
+            self.future.set_exception(error)
+        else:
+            self.future.set_result(None)
+
+    def _raise_if_interrupted(self) -> None:
+        if self._interruption.done():
+            raise Interrupted(self._interruption.result())

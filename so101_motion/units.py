@@ -1,0 +1,34 @@
+"""Millimetres and degrees, for the edges only.
+
+Everything inside is metres, radians and seconds. The places that talk to people or to Viam
+convert once, at the door, with these functions; they take floats and arrays alike.
+"""
+
+import math
+from typing import TypeVar
+
+import numpy as np
+
+FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
+
+_DEG = math.pi / 180.0
+
+
+def to_rad(angle_deg: FloatOrArray) -> FloatOrArray:
+    """Radians from degrees."""
+    return angle_deg * _DEG
+
+
+def to_deg(angle: FloatOrArray) -> FloatOrArray:
+    """Degrees from radians."""
+    return angle / _DEG
+
+
+def to_m(length_mm: FloatOrArray) -> FloatOrArray:
+    """Metres from millimetres."""
+    return length_mm / 1000.0
+
+
+def to_mm(length: FloatOrArray) -> FloatOrArray:
+    """Millimetres from metres."""
+    return length * 1000.0

@@ -1,0 +1,47 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from so101_motion import errors
+from so101_motion.errors import So101Error
+
+ONE_OF_EACH = [
+    errors.ConfigError("speed", 200.0, "must be between 3 and 180 deg/s"),
+    errors.Unreachable(
+        "too far",
+        error_position=0.05,
+        error_angle=0.0,
+        p_base_nearest=np.array([0.3, 0.0, 0.1]),
+        q_nearest=np.zeros(5),
+        limit="full stretch",
+    ),
+    errors.OutsideLimits("elbow", joint="elbow_flex", value=2.0, lower=-1.69, upper=1.58),
+    errors.InCollision("hits", first="gripper", second="floor", where="goal"),
+    errors.NoPath("no way"),
+    errors.BusError("no reply"),
+    errors.Interrupted("stop"),
+    errors.NotHolding("limp"),
+    errors.FollowingError("stuck", joint="elbow_flex", error=0.2, recent=()),
+    errors.WorkerError("died"),
+]
+
+
+def concrete(cls):
+    below = cls.__subclasses__()
+    return {cls} | {deeper for sub in below for deeper in concrete(sub)}
+
+
+def test_every_error_has_an_example_here():
+    families = {errors.So101Error, errors.PlanningError, errors.MotionError}
+    assert concrete(So101Error) - families == {type(error) for error in ONE_OF_EACH}
+
+
+@pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
+def test_errors_cross_a_process_boundary_with_all_their_fields(error):
+    copy = pickle.loads(pickle.dumps(error))
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+    assert copy.__dict__.keys() == error.__dict__.keys()
+    for name, value in error.__dict__.items():
+        np.testing.assert_array_equal(getattr(copy, name), value)

@@ -1,0 +1,50 @@
+from concurrent.futures import Future
+
+import pytest
+
+from so101_motion.errors import Interrupted
+from so101_motion.motion import Motion
+
+
+def test_interrupting_halts_what_was_begun_and_nothing_else():
+    motion, running, halted = Motion(), Future(), []
+    motion.begin(lambda: running, lambda which, by: halted.append((which, by)))
+    motion.interrupt("stop")
+    motion.interrupt("stop")
+    assert halted == [(running, "stop")]
+
+
+def test_an_interrupted_motion_never_begins():
+    motion = Motion()
+    motion.interrupt("cancelled")
+    with pytest.raises(Interrupted, match="cancelled"):
+        motion.begin(lambda: pytest.fail("must not start"), lambda *_: None)
+
+
+def test_waiting_for_a_plan_ends_with_the_interruption():
+    motion = Motion()
+    motion.interrupt("a newer motion")
+    with pytest.raises(Interrupted, match="a newer motion"):
+        motion.wait_for(Future())
+
+
+def test_interrupting_a_motion_that_is_over_does_nothing():
+    motion, halted = Motion(), []
+    motion.begin(Future, lambda *_: halted.append(1))
+    motion.future.set_result(None)
+    motion.interrupt("stop")
+    assert not halted
+    motion.result()
+
+
+def test_outcome_is_taken_over():
+    good, bad = Motion(), Motion()
+    done: Future[None] = Future()
+    done.set_result(None)
+    good.take_outcome(done)
+    good.result()
+    failed: Future[None] = Future()
+    failed.set_exception(Interrupted("stop"))
+    bad.take_outcome(failed)
+    with pytest.raises(Interrupted):
+        bad.result()
