@@ -51,6 +51,7 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.MOVING, Event.STOP): Mode.STOPPING,
     (Mode.MOVING, Event.REST): Mode.HOLDING,
     (Mode.MOVING, Event.FAIL): Mode.FAULT,
+    (Mode.STOPPING, Event.MOVE): Mode.MOVING,  # the other channel sets off meanwhile
     (Mode.STOPPING, Event.STOP): Mode.STOPPING,
     (Mode.STOPPING, Event.REST): Mode.HOLDING,
     (Mode.STOPPING, Event.FAIL): Mode.FAULT,

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from so101_motion.geometry import Array, frozen_array
 
@@ -52,32 +53,46 @@ class Trajectory:
     @property
     def n(self) -> int:
         """How many joints."""
-        return self.q.shape[1]
+        return int(self.q.shape[1])
 
     @property
     def t(self) -> Array:
         """The times of the samples, shape (N,), [s]."""
-        return np.arange(len(self.q)) * self.dt
+        return np.asarray(np.arange(len(self.q)) * self.dt)
 
     def sample(self, t: float) -> Setpoint:
         """The setpoint at time ``t`` [s]; before the start the first, after the end the last.
 
-        Between samples it follows the cubic that agrees with position and velocity at both.
+        Between samples it is what :meth:`at` says.
         """
-        last = len(self.q) - 1
         position = t / self.dt
-        k = round(position)
-        if abs(position - k) < 1e-6 or k <= 0 >= position or position >= last:
-            k = min(max(k, 0), last)
+        k = min(max(round(position), 0), len(self.q) - 1)
+        if abs(position - k) < 1e-6 or not 0.0 < position < len(self.q) - 1:
             return Setpoint(q=self.q[k], qd=self.qd[k], qdd=self.qdd[k])
-        k = int(position)
-        u, h = position - k, self.dt
-        q0, q1, v0, v1 = self.q[k], self.q[k + 1], self.qd[k], self.qd[k + 1]
-        rise = q1 - q0
-        c2 = 3.0 * rise - h * (2.0 * v0 + v1)
-        c3 = -2.0 * rise + h * (v0 + v1)
-        return Setpoint(
-            q=q0 + u * (h * v0 + u * (c2 + u * c3)),
-            qd=v0 + u * (2.0 * c2 + 3.0 * u * c3) / h,
-            qdd=(2.0 * c2 + 6.0 * u * c3) / (h * h),
+        q, qd, qdd = self.at([t])
+        return Setpoint(q=q[0], qd=qd[0], qdd=qdd[0])
+
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times ``t`` (m,) [s], each (m, n).
+
+        Between samples it follows the quintic that agrees with all three at both ends, so all
+        three are continuous; before the start it is the first sample, after the end the last.
+        """
+        h, last = self.dt, len(self.q) - 1
+        position = np.clip(np.asarray(t, dtype=np.float64) / h, 0.0, last)
+        k = position.astype(np.intp)
+        following = np.minimum(k + 1, last)
+        u = (position - k)[:, None]
+        q0, v0, a0 = self.q[k], self.qd[k] * h, self.qdd[k] * (0.5 * h * h)
+        # What is still to be gained in position, velocity and acceleration beyond the parabola.
+        dq = self.q[following] - q0 - v0 - a0
+        dv = self.qd[following] * h - v0 - 2.0 * a0
+        da = self.qdd[following] * (0.5 * h * h) - a0
+        c3 = 10.0 * dq - 4.0 * dv + da
+        c4 = -15.0 * dq + 7.0 * dv - 2.0 * da
+        c5 = 6.0 * dq - 3.0 * dv + da
+        return (
+            q0 + u * (v0 + u * (a0 + u * (c3 + u * (c4 + u * c5)))),
+            (v0 + u * (2.0 * a0 + u * (3.0 * c3 + u * (4.0 * c4 + u * (5.0 * c5))))) / h,
+            (2.0 * a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * (20.0 * c5)))) / (h * h),
         )

@@ -34,7 +34,8 @@ def concrete(cls):
 
 def test_every_error_has_an_example_here():
     families = {errors.So101Error, errors.PlanningError, errors.MotionError}
-    assert concrete(So101Error) - families == {type(error) for error in ONE_OF_EACH}
+    ours = {cls for cls in concrete(So101Error) if cls.__module__ == errors.__name__}
+    assert ours - families == {type(error) for error in ONE_OF_EACH}
 
 
 @pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)

@@ -3,8 +3,9 @@ import pytest
 from so101_motion.modes import TRANSITIONS, Event, Mode, after, can
 
 
-def test_the_arm_moves_only_from_holding_or_moving():
-    assert {mode for mode in Mode if can(mode, Event.MOVE)} == {Mode.HOLDING, Mode.MOVING}
+def test_the_arm_moves_only_while_it_is_driven_and_healthy():
+    driven = {Mode.HOLDING, Mode.MOVING, Mode.STOPPING}
+    assert {mode for mode in Mode if can(mode, Event.MOVE)} == driven
 
 
 def test_stop_is_legal_in_every_mode_but_calibrating():

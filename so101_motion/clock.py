@@ -1,0 +1,230 @@
+"""What time it is, and how a thread waits for a moment.
+
+Time is a parameter: whoever paces something is given a ``Clock``. ``MonotonicClock`` is the real
+one. ``ManualClock`` stands still until somebody calls ``advance``, which makes a ten-second move a
+matter of milliseconds in a test and gives ``simulate_time: false`` its meaning.
+
+How ``ManualClock`` stays exact with real threads: a thread that keeps time by it says so
+(``attend``), and from then on is either *busy* or *waiting* for a moment. ``advance`` moves the
+time only while nobody is busy, straight to the nearest moment somebody waits for; it wakes that
+one thread and does not go on before the thread waits again. So between two readings of the clock
+no thread can fall behind, every deadline is met to the last bit, and nothing ever sleeps.
+A wake-up from outside counts as being busy from the instant the event is set.
+
+``Metronome`` is the arithmetic of a loop that runs against absolute deadlines.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Protocol
+
+_EPSILON = 1e-9
+"""Moments closer together than this are the same [s]: rounding of ``t0 + k * dt``, no more."""
+
+_PATIENCE = 60.0
+"""How long ``ManualClock`` waits for a busy thread on the wall clock before it complains [s]."""
+
+
+class Clock(Protocol):
+    """Seconds since some instant, and waiting for one."""
+
+    def now(self) -> float:
+        """The time [s]; never runs backwards."""
+
+    def attend(self) -> AbstractContextManager[None]:
+        """Until the block ends, the calling thread keeps time by this clock and may ``wait``."""
+
+    def wait(self, until: float, wake: threading.Event) -> None:
+        """Return when the time is ``until`` [s], or earlier when ``wake`` is set; clears ``wake``.
+
+        The caller looks at what ``wake`` announces after this returns, so nothing gets lost.
+        """
+
+    def join(self, thread: threading.Thread) -> None:
+        """Wait for an attending thread that was told to end, letting pass the time it takes."""
+
+
+class MonotonicClock:
+    """The real time."""
+
+    def now(self) -> float:
+        """Seconds of the system's monotonic clock."""
+        return time.monotonic()
+
+    def attend(self) -> AbstractContextManager[None]:
+        """Nothing to do: real time passes for everybody."""
+        return nullcontext()
+
+    def wait(self, until: float, wake: threading.Event) -> None:
+        """See ``Clock.wait``."""
+        wake.wait(max(0.0, until - time.monotonic()))
+        wake.clear()
+
+    def join(self, thread: threading.Thread) -> None:
+        """See ``Clock.join``."""
+        thread.join()
+
+
+class _Wait:
+    """A thread waits for the moment ``until`` or for ``wake``."""
+
+    __slots__ = ("until", "wake")
+
+    def __init__(self, until: float, wake: threading.Event) -> None:
+        self.until, self.wake = until, wake
+
+
+class ManualClock:
+    """A clock that stands still until it is advanced.
+
+    Args:
+        start: What it shows first [s].
+    """
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+        self._advancing = threading.Lock()  # one at a time decides who runs next
+        self._changed = threading.Condition()  # guards what follows
+        self._threads: dict[threading.Thread, _Wait | None] = {}  # None: busy
+
+    def now(self) -> float:
+        """What the clock shows [s]."""
+        return self._now
+
+    def advance(self, dt: float) -> None:
+        """Let ``dt`` [s] pass; everything due until then has been done when this returns.
+
+        Zero lets the attending threads finish what they were woken for without time passing.
+
+        Raises:
+            ValueError: ``dt`` is negative or not finite.
+            RuntimeError: Called by an attending thread, which would wait for itself, or a thread
+                neither waits nor ends.
+        """
+        if not 0.0 <= dt < math.inf:
+            raise ValueError(f"time moves forward by a finite amount, not by {dt}")
+        self._refuse_attending("advance")
+        with self._advancing:
+            end = self._now + dt
+            while self._step(end):
+                pass
+            self._now = max(self._now, end)
+
+    @contextmanager
+    def attend(self) -> Iterator[None]:
+        """See ``Clock.attend``."""
+        me = threading.current_thread()
+        with self._changed:
+            self._threads[me] = None
+        try:
+            yield
+        finally:
+            with self._changed:
+                del self._threads[me]
+                self._changed.notify_all()
+
+    def wait(self, until: float, wake: threading.Event) -> None:
+        """See ``Clock.wait``.
+
+        Raises:
+            RuntimeError: The calling thread does not attend to this clock.
+        """
+        me = threading.current_thread()
+        with self._changed:
+            if me not in self._threads:
+                raise RuntimeError(f"thread {me.name} waits on a clock that it does not attend to")
+            if until > self._now:
+                self._threads[me] = _Wait(until, wake)
+                self._changed.notify_all()
+        if self._threads[me] is not None:
+            wake.wait()
+        with self._changed:
+            self._threads[me] = None
+            wake.clear()
+
+    def join(self, thread: threading.Thread) -> None:
+        """Let time pass, deadline by deadline, until ``thread`` has ended.
+
+        Raises:
+            RuntimeError: Called by an attending thread.
+        """
+        self._refuse_attending("join")
+        with self._advancing:
+            while thread in self._threads and self._step(math.inf):
+                pass
+        thread.join()
+
+    def _step(self, end: float) -> bool:
+        """Move to the next moment somebody waits for, if it is not after ``end``, and wake them."""
+        with self._changed:
+            if not self._changed.wait_for(self._nobody_busy, _PATIENCE):
+                busy = [t.name for t, wait in self._threads.items() if _is_busy(wait)]
+                raise RuntimeError(f"busy for {_PATIENCE:g} s, so time cannot move: {busy}")
+            waits = [wait for wait in self._threads.values() if wait is not None]
+            following = min(waits, key=lambda wait: wait.until, default=None)
+            if following is None or following.until > end + _EPSILON:
+                return False
+            self._now = max(self._now, following.until)
+            following.wake.set()
+            return True
+
+    def _nobody_busy(self) -> bool:
+        return not any(_is_busy(wait) for wait in self._threads.values())
+
+    def _refuse_attending(self, what: str) -> None:
+        if threading.current_thread() in self._threads:
+            raise RuntimeError(f"{what} was called by a thread that keeps time by this clock")
+
+
+def _is_busy(wait: _Wait | None) -> bool:
+    return wait is None or wait.wake.is_set()
+
+
+class Metronome:
+    """Ticks at ``t0 + k * dt``, each at most once, the late ones not at all.
+
+    A tick that could only come more than half a period late is counted and left out: two ticks
+    then never come closer together than half a period, and the next one is on time again.
+
+    Args:
+        dt: The period [s].
+
+    Attributes:
+        k: The tick that is due next.
+        late: How many ticks have been left out so far.
+        missed: How many of them just before tick ``k``.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self.dt = dt
+        self.k = self.late = self.missed = 0
+        self._t0 = 0.0
+
+    def restart(self, now: float) -> None:
+        """Tick 0 is due ``now`` [s]."""
+        self._t0, self.k, self.missed = now, 0, 0
+
+    @property
+    def deadline(self) -> float:
+        """When tick ``k`` is due [s]."""
+        return self._t0 + self.k * self.dt
+
+    def is_due(self, now: float) -> bool:
+        """Whether tick ``k`` may come ``now`` [s], after leaving out what is too late."""
+        lateness = now - self.deadline
+        if lateness > 0.5 * self.dt:
+            left_out = math.ceil(lateness / self.dt - 0.5)
+            self.k += left_out
+            self.missed += left_out
+            self.late += left_out
+        return now >= self.deadline - _EPSILON
+
+    def advance(self) -> None:
+        """Tick ``k`` has come; on to the next."""
+        self.k += 1
+        self.missed = 0

@@ -1,0 +1,351 @@
+"""What one tick does with the joints of a port: mode, torque, both channels, the snapshot.
+
+``Control`` is the I/O thread's view. It holds the driver and what is known of the joints, and it
+has neither a thread nor a lock nor a way to wait: the executor calls it, on its one thread, with
+the time and the number of the tick. ``JointDriver`` is declared here because this is what uses it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from so101_motion.errors import MotionError, NotHolding
+from so101_motion.geometry import Array
+from so101_motion.modes import Event, Mode, after, can
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Trajectory
+from so101_motion.player import Channel, Player, Tolerances
+from so101_motion.state import JointReading, JointState
+from so101_motion.stream import Stream
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+STANDSTILL = 0.25
+"""After how long without a setpoint a motion is given up [s]. Chosen: rides out a busy machine; at
+the default 50 deg/s the next setpoint would be 12 deg away."""
+
+_RECENT = 1.0
+"""How much of the past an error carries [s]."""
+
+
+class JointDriver(Protocol):
+    """Six joints, real or simulated. Only the I/O thread calls it.
+
+    Each method may raise; the arm is then in FAULT. ``read`` is still called now and then, so it is
+    the place to reconnect; nothing is written before somebody asks the arm to hold again.
+    """
+
+    def read(self) -> JointReading:
+        """Measure all joints."""
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float) -> None:
+        """Set the goals: arm joints, shape (5,), and jaw [rad].
+
+        With torque off this only seeds the goal, which is then what was just measured.
+        """
+
+    def set_torque(self, on: bool) -> None:
+        """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
+
+    def close(self) -> None:
+        """Release the port and leave the servos as they are. Nothing is called after this."""
+
+
+class Control:
+    """The joints of one port. Used by the I/O thread only, ``state`` excepted.
+
+    Args:
+        driver: The joints.
+        dt: Period of the setpoints [s].
+        stop_limits: Caps of a stop for the five arm joints; the jaw has the same kind of servo and
+            takes the smallest of them.
+        tolerances: When a motion has arrived, and when it is lost.
+
+    Attributes:
+        mode: What the arm is doing.
+        state: The newest snapshot; None before ``start``. Replaced whole.
+    """
+
+    def __init__(
+        self,
+        driver: JointDriver,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        tolerances: Tolerances,
+    ) -> None:
+        self.mode = Mode.LIMP
+        self.state: JointState | None = None
+        self._driver, self._dt = driver, dt
+        self._fault: str | None = None
+        self._recent: deque[JointState] = deque(maxlen=1 + round(_RECENT / dt))
+        self._outcomes: list[tuple[Future[Any], object, BaseException | None]] = []
+        self._awaited: dict[Future[None], int] = {}  # a stop of both channels ends with the last
+
+        def player(channel: Channel, limits: MotionLimits) -> Player:
+            return Player(
+                channel,
+                dt=dt,
+                stop_limits=limits,
+                tolerances=tolerances,
+                conclude=self.conclude,
+                recent=self._last_second,
+            )
+
+        self._arm = player(Channel.ARM, stop_limits)
+        self._jaw = player(Channel.JAW, _smallest(stop_limits))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion of either channel is under way, settling included."""
+        return self._arm.is_moving or self._jaw.is_moving
+
+    # Requests
+
+    def start(self, now: float) -> None:
+        """See where the joints are, hold them there, publish the first snapshot."""
+        self._seed()
+        self.tick(0, now, 0)
+
+    def execute(
+        self, source: Trajectory | Stream, channel: Channel, future: Future[None], k: int
+    ) -> None:
+        """Play ``source`` from tick ``k`` on; ``future`` ends with it.
+
+        Raises:
+            MotionError: Why it cannot be played now.
+        """
+        self._require(Event.MOVE)
+        self._player(channel).begin(source, future, k)
+        self._enter(Event.MOVE)
+
+    def retarget(
+        self,
+        q_goal: Array,
+        limits: MotionLimits,
+        channel: Channel,
+        future: Future[None],
+        k: int,
+    ) -> None:
+        """Turn to ``q_goal`` from whatever is under way; ``future`` ends with it.
+
+        Raises:
+            MotionError: Why that is not possible now.
+        """
+        self._require(Event.MOVE)
+        self._player(channel).retarget(q_goal, limits, future, k)
+        self._enter(Event.MOVE)
+
+    def stop(self, channels: Iterable[Channel], by: str, waiting: Future[None]) -> None:
+        """Slow down; ``waiting`` completes when all of ``channels`` are at rest."""
+        players = [self._player(channel) for channel in channels]
+        self._awaited[waiting] = len(players)
+        for player in players:
+            player.stop(by, waiting)
+
+    def interrupt(self, motion: Future[Any], by: str, waiting: Future[None]) -> None:
+        """End ``motion`` if it is under way; ``waiting`` completes when it is over."""
+        for player in (self._arm, self._jaw):
+            if player.is_playing(motion):
+                player.stop(by, waiting)
+                return
+        self.conclude(waiting)
+
+    def hold(self) -> None:
+        """Drive the joints where they are now; nothing to do when they are driven already."""
+        if self.mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING):
+            return
+        self._require(Event.HOLD)
+        with self._failing():
+            self._seed()
+
+    def release(self) -> None:
+        """Let go of the joints.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        self._require(Event.RELEASE)
+        with self._failing():
+            self._driver.set_torque(False)
+        self._enter(Event.RELEASE)
+        self._fault = None
+
+    def call(self, job: Callable[[JointDriver], T]) -> T:
+        """Let ``job`` have the driver while nothing moves.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        if self.is_moving:
+            raise MotionError("the bus is busy with a motion; stop it or wait for its end")
+        return job(self._driver)
+
+    def close(self) -> None:
+        """Release the driver."""
+        self._driver.close()
+
+    # Ticks
+
+    def tick(self, k: int, now: float, late: int, missed: int = 0) -> None:
+        """Write, read, publish, judge.
+
+        Args:
+            k: The number of the tick, counted from when something began to move.
+            now: The time [s].
+            late: How many ticks have been left out since the start.
+            missed: How many of them just before this one.
+        """
+        players = (self._arm, self._jaw)
+        if missed * self._dt > STANDSTILL:
+            self._give_up((missed + 1) * self._dt)
+        if self.is_moving:
+            for player in players:
+                player.step(k)
+            self._driver.write(self._arm.reference.q, float(self._jaw.reference.q[0]))
+        reading = self._driver.read()
+        if self.mode in (Mode.LIMP, Mode.CALIBRATING):
+            self._seat(reading)
+        self.state = self._snapshot(reading, now, late)
+        self._recent.append(self.state)
+        self._arm.check(reading.q, reading.qd)
+        self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]))
+        self._follow_players()
+        self._republish()
+
+    def fail(self, error: Exception) -> None:
+        """The joints cannot be reached: FAULT, and everything under way ends with ``error``."""
+        if can(self.mode, Event.FAIL):
+            _log.error("the arm is in a fault: %s", error, exc_info=error)
+            self._enter(Event.FAIL)
+        self._fault = str(error) or type(error).__name__
+        for player in (self._arm, self._jaw):
+            player.fail(error)
+        self._republish()
+
+    def conclude(
+        self, future: Future[Any], error: BaseException | None = None, *, result: object = None
+    ) -> None:
+        """Note what ``future`` ends with; ``settle_futures`` tells it."""
+        others = self._awaited.pop(future, 1) - 1
+        if others and error is None:
+            self._awaited[future] = others
+        else:
+            self._outcomes.append((future, result, error))
+
+    def settle_futures(self) -> None:
+        """Complete the futures that have ended; their callbacks run here."""
+        outcomes, self._outcomes = self._outcomes, []
+        for future, result, error in outcomes:
+            if future.done():
+                continue  # a stop of both channels that failed for one
+            if error is not None:
+                future.set_exception(error)
+            else:
+                future.set_result(result)
+
+    # How
+
+    def _player(self, channel: Channel) -> Player:
+        return self._arm if channel is Channel.ARM else self._jaw
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """What the driver raises here is a fault, and the caller's to hear of as well."""
+        try:
+            yield
+        except Exception as error:
+            self.fail(error)
+            raise
+
+    def _seed(self) -> None:
+        reading = self._driver.read()
+        self._seat(reading)
+        self._driver.write(reading.q, reading.q_jaw)
+        self._driver.set_torque(True)
+        self._enter(Event.HOLD)
+        self._fault = None
+
+    def _seat(self, reading: JointReading) -> None:
+        self._arm.seat(reading.q)
+        self._jaw.seat(np.array([reading.q_jaw]))
+
+    def _give_up(self, gap: float) -> None:
+        _log.warning("no setpoint was sent for %.2f s in mid-motion", gap)
+        for player in (self._arm, self._jaw):
+            player.halt(
+                MotionError(
+                    f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
+                    " look for what keeps this machine or the bus busy, then move again"
+                )
+            )
+
+    def _follow_players(self) -> None:
+        if self.mode not in (Mode.MOVING, Mode.STOPPING):
+            return
+        moving = [player for player in (self._arm, self._jaw) if player.is_moving]
+        if not moving:
+            self._enter(Event.REST)
+        elif all(player.is_stopping for player in moving):
+            self._enter(Event.STOP)
+
+    def _require(self, event: Event) -> None:
+        if can(self.mode, event):
+            return
+        if self.mode is Mode.FAULT:
+            raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
+        if self.mode is Mode.LIMP:
+            raise NotHolding("the arm is limp, in manual mode; leave manual mode first")
+        raise MotionError(f"{event.value}: not possible while the arm is {self.mode.value}")
+
+    def _enter(self, event: Event) -> None:
+        self.mode = after(self.mode, event)
+
+    def _snapshot(self, reading: JointReading, now: float, late: int) -> JointState:
+        return JointState(
+            t=now,
+            mode=self.mode,
+            reading=reading,
+            q_ref=self._arm.reference.q,
+            qd_ref=self._arm.reference.qd,
+            q_jaw_ref=float(self._jaw.reference.q[0]),
+            arm_moving=self._arm.is_moving,
+            jaw_moving=self._jaw.is_moving,
+            late_ticks=late,
+            fault=self._fault,
+        )
+
+    def _republish(self) -> None:
+        """Bring the snapshot's words up to date with what was just decided."""
+        state = self.state
+        if state is None:
+            return
+        now = (self.mode, self._arm.is_moving, self._jaw.is_moving, self._fault)
+        if now != (state.mode, state.arm_moving, state.jaw_moving, state.fault):
+            mode, arm_moving, jaw_moving, fault = now
+            self.state = replace(
+                state, mode=mode, arm_moving=arm_moving, jaw_moving=jaw_moving, fault=fault
+            )
+
+    def _last_second(self) -> tuple[JointState, ...]:
+        newest = self._recent[-1].t
+        return tuple(state for state in self._recent if state.t >= newest - _RECENT)
+
+
+def _smallest(limits: MotionLimits) -> MotionLimits:
+    return MotionLimits.uniform(
+        velocity=float(np.min(limits.velocity)),
+        acceleration=float(np.min(limits.acceleration)),
+        jerk=float(np.min(limits.jerk)),
+        n=1,
+    )

@@ -1,0 +1,359 @@
+"""The one thread that talks to the servos of a port.
+
+How it works. An ``Executor`` owns a driver and a thread. The thread sleeps until the next tick is
+due or somebody wakes it, and a tick is always the same: take the requests, ask each channel where
+its joints should be, write that, read where they are, publish one ``JointState``, and judge. While
+something moves, ticks come at ``t0 + k * dt`` against absolute deadlines, and ``dt`` is the period
+of the trajectories: what was planned and verified is, sample for sample, what is written. A tick
+that would be more than half a period late is left out and counted; two goals are never sent to
+catch up, and after a longer standstill the motion is given up, because the next setpoint would be a
+jump. While nothing moves, the thread only looks at the arm now and then, so that the snapshot stays
+fresh; a request wakes it at once.
+
+Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for
+both. Torque and faults belong to the bus, so there is one ``Mode``, and ``modes.py`` says what is
+legal.
+
+Everybody else asks. A request is a function in a queue with a future, and the queue is emptied at
+every tick. Stop does not queue: it throws out the motions that were asked for before it and is
+looked at first, so the next setpoint already slows down. A motion is named by its future:
+``interrupt`` ends that motion or nothing, which is what a cancelled call needs.
+
+The futures cannot be cancelled (``cancel`` returns False): a motion ends by being stopped, never by
+being forgotten. They complete on this thread, after the snapshot that shows their effect has been
+published and outside every lock. A callback must be brief and must not wait for the executor.
+
+A driver that raises puts the arm into FAULT: everything under way ends with that error, the thread
+lives on and keeps reading (a driver may reconnect), and ``hold`` leads back. Torque comes on only
+after the goal has been set to what was measured, so nothing moves by being switched on.
+
+Where things are: this file has the loop and what other threads may call; ``control.py`` has what
+one tick does, ``player.py`` one channel's motion, ``stream.py`` a motion that arrives in pieces.
+Those three have no threads, and but for pushing into a stream only this file's thread calls them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable, Collection
+from concurrent.futures import Future
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, TypeVar
+
+from so101_motion.clock import Clock, Metronome
+from so101_motion.control import Control, JointDriver
+from so101_motion.errors import Interrupted
+from so101_motion.geometry import Array, frozen_array, is_finite
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Trajectory
+from so101_motion.player import Channel, Tolerances
+from so101_motion.state import JointState
+from so101_motion.stream import Stream, TimedPoint
+
+__all__ = ["Channel", "Executor", "JointDriver", "Stream", "TimedPoint", "Tolerances"]
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+_IDLE_PERIOD = 0.05
+"""How often a resting arm is looked at [s]; chosen: fresh enough for a picture, near no load."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    future: Future[Any]
+    channel: Channel | None  # whose stop throws this request out
+    run: Callable[[int], None]  # called with the number of the coming tick
+
+
+@dataclass(frozen=True, slots=True)
+class _Stop:
+    future: Future[None]
+    channels: Collection[Channel]
+    by: str
+
+
+class Executor:
+    """Moves the joints of one port and says where they are. All methods: from any thread.
+
+    Use it in a ``with`` block or call ``start`` and ``close``.
+
+    Args:
+        driver: The joints; from now on the executor's own.
+        clock: What time it is.
+        dt: Period of the setpoints [s]; every trajectory must have the same.
+        stop_limits: Caps of a stop for the five arm joints, whatever the motion's own.
+        tolerances: When a motion has arrived, and when it is lost; by default those of the
+            simulated arm.
+        name: Name of the thread.
+    """
+
+    def __init__(
+        self,
+        driver: JointDriver,
+        clock: Clock,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        tolerances: Tolerances | None = None,
+        name: str = "so101-io",
+    ) -> None:
+        self.dt = dt
+        self._clock = clock
+        self._control = Control(
+            driver, dt=dt, stop_limits=stop_limits, tolerances=tolerances or Tolerances()
+        )
+        self._beat = Metronome(dt)
+        self._wake = threading.Event()
+        self._ready: Future[None] = Future()
+        self._thread = threading.Thread(target=self._live, name=name, daemon=True)
+        self._lock = threading.Lock()  # guards what follows, for moments only
+        self._requests: list[_Request] = []
+        self._stops: list[_Stop] = []
+        self._closing = self._over = False
+
+    def start(self) -> None:
+        """Read the joints, hold them where they are, begin to listen; ``state`` is there then.
+
+        Raises:
+            Exception: What the driver raised; it has been closed.
+        """
+        self._thread.start()
+        self._ready.result()
+
+    def close(self) -> None:
+        """Slow down to rest, end the thread, close the driver; may be called again.
+
+        What is under way ends with ``Interrupted("shutdown")``. The servos go on holding.
+        """
+        with self._lock:
+            first, self._closing = not self._closing, True
+            dropped, self._requests = self._requests, []
+            if first:
+                self._stops.append(_Stop(_running_future(), tuple(Channel), "shutdown"))
+        for request in dropped:
+            request.future.set_exception(Interrupted("shutdown"))
+        self._wake.set()
+        if self._thread.ident is not None:
+            self._clock.join(self._thread)
+        elif first:
+            self._control.close()
+
+    def __enter__(self) -> Executor:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits.
+
+        Raises:
+            RuntimeError: ``start`` has not been called.
+        """
+        state = self._control.state
+        if state is None:
+            raise RuntimeError("start the executor first")
+        return state
+
+    def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
+        """Play ``trajectory``; its first setpoint goes out at once when nothing moves.
+
+        The future completes when the joints have settled at its end. It raises ``NotHolding``
+        when the joints are limp or in a fault, ``MotionError`` when another motion of the channel
+        is under way or the trajectory begins elsewhere, ``Interrupted`` when the motion was ended
+        early, ``FollowingError`` when a joint did not follow, and what the driver raised.
+
+        Raises:
+            ValueError: The trajectory has another period or another number of joints.
+        """
+        if trajectory.n != len(channel.joints):
+            raise ValueError(f"a trajectory of {trajectory.n} joints for the {channel.value}")
+        if abs(trajectory.dt - self.dt) > 1e-9:
+            raise ValueError(f"the trajectory's period is {trajectory.dt} s, not {self.dt} s")
+        future = _running_future()
+        return self._submit(
+            future, channel, lambda k: self._control.execute(trajectory, channel, future, k)
+        )
+
+    def retarget(
+        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
+    ) -> Future[None]:
+        """Turn to ``q_goal``, shape (n,), [rad], from the present motion without stopping.
+
+        The motion under way ends with ``Interrupted("a newer motion")``. The future ends like that
+        of ``execute``; while the channel is being stopped it raises ``MotionError``.
+
+        Raises:
+            ValueError: ``q_goal`` or ``limits`` have another number of joints or are not finite.
+        """
+        q_goal = frozen_array(q_goal, (len(channel.joints),))
+        if not is_finite(q_goal) or len(limits.velocity) != len(q_goal):
+            raise ValueError(f"no goal and limits for the {channel.value}: {q_goal}, {limits}")
+        future = _running_future()
+        return self._submit(
+            future, channel, lambda k: self._control.retarget(q_goal, limits, channel, future, k)
+        )
+
+    def open_stream(self, limits: MotionLimits) -> Stream:
+        """Take time-stamped points for the arm while it moves.
+
+        The arm counts as moving from now until the stream's future is done; ``stop`` and
+        ``interrupt(stream.future, ...)`` end it as they end any motion.
+        """
+        stream = Stream(q_start=self.state.q_ref, limits=limits, dt=self.dt)
+        stream.future.set_running_or_notify_cancel()
+        self._submit(
+            stream.future,
+            Channel.ARM,
+            lambda k: self._control.execute(stream, Channel.ARM, stream.future, k),
+        )
+        return stream
+
+    def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
+        """Slow down to rest from the next setpoint on, along the path that was being followed.
+
+        Args:
+            channel: Which channel; None for both.
+            by: What the motions under way and those asked for before end with: ``Interrupted(by)``.
+
+        Returns:
+            Completes at rest; at once when nothing moves.
+        """
+        channels = tuple(Channel) if channel is None else (channel,)
+        future = _running_future()
+        dropped: list[_Request] = []
+        with self._lock:
+            asked, self._requests = self._requests, []
+            for request in asked:
+                (dropped if request.channel in channels else self._requests).append(request)
+            over = self._over or self._thread.ident is None
+            if not over:
+                self._stops.append(_Stop(future, channels, by))
+        for request in dropped:
+            request.future.set_exception(Interrupted(by))
+        if over:
+            future.set_result(None)
+        self._wake.set()
+        return future
+
+    def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
+        """End the motion whose future is ``motion``; no effect when it is over.
+
+        Returns:
+            Completes when that motion is over and the joints are at rest.
+        """
+        future = _running_future()
+        if motion.done():
+            future.set_result(None)
+            return future
+        return self._submit(future, None, lambda _: self._control.interrupt(motion, by, future))
+
+    def hold(self) -> Future[None]:
+        """Drive the joints where they are: out of manual mode, or out of a fault."""
+        return self._ask(self._control.hold)
+
+    def release(self) -> Future[None]:
+        """Let go of the joints, so that they can be moved by hand; refused while they move."""
+        return self._ask(self._control.release)
+
+    def call(self, job: Callable[[JointDriver], T]) -> Future[T]:
+        """Run ``job`` with the driver on the I/O thread; refused while something moves.
+
+        The future holds what ``job`` returned or raised; a failed job is not a fault of the arm.
+        """
+        return self._ask(lambda: self._control.call(job))
+
+    # How
+
+    def _ask(self, job: Callable[[], T]) -> Future[T]:
+        """Queue a request that is over when it has run."""
+        future: Future[T] = _running_future()
+        return self._submit(future, None, lambda _: self._control.conclude(future, result=job()))
+
+    def _submit(
+        self, future: Future[T], channel: Channel | None, run: Callable[[int], None]
+    ) -> Future[T]:
+        if self._thread.ident is None:
+            raise RuntimeError("start the executor first")
+        with self._lock:
+            closing = self._closing
+            if not closing:
+                self._requests.append(_Request(future, channel, run))
+        if closing:
+            future.set_exception(Interrupted("shutdown"))
+        self._wake.set()
+        return future
+
+    # The I/O thread
+
+    def _live(self) -> None:
+        with self._clock.attend():
+            try:
+                self._control.start(self._clock.now())
+            except Exception as error:
+                self._leave()
+                self._ready.set_exception(error)
+                return
+            self._ready.set_result(None)
+            while not self._is_over():
+                self._clock.wait(self._turn(), self._wake)
+            self._leave()
+
+    def _turn(self) -> float:
+        """Do what is due now; returns when to look again [s]."""
+        now = self._clock.now()
+        if not self._control.is_moving:
+            self._beat.restart(now)
+        elif not self._beat.is_due(now):
+            return self._beat.deadline
+        try:
+            self._serve(self._beat.k)
+            self._control.tick(self._beat.k, now, self._beat.late, self._beat.missed)
+        except Exception as error:  # whatever it is, the thread lives on and says so
+            self._control.fail(error)
+        self._beat.advance()
+        self._control.settle_futures()
+        return self._beat.deadline if self._control.is_moving else now + _IDLE_PERIOD
+
+    def _serve(self, k: int) -> None:
+        with self._lock:
+            stops, self._stops = self._stops, []
+            requests, self._requests = self._requests, []
+        for stop in stops:
+            self._control.stop(stop.channels, stop.by, stop.future)
+        for request in requests:
+            try:
+                request.run(k)
+            except Exception as error:
+                self._control.conclude(request.future, error)
+
+    def _is_over(self) -> bool:
+        with self._lock:
+            self._over = self._closing and not self._control.is_moving and not self._stops
+            return self._over
+
+    def _leave(self) -> None:
+        with self._lock:
+            self._closing = self._over = True
+        try:
+            self._control.close()
+        except Exception:
+            _log.exception("the driver could not be closed cleanly")
+
+
+def _running_future() -> Future[Any]:
+    """A future that nobody can cancel: what it stands for ends by being stopped."""
+    future: Future[Any] = Future()
+    future.set_running_or_notify_cancel()
+    return future

@@ -1,0 +1,355 @@
+"""One channel of the executor: plays a motion setpoint by setpoint and judges how it goes.
+
+The arm's five joints are one channel, the jaw is another; each has its own motion. A ``Player``
+knows neither threads nor the time: the executor calls it once a tick with the tick's number ``k``,
+first ``step`` (where should the joints be now?), then, with what was measured, ``check`` (are
+they?). In between, ``reference`` is what has been commanded last, and every change of mind (a stop,
+a new goal, a stream that runs dry) starts from exactly there, so nothing ever jumps.
+
+A motion goes through at most three stages::
+
+    playing --last setpoint--> settling --error and velocity small--> over
+       |                          |
+       +--stop, or a joint left behind--> slowing down --velocity small--> over
+
+``ending`` tells the second row from the first: it is what the motion's future will raise. Futures
+are not set here but handed to ``conclude``, because the executor completes them only after the
+snapshot that shows their effect has been published.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from so101_motion.errors import FollowingError, Interrupted, MotionError
+from so101_motion.geometry import Array
+from so101_motion.planning import online
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Setpoint, Trajectory
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.stream import Stream
+from so101_motion.units import to_deg
+
+
+class Channel(Enum):
+    """What moves together."""
+
+    ARM = "arm"
+    JAW = "jaw"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of its joints."""
+        return ARM_JOINTS if self is Channel.ARM else (GRIPPER_JOINT,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerances:
+    """When a motion has arrived, and when it is lost.
+
+    The defaults suit the simulated arm; a real servo resolves 0.0015 rad and sags under load, so
+    its driver comes with wider ones. All values chosen.
+
+    Attributes:
+        settle_position: Largest position error at the end [rad]; the default moves the tool of the
+            stretched arm by less than 0.1 mm.
+        settle_velocity: Largest velocity of a joint at rest [rad/s].
+        settle_ticks: For how many ticks in a row both must hold.
+        settle_timeout: How long after the last setpoint they may take to come true [s].
+        following_error: How far a joint may be from where it was wanted during the last
+            ``following_lag`` [rad].
+        following_lag: How far behind its setpoints a healthy servo may be [s].
+    """
+
+    settle_position: float = 1e-4
+    settle_velocity: float = 0.01
+    settle_ticks: int = 3
+    settle_timeout: float = 1.0
+    following_error: float = 0.14
+    following_lag: float = 0.1
+
+
+_JUMP = 1e-4
+"""How far the first setpoint of a motion may be from the reference [rad], and how much faster
+[rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Motion:
+    source: Trajectory | Stream
+    start: int | None  # the tick of its first setpoint; None: a stream that still gathers points
+    future: Future[None]
+    ending: MotionError | None = None
+    waiting: list[Future[None]] = field(default_factory=list)  # who asked it to stop
+    still: int = 0  # ticks at rest in a row
+    last: int | None = None  # the tick of its last setpoint
+
+
+class Player:
+    """Plays the motions of one channel, one at a time. Used by the I/O thread only.
+
+    Args:
+        channel: Which channel.
+        dt: The period of the ticks [s].
+        stop_limits: Caps of a stop, one entry a joint.
+        tolerances: When a motion has arrived, and when it is lost.
+        conclude: Takes a future and what it shall raise, None for success.
+        recent: The last second of states, for an error to carry.
+    """
+
+    def __init__(
+        self,
+        channel: Channel,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        tolerances: Tolerances,
+        conclude: Callable[[Future[Any], BaseException | None], None],
+        recent: Callable[[], tuple[JointState, ...]],
+    ) -> None:
+        self._channel, self._dt, self._stop_limits = channel, dt, stop_limits
+        self._tolerances, self._conclude, self._recent = tolerances, conclude, recent
+        self._motion: _Motion | None = None
+        self._k = 0  # the tick that ``reference`` was commanded in
+        self.reference = _at_rest(np.zeros(len(channel.joints)))
+        self._wanted: deque[Array] = deque(maxlen=1 + round(tolerances.following_lag / dt))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way, settling included."""
+        return self._motion is not None
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether the motion under way is being brought to rest early."""
+        return self._motion is not None and self._motion.ending is not None
+
+    def is_playing(self, future: Future[Any]) -> bool:
+        """Whether ``future`` stands for the motion under way."""
+        return self._motion is not None and self._motion.future is future
+
+    def seat(self, q: Array) -> None:
+        """The reference is ``q`` from now on, at rest; nothing is under way."""
+        self.reference = _at_rest(q)
+
+    # Beginning and ending
+
+    def begin(self, source: Trajectory | Stream, future: Future[None], k: int) -> None:
+        """Play ``source`` from tick ``k`` on.
+
+        Raises:
+            MotionError: Another motion is under way, or ``source`` begins somewhere else.
+        """
+        if self._motion is not None:
+            raise MotionError(
+                f"another motion of the {self._channel.value} is under way;"
+                " stop it or wait for its end"
+            )
+        first = source.sample(0.0)
+        self._refuse_jump(first.q - self.reference.q, to_deg, "deg")
+        self._refuse_jump(first.qd - self.reference.qd, to_deg, "deg/s")
+        start = k if isinstance(source, Trajectory) else None
+        self._take_up(_Motion(source=source, start=start, future=future), k - 1)
+
+    def retarget(self, q_goal: Array, limits: MotionLimits, future: Future[None], k: int) -> None:
+        """Turn from the present reference straight to ``q_goal``; supersedes what is under way.
+
+        Raises:
+            MotionError: The channel is being stopped.
+        """
+        previous = self._motion
+        if previous is not None and previous.ending is not None:
+            raise MotionError(
+                f"the {self._channel.value} is being stopped; ask again when it is at rest"
+            )
+        now = self.reference
+        source = online.from_state(now.q, now.qd, now.qdd, q_goal, limits, self._dt)
+        start = k if previous is None else self._k
+        self._take_up(_Motion(source=source, start=start, future=future), start)
+        if previous is not None:
+            self._conclude(previous.future, Interrupted("a newer motion"))
+
+    def stop(self, by: str, waiting: Future[None] | None = None) -> None:
+        """Slow down to rest, the motion's own path permitting along that path.
+
+        Args:
+            by: What ends the motion; a stop that is already under way keeps its first reason.
+            waiting: Completes at rest; at once when nothing moves.
+        """
+        motion = self._motion
+        if motion is None:
+            if waiting is not None:
+                self._conclude(waiting, None)
+            return
+        if waiting is not None:
+            motion.waiting.append(waiting)
+        if motion.ending is None:
+            self._slow_down(motion, Interrupted(by))
+
+    def halt(self, error: MotionError) -> None:
+        """The commands did not go out for so long that the joints stand; stay where they are."""
+        motion = self._motion
+        if motion is not None and motion.ending is None:
+            self.reference = _at_rest(self.reference.q)
+            self._slow_down(motion, error)
+
+    def fail(self, error: BaseException) -> None:
+        """The joints cannot be reached any more: everything ends with ``error``."""
+        motion, self._motion = self._motion, None
+        if motion is not None:
+            for future in (motion.future, *motion.waiting):
+                self._conclude(future, error)
+
+    # Ticking
+
+    def step(self, k: int) -> None:
+        """Move ``reference`` to where the motion wants it in tick ``k``."""
+        motion = self._motion
+        if motion is not None and motion.last is None:
+            if isinstance(motion.source, Stream):
+                self._step_stream(motion, motion.source, k)
+            self._step_trajectory(motion, k)
+        self._k = k
+        self._wanted.append(self.reference.q)
+
+    def _step_trajectory(self, motion: _Motion, k: int) -> None:
+        if isinstance(motion.source, Trajectory) and motion.start is not None:
+            self.reference = motion.source.sample((k - motion.start) * self._dt)
+            if k - motion.start >= len(motion.source) - 1:
+                motion.last = k
+
+    def _step_stream(self, motion: _Motion, stream: Stream, k: int) -> None:
+        if motion.start is None:
+            if not stream.is_primed:
+                return
+            motion.start = k
+        t = (k - motion.start) * self._dt
+        if t <= stream.t_last:
+            self.reference = stream.sample(t)
+        elif stream.is_finished:
+            # The smoothing is still a little behind; a goal of its own keeps the limits to the end.
+            now = self.reference
+            motion.source = online.from_state(
+                now.q, now.qd, now.qdd, stream.q_last, stream.limits, self._dt
+            )
+            motion.start = self._k
+        else:
+            self._slow_down(
+                motion,
+                MotionError(
+                    f"the stream ran dry: its last point was for {stream.t_last:.3f} s and no newer"
+                    " one came in time; send points further ahead, or finish the stream"
+                ),
+            )
+
+    def check(self, q: Array, qd: Array) -> None:
+        """Compare what was measured in this tick with what is wanted; may end the motion."""
+        motion = self._motion
+        if motion is None:
+            return
+        if motion.ending is None:
+            wanted = np.array(self._wanted)
+            # A servo lags behind, so it is measured against all it was told lately.
+            off = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
+            if np.max(off) > self._tolerances.following_error:
+                self._give_way(motion, off, q)
+                return
+        if motion.last is not None:
+            self._settle(motion, motion.last, q, qd)
+
+    # How
+
+    def _take_up(self, motion: _Motion, k: int) -> None:
+        if self._motion is None:
+            self._wanted.clear()
+            self._wanted.append(self.reference.q)
+        self._motion, self._k = motion, k
+
+    def _slow_down(self, motion: _Motion, ending: MotionError) -> None:
+        motion.ending = ending
+        if motion.last is not None:
+            return  # the reference is at rest; what remains is that the joints follow
+        now = self.reference
+        if isinstance(motion.source, Trajectory) and motion.start is not None and np.any(now.qd):
+            t = (self._k - motion.start) * self._dt
+            motion.source = online.stop_on_path(motion.source, t, self._stop_limits, self._dt)
+        else:
+            motion.source = online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt)
+        motion.start = self._k
+
+    def _give_way(self, motion: _Motion, off: Array, q: Array) -> None:
+        """Stop because joints were left behind; those are told to stay where they are.
+
+        Their goal would otherwise press on, with all the servo's force, against what holds them.
+        """
+        i = int(np.argmax(off))
+        lost = off > self._tolerances.following_error
+        error = FollowingError(
+            f"{self._channel.joints[i]} is {to_deg(float(off[i])):.1f} deg from where it should be;"
+            f" the {self._channel.value} stopped and holds. Check that nothing blocks the joint and"
+            " that its servo has power, then move again",
+            joint=self._channel.joints[i],
+            error=float(off[i]),
+            recent=self._recent(),
+        )
+        now = self.reference
+        self.reference = Setpoint(
+            q=np.where(lost, q, now.q),
+            qd=np.where(lost, 0.0, now.qd),
+            qdd=np.where(lost, 0.0, now.qdd),
+        )
+        motion.ending, motion.start, motion.last = error, self._k, None
+        now = self.reference
+        motion.source = online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt)
+
+    def _settle(self, motion: _Motion, last: int, q: Array, qd: Array) -> None:
+        limits = self._tolerances
+        off = np.abs(q - self.reference.q)
+        speed = np.abs(qd)
+        # A motion that was cut short has no place to be, it only has to be at rest.
+        arrived = motion.ending is not None or bool(np.max(off) <= limits.settle_position)
+        still = arrived and bool(np.max(speed) <= limits.settle_velocity)
+        motion.still = motion.still + 1 if still else 0
+        if motion.still >= limits.settle_ticks:
+            self._finish(motion, None)
+        elif (self._k - last) * self._dt > limits.settle_timeout:
+            i = int(np.argmax(speed if arrived else off))
+            self._finish(motion, self._unsettled(i, float(off[i]), float(speed[i])))
+
+    def _unsettled(self, i: int, off: float, speed: float) -> FollowingError:
+        limits, joint = self._tolerances, self._channel.joints[i]
+        return FollowingError(
+            f"{joint} did not settle: after {limits.settle_timeout:g} s it is {to_deg(off):.2f} deg"
+            f" from its goal ({to_deg(limits.settle_position):.2g} deg allowed) and moves at"
+            f" {to_deg(speed):.1f} deg/s. Check that nothing touches the arm and that its load is"
+            " not too heavy, then move again",
+            joint=joint,
+            error=off,
+            recent=self._recent(),
+        )
+
+    def _finish(self, motion: _Motion, unsettled: FollowingError | None) -> None:
+        self._motion = None
+        self._conclude(motion.future, motion.ending or unsettled)
+        for waiting in motion.waiting:
+            self._conclude(waiting, unsettled)
+
+    def _refuse_jump(self, jump: Array, in_unit: Callable[[float], float], unit: str) -> None:
+        i = int(np.argmax(np.abs(jump)))
+        if abs(jump[i]) > _JUMP:
+            raise MotionError(
+                f"{self._channel.joints[i]} would jump by {in_unit(float(jump[i])):.3g} {unit}:"
+                " this motion does not begin where the arm is; plan again from there"
+            )
+
+
+def _at_rest(q: Array) -> Setpoint:
+    zeros = np.zeros(len(q))
+    return Setpoint(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)

@@ -1,0 +1,166 @@
+"""Fixtures that more than one test directory needs."""
+
+import random
+import threading
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from so101_motion.clock import ManualClock
+from so101_motion.drivers.sim_arm import SimArm
+from so101_motion.executor import Executor
+from so101_motion.planning import online
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Trajectory
+
+# Deadlines would be timed tests; a failure prints how to repeat it.
+settings.register_profile("so101", deadline=None, print_blob=True)
+settings.load_profile("so101")
+
+_SEED_OPTION = "hypothesis_seed"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_configure(config):
+    if getattr(config.option, _SEED_OPTION, None) is None:
+        setattr(config.option, _SEED_OPTION, str(random.SystemRandom().randrange(2**32)))
+
+
+def pytest_report_header(config):
+    return f"hypothesis seed: --hypothesis-seed={getattr(config.option, _SEED_OPTION)}"
+
+
+@pytest.fixture(autouse=True)
+def no_thread_outlives_its_test():
+    before = set(threading.enumerate())
+    yield
+    left = [
+        thread
+        for thread in threading.enumerate()
+        if thread.name.startswith("so101-") and thread not in before
+    ]
+    for thread in left:
+        thread.join(2.0)  # one that was told to end may still be on its way out
+    alive = [thread.name for thread in left if thread.is_alive()]
+    assert not alive, f"threads outlive the test: {alive}"
+
+
+@pytest.fixture
+def clock():
+    return ManualClock()
+
+
+class TapedArm(SimArm):
+    """A simulated arm that keeps what it was told.
+
+    Attributes:
+        tape: Every goal as (time, arm joints, jaw).
+        torques: Every torque command as (on, goal written before it or None).
+    """
+
+    def __init__(self, clock, **settings):
+        super().__init__(clock, **settings)
+        self.tape = []
+        self.torques = []
+        self.is_closed = False
+
+    def write(self, q_cmd, q_jaw_cmd):
+        super().write(q_cmd, q_jaw_cmd)
+        self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
+
+    def set_torque(self, on):
+        super().set_torque(on)
+        self.torques.append((on, self.tape[-1][1] if self.tape else None))
+
+    def close(self):
+        super().close()
+        self.is_closed = True
+
+    @property
+    def times(self):
+        return np.array([t for t, _, _ in self.tape])
+
+    @property
+    def goals(self):
+        return np.array([q for _, q, _ in self.tape])
+
+    @property
+    def jaw_goals(self):
+        return np.array([q_jaw for _, _, q_jaw in self.tape])
+
+
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
+STOP_LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=200.0)
+
+
+@dataclass
+class SimExecutor:
+    """An executor on a simulated arm whose time a test moves by hand."""
+
+    clock: ManualClock
+    arm: TapedArm
+    executor: Executor
+    dt: float = 0.01
+    limits: MotionLimits = LIMITS
+    stop_limits: MotionLimits = STOP_LIMITS
+
+    @property
+    def state(self):
+        return self.executor.state
+
+    def to_goal(self, q_goal, q_start=None):
+        """A straight move from where the arm is wanted now, or from ``q_start``."""
+        q_start = self.state.q_ref if q_start is None else q_start
+        return online.point_to_point(q_start, q_goal, self.limits, self.dt)
+
+    def slow_move(self, duration=10.0):
+        """A smooth move of joint 1 by half a turn that takes ``duration`` seconds."""
+        u = np.arange(round(duration / self.dt) + 1) * self.dt / duration
+        q, qd, qdd = np.zeros((3, len(u), 5))
+        q[:, 0] = np.pi * (10 * u**3 - 15 * u**4 + 6 * u**5)
+        qd[:, 0] = np.pi * 30 * u**2 * (1 - u) ** 2 / duration
+        qdd[:, 0] = np.pi * 60 * u * (1 - u) * (1 - 2 * u) / duration**2
+        return Trajectory(dt=self.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+    def after(self, dt, future):
+        """What ``future`` holds once ``dt`` seconds have passed; it must be done by then."""
+        self.clock.advance(dt)
+        return future.result(timeout=0)
+
+    def error_after(self, dt, future):
+        """What ``future`` has failed with once ``dt`` seconds have passed."""
+        self.clock.advance(dt)
+        return future.exception(timeout=0)
+
+
+@pytest.fixture
+def taped_arm():
+    """The class of arm that ``sim`` moves, for tests that give it a temper."""
+    return TapedArm
+
+
+@pytest.fixture
+def make_sim(clock):
+    """Makes executors on simulated arms and closes them when the test is over."""
+    made = []
+
+    def make(arm=None, **settings):
+        arm = arm or TapedArm(clock)
+        executor = Executor(
+            arm, clock, dt=0.01, stop_limits=STOP_LIMITS, name="so101-io-test", **settings
+        )
+        made.append(executor)
+        return SimExecutor(clock=clock, arm=arm, executor=executor)
+
+    yield make
+    for executor in made:
+        executor.close()
+
+
+@pytest.fixture
+def sim(make_sim):
+    rig = make_sim()
+    rig.executor.start()
+    return rig

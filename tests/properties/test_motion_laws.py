@@ -1,0 +1,86 @@
+"""Laws of what the executor sends, whatever is asked of it and whenever."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from so101_motion.clock import ManualClock
+from so101_motion.drivers.sim_arm import SimArm
+from so101_motion.executor import Executor
+from so101_motion.modes import Mode
+from so101_motion.planning import online
+from so101_motion.planning.limits import MotionLimits
+
+DT = 0.01
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
+STOP_LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=200.0)
+
+angles = st.floats(-1.5, 1.5).map(lambda angle: round(angle, 3))
+goals = st.lists(angles, min_size=5, max_size=5).map(np.array)
+
+
+class TapedArm(SimArm):
+    """Keeps the goals it was given."""
+
+    def __init__(self, clock):
+        super().__init__(clock)
+        self.goals = []
+
+    def write(self, q_cmd, q_jaw_cmd):
+        super().write(q_cmd, q_jaw_cmd)
+        self.goals.append(np.array(q_cmd))
+
+
+def assert_smooth(goals_sent):
+    q = np.array(goals_sent)
+    for limit, order in (("velocity", 1), ("acceleration", 2), ("jerk", 3)):
+        cap = max(getattr(LIMITS, limit)[0], getattr(STOP_LIMITS, limit)[0])
+        if len(q) > order:
+            figure = np.max(np.abs(np.diff(q, order, axis=0))) / DT**order
+            assert figure <= cap * 1.02, f"{limit}: {figure:.2f} of {cap}"
+
+
+@settings(max_examples=40)
+@given(goal=goals, when=st.floats(0.0, 2.5))
+def test_a_stop_at_any_instant_is_smooth_and_ends_at_rest_on_the_way(goal, when):
+    clock = ManualClock()
+    arm = TapedArm(clock)
+    with Executor(arm, clock, dt=DT, stop_limits=STOP_LIMITS) as executor:
+        executor.execute(online.point_to_point(np.zeros(5), goal, LIMITS, DT))
+        clock.advance(when)
+        stopped = executor.stop()
+        clock.advance(2.0)
+        assert stopped.result(timeout=0) is None
+        assert executor.state.mode is Mode.HOLDING
+        assert_smooth(arm.goals)
+        for q in arm.goals:
+            share = q @ goal / max(goal @ goal, 1e-12)
+            np.testing.assert_allclose(q, share * goal, atol=1e-6)
+
+
+requests = st.lists(
+    st.tuples(st.sampled_from(["retarget", "stop", "interrupt"]), goals, st.floats(0.0, 0.6)),
+    min_size=1,
+    max_size=8,
+)
+
+
+@settings(max_examples=40)
+@given(requests=requests)
+def test_whatever_is_asked_nothing_jumps_and_every_future_ends(requests):
+    clock = ManualClock()
+    arm = TapedArm(clock)
+    with Executor(arm, clock, dt=DT, stop_limits=STOP_LIMITS) as executor:
+        futures = []
+        for what, goal, pause in requests:
+            if what == "retarget":
+                futures.append(executor.retarget(goal, LIMITS))
+            elif what == "stop":
+                futures.append(executor.stop())
+            elif futures:
+                futures.append(executor.interrupt(futures[-1], "cancelled"))
+            clock.advance(pause)
+        clock.advance(10.0)
+        assert all(future.done() for future in futures)
+        assert executor.state.mode is Mode.HOLDING
+        assert_smooth(arm.goals)
