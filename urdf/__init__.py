@@ -1,0 +1,99 @@
+"""The SO-101 as data: its URDF, its meshes, its collision hulls, and cheap readers for them.
+
+Nothing here computes kinematics or collisions, and nothing but numpy is imported. The ``make_*``
+scripts that wrote the data live in the same folder and need the development dependencies; where
+every figure comes from is told in README.md.
+"""
+
+import json
+from pathlib import Path
+from typing import Final
+
+from .reading import Surface, TriangleMesh, read_glb, read_obj
+
+__all__ = [
+    "ALLOWED_PAIRS_PATH",
+    "BOXES_PATH",
+    "GROUND",
+    "MARKERS",
+    "MESH_DIR",
+    "PARTS",
+    "URDF_PATH",
+    "Surface",
+    "TriangleMesh",
+    "load_allowed_pairs",
+    "load_hull",
+    "load_visual",
+]
+
+_HERE: Final = Path(__file__).resolve().parent
+
+URDF_PATH: Final = _HERE / "so101.urdf"
+MESH_DIR: Final = _HERE / "meshes"
+BOXES_PATH: Final = _HERE / "boxes.json"
+ALLOWED_PAIRS_PATH: Final = _HERE / "allowed_pairs.json"
+
+PARTS: Final[dict[str, str]] = {
+    "base_link": "base",
+    "shoulder_link": "shoulder",
+    "upper_arm_link": "upper_arm",
+    "lower_arm_link": "lower_arm",
+    "wrist_link": "wrist",
+    "gripper_link": "gripper",
+    "moving_jaw_so101_v1_link": "jaw",
+}
+"""The name under which a link's meshes are stored, in order from the base outwards."""
+
+GROUND: Final = "ground"
+"""The name the table under the arm goes by in pairs."""
+
+MARKERS: Final = ("axes", "leader_body", "leader_trigger")
+"""Meshes that belong to no link: the tool marker and the leader's handle."""
+
+
+def load_visual(part: str) -> tuple[Surface, ...]:
+    """Read what a part looks like.
+
+    Args:
+        part: A value of ``PARTS`` or one of ``MARKERS``.
+
+    Returns:
+        One surface per material, in the part's link frame.
+
+    Raises:
+        ValueError: No such part.
+    """
+    known = (*PARTS.values(), *MARKERS)
+    if part not in known:
+        raise ValueError(f"no part {part!r}; known: {', '.join(known)}")
+    return read_glb(MESH_DIR / f"{part}.glb")
+
+
+def load_hull(part: str) -> TriangleMesh:
+    """Read the convex hull that stands for a link in collision checks.
+
+    It contains everything known of the official part; see README.md.
+
+    Args:
+        part: A value of ``PARTS``.
+
+    Returns:
+        The hull, in the link's frame.
+
+    Raises:
+        ValueError: No such part.
+    """
+    if part not in PARTS.values():
+        raise ValueError(f"no part {part!r}; known: {', '.join(PARTS.values())}")
+    return read_obj(MESH_DIR / f"{part}_hull.obj")
+
+
+def load_allowed_pairs() -> frozenset[frozenset[str]]:
+    """Read the pairs of links that a collision check may leave out.
+
+    Returns:
+        Pairs of link names (or ``GROUND``): those that touch by design, and those whose hulls
+        never met in the samples of ``make_allowed_pairs.py``.
+    """
+    rows = json.loads(ALLOWED_PAIRS_PATH.read_text(encoding="utf-8"))["pairs"]
+    return frozenset(frozenset((row["first"], row["second"])) for row in rows if row["allowed"])
