@@ -1,7 +1,41 @@
 """Motion for the SO-101 arm: planned, timed to the limits, stoppable at any instant.
 
 The names a program needs are here; everything else is reached by its module. Importing this
-package is cheap: Pinocchio, ruckig and toppra are loaded when they are first needed.
+package is cheap: Pinocchio and ruckig are loaded when they are first needed.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from so101_motion.errors import So101Error as So101Error
+    from so101_motion.geometry import SE3 as SE3
+    from so101_motion.planning.goals import GoalMetric as GoalMetric
+    from so101_motion.planning.goals import JointGoal as JointGoal
+    from so101_motion.planning.goals import LineGoal as LineGoal
+    from so101_motion.planning.goals import PathGoal as PathGoal
+    from so101_motion.planning.goals import PoseGoal as PoseGoal
+    from so101_motion.rig import Rig as Rig
+    from so101_motion.rig import open_simulated as open_simulated
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "So101Error": "errors",
+    "SE3": "geometry",
+    "GoalMetric": "planning.goals",
+    "JointGoal": "planning.goals",
+    "LineGoal": "planning.goals",
+    "PathGoal": "planning.goals",
+    "PoseGoal": "planning.goals",
+    "Rig": "rig",
+    "open_simulated": "rig",
+}
+
+__all__ = ["__version__", *_HOMES]
+
+
+def __getattr__(name: str) -> object:
+    if name in _HOMES:
+        return getattr(import_module(f"so101_motion.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'so101_motion' has no attribute {name!r}")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from so101_motion.errors import Interrupted
 
 if TYPE_CHECKING:
-    from so101_motion.planning.planner import Plan
+    from so101_motion.planning.plan import Plan
 
 T = TypeVar("T")
 

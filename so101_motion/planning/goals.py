@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from numpy.typing import ArrayLike
+
 from so101_motion.geometry import SE3, Array, frozen_array
 
 
@@ -38,6 +40,11 @@ class PoseGoal:
     frame: str = "tool"
     position_tolerance: float = 1e-4
     approach_tolerance: float = math.radians(1.0)
+
+    @classmethod
+    def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
+        """Bring ``frame`` to a point, shape (3,), [m] in the base frame, however it is turned."""
+        return cls(T_base_tool=SE3.from_translation(p_base), frame=frame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

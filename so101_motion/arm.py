@@ -1,0 +1,285 @@
+"""The arm as people use it: plan, move, retarget, stream, stop.
+
+Everything here is synchronous and may be called from any thread. A call that moves returns a
+``Motion`` at once; waiting for it is the caller's choice. A new motion supersedes the one under
+way: the old one slows to rest and ends with ``Interrupted("a newer motion")``, then the new one is
+planned from where the arm stands. Retargeting alone does not stop in between.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
+from so101_motion.errors import MotionError, NotHolding
+from so101_motion.executor import Channel, Executor, Stream
+from so101_motion.geometry import SE3, Array, frozen_array
+from so101_motion.modes import Mode
+from so101_motion.motion import Motion
+from so101_motion.planning.goals import Goal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.plan import Plan, PlanRequest
+from so101_motion.state import JointState
+from so101_motion.units import to_deg, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.planning.model import RobotModel
+
+JERK_TIME = 0.1
+"""Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
+default 100 deg/s^2 the arm starts and stops without a visible jolt, and a move costs 0.1 s more."""
+
+START_TOLERANCE = 1e-4
+"""How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
+
+
+class Arm:
+    """Five joints that can be planned for, moved and stopped.
+
+    Args:
+        model: Kinematics and limits.
+        executor: The I/O thread that moves them; owned by the rig.
+        planner: Takes a request to the planning process.
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        floor_z: Height of the floor in the base frame [m]; None for no floor.
+    """
+
+    def __init__(
+        self,
+        *,
+        model: RobotModel,
+        executor: Executor,
+        planner: Callable[[PlanRequest], Future[Plan]],
+        speed: float,
+        acceleration: float,
+        floor_z: float | None,
+    ) -> None:
+        self.model = model
+        self.floor_z = floor_z
+        self._executor = executor
+        self._planner = planner
+        self._speed = self._acceleration = math.nan
+        self.set_speed(speed)
+        self.set_acceleration(acceleration)
+        self._lock = threading.Lock()
+        self._current = Motion()
+        self._current.future.set_result(None)
+        self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
+
+    # What it is doing
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        return self._executor.state
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way, planning not included."""
+        return self.state.arm_moving
+
+    @property
+    def in_manual(self) -> bool:
+        """Whether the joints are limp, to be moved by hand."""
+        return self.state.mode is Mode.LIMP
+
+    def T_base(self, frame: str = "tool") -> SE3:
+        """Where ``frame`` is now, from the measured joints; maps to the base frame."""
+        return self.model.frame(self.state.q, frame)
+
+    # How fast it may go
+
+    @property
+    def speed(self) -> float:
+        """Joint speed cap [rad/s]."""
+        return self._speed
+
+    @property
+    def acceleration(self) -> float:
+        """Joint acceleration cap [rad/s^2]."""
+        return self._acceleration
+
+    def set_speed(self, speed: float) -> None:
+        """Set the joint speed cap [rad/s] for motions that start from now on.
+
+        Raises:
+            ConfigError: Outside ``config.SPEED_RANGE_DEG``.
+        """
+        self._speed = _within("speed", speed, SPEED_RANGE_DEG, "deg/s")
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """Set the joint acceleration cap [rad/s^2] for motions that start from now on.
+
+        Raises:
+            ConfigError: Outside ``config.ACCELERATION_RANGE_DEG``.
+        """
+        self._acceleration = _within(
+            "acceleration", acceleration, ACCELERATION_RANGE_DEG, "deg/s^2"
+        )
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of a motion that names none of its own."""
+        return MotionLimits.uniform(
+            velocity=self._speed,
+            acceleration=self._acceleration,
+            jerk=self._acceleration / JERK_TIME,
+        )
+
+    # Planning and moving
+
+    def plan(self, goal: Goal, *, limits: MotionLimits | None = None) -> Plan:
+        """Plan from where the arm is wanted now; moves nothing.
+
+        Raises:
+            PlanningError: Why there is no trajectory, with figures.
+            WorkerError: The planning process died.
+        """
+        return self._planner(self._request(goal, limits)).result()
+
+    def start_move(self, goal: Goal, *, limits: MotionLimits | None = None) -> Motion:
+        """Plan and move; supersedes what is under way."""
+        return self._start(lambda motion: self._plan_and_move(motion, goal, limits))
+
+    def start_execute(self, plan: Plan) -> Motion:
+        """Move along exactly this plan; supersedes what is under way.
+
+        The motion fails with ``MotionError`` when the arm is no longer where the plan starts.
+        """
+        return self._start(lambda motion: self._execute(motion, plan))
+
+    def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
+        """Turn from the present motion straight towards ``q_goal``, shape (5,), [rad].
+
+        For a stream of goals (teleoperation, dragging): does not stop in between and plans nothing,
+        so the way is neither chosen nor checked for collisions, only the joint and motion limits
+        are kept.
+
+        Raises:
+            OutsideLimits: The goal lies outside the joint limits.
+        """
+        q_goal = frozen_array(q_goal, (5,))
+        self.model.check_limits(q_goal)
+        caps = limits or self.limits
+        motion = Motion()
+        with self._lock:
+            self._leave_manual()
+            running = motion.begin(
+                lambda: self._executor.retarget(q_goal, caps, channel=Channel.ARM),
+                self._executor.interrupt,
+            )
+            previous, self._current = self._current, motion
+        running.add_done_callback(motion.take_outcome)
+        previous.interrupt("a newer motion")
+        return motion
+
+    def open_stream(self, *, limits: MotionLimits | None = None) -> Stream:
+        """Take time-stamped points as they come; supersedes what is under way.
+
+        Blocks until the arm is at rest, then returns the stream to push points into.
+        """
+        with self._lock:
+            previous = self._current
+        self._end(previous)
+        with self._lock:
+            self._leave_manual()
+            return self._executor.open_stream(limits or self.limits)
+
+    def stop(self) -> None:
+        """Slow to rest along a jerk-limited ramp and hold; returns when the arm is at rest.
+
+        A motion under way, even one still being planned, ends with ``Interrupted("stop")``.
+        """
+        with self._lock:
+            current = self._current
+        current.interrupt("stop")
+        self._executor.stop(Channel.ARM).result()
+
+    def set_manual(self, enabled: bool) -> None:
+        """Let go of the joints so that they can be moved by hand, or hold them where they are."""
+        if enabled:
+            self.stop()
+            self._executor.release().result()
+        else:
+            self._executor.hold().result()
+
+    def close(self) -> None:
+        """End what is under way and the arm's own threads; the executor belongs to the rig."""
+        with self._lock:
+            current = self._current
+        current.interrupt("shutdown")
+        self._threads.shutdown(wait=True)
+
+    # How
+
+    def _request(self, goal: Goal, limits: MotionLimits | None) -> PlanRequest:
+        state = self.state
+        return PlanRequest(
+            q_start=state.q_ref,
+            goal=goal,
+            limits=limits or self.limits,
+            q_jaw=state.q_jaw_ref,
+            floor_z=self.floor_z,
+            dt=self._executor.dt,
+        )
+
+    def _start(self, run: Callable[[Motion], None]) -> Motion:
+        motion = Motion()
+        with self._lock:
+            previous, self._current = self._current, motion
+        self._threads.submit(self._run, motion, previous, run)
+        return motion
+
+    def _run(self, motion: Motion, previous: Motion, run: Callable[[Motion], None]) -> None:
+        try:
+            self._end(previous)
+            run(motion)
+        except BaseException as error:  # whoever waits for the motion must hear of it
+            motion.future.set_exception(error)
+        else:
+            motion.future.set_result(None)
+
+    def _end(self, previous: Motion) -> None:
+        previous.interrupt("a newer motion")
+        previous.future.exception()
+        self._executor.stop(Channel.ARM).result()
+
+    def _plan_and_move(self, motion: Motion, goal: Goal, limits: MotionLimits | None) -> None:
+        self._leave_manual()
+        plan = motion.wait_for(self._planner(self._request(goal, limits)))
+        self._execute(motion, plan)
+
+    def _execute(self, motion: Motion, plan: Plan) -> None:
+        self._leave_manual()
+        off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
+        if off > START_TOLERANCE:
+            raise MotionError(
+                f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
+            )
+        motion.plan = plan
+        running = motion.begin(
+            lambda: self._executor.execute(plan.trajectory, channel=Channel.ARM),
+            self._executor.interrupt,
+        )
+        running.result()
+
+    def _leave_manual(self) -> None:
+        state = self.state
+        if state.mode is Mode.FAULT:
+            raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
+        if state.mode is Mode.LIMP:
+            self._executor.hold().result()
+
+
+def _within(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> float:
+    lower, upper = bounds_deg
+    value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
+    checked_number(name, value_deg, lower=lower, upper=upper, unit=unit)
+    return value

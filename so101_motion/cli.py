@@ -1,0 +1,131 @@
+"""`so101 …`: parse, call, print. Degrees and millimetres live here.
+
+Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device or no port, 5 unreachable or no plan,
+7 stopped, 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+import numpy as np
+
+from so101_motion import __version__
+from so101_motion.errors import ConfigError, Interrupted, PlanningError, So101Error
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg, to_mm
+
+if TYPE_CHECKING:
+    from so101_motion.planning.plan import Plan
+
+_DEMO_TARGET_MM = (250.0, 120.0, 150.0)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="so101")
+def main() -> None:
+    """Motion for the SO-101 arm: planned, timed, stoppable."""
+
+
+@main.command()
+@click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address the page listens on.")
+@click.option("--web-port", default=8080, show_default=True, help="Port the page listens on.")
+def demo(text: bool, host: str, web_port: int) -> None:
+    """Run the simulated arm with the preview in the browser; needs no hardware."""
+    try:
+        if text:
+            _demo_in_text()
+        else:
+            _demo_in_browser(host, web_port)
+    except So101Error as error:
+        _fail(error)
+
+
+def _demo_in_browser(host: str, web_port: int) -> None:
+    from so101_motion.rig import open_simulated
+
+    try:
+        from so101_viewer import serve
+    except ImportError as error:
+        raise click.ClickException(
+            f"the preview needs viser, which could not be imported: {error}\n"
+            "try: pip install --force-reinstall so101-motion, or so101 demo --text"
+        ) from error
+
+    done = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: done.set())
+    with open_simulated() as rig, serve(rig, host=host, port=web_port) as page:
+        click.echo("so101: simulated arm ready", err=True)
+        click.echo(f"open   {page.url}")
+        click.echo("       (only for this machine; Ctrl-C to quit)", err=True)
+        done.wait()
+        click.echo("\nso101: stopping", err=True)
+
+
+def _demo_in_text() -> None:
+    from so101_motion.planning.goals import PoseGoal
+    from so101_motion.rig import open_simulated
+
+    x_mm, y_mm, z_mm = _DEMO_TARGET_MM
+    goal = PoseGoal.at_point(np.array(_DEMO_TARGET_MM) / 1000.0)
+    with open_simulated() as rig:
+        plan = rig.arm.plan(goal)
+        click.echo(f"Simulated arm: bring the tool to ({x_mm:g}, {y_mm:g}, {z_mm:g}) mm\n")
+        click.echo(describe_plan(plan))
+        click.echo("\nmoving ...", nl=False)
+        sys.stdout.flush()
+        motion = rig.arm.start_execute(plan)
+        try:
+            motion.result()
+        except KeyboardInterrupt:
+            rig.arm.stop()
+            click.echo(" stopped")
+            raise SystemExit(130) from None
+        p = to_mm(rig.arm.T_base().p)
+        off = float(np.linalg.norm(p - np.array(_DEMO_TARGET_MM)))
+        click.echo(
+            f" arrived at ({p[0]:.1f}, {p[1]:.1f}, {p[2]:.1f}) mm, {off:.2f} mm off (simulated)"
+        )
+        click.echo("\nnext: so101 demo        the same in the browser")
+
+
+def describe_plan(plan: Plan) -> str:
+    """A plan as a table for the terminal: travel, peak speed and speed over time per joint."""
+    trajectory = plan.trajectory
+    travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
+    peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))
+    tool_mm = float(to_mm(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1))))
+    planned_ms = plan.report.stages_ms["total"]
+    lines = [
+        f"{plan.duration:.2f} s, {len(trajectory)} setpoints {1e3 * trajectory.dt:g} ms apart, "
+        f"tool path {tool_mm:.0f} mm, planned in {planned_ms:.1f} ms",
+        "",
+        f"{'joint':<14}{'travel':>10}{'peak speed':>13}   speed over time",
+    ]
+    for i, joint in enumerate(ARM_JOINTS):
+        lines.append(
+            f"{joint:<14}{travel_deg[i]:>6.1f} deg{peak_deg[i]:>7.1f} deg/s   "
+            + _sparkline(np.abs(trajectory.qd[:, i]), float(np.max(plan.limits.velocity)))
+        )
+    return "\n".join(lines)
+
+
+def _sparkline(values: np.ndarray, top: float, width: int = 40) -> str:
+    bars = " ▁▂▃▄▅▆▇█"
+    columns = [float(np.max(part)) for part in np.array_split(values, min(width, len(values)))]
+    return "".join(bars[round(min(value / top, 1.0) * (len(bars) - 1))] for value in columns)
+
+
+def _fail(error: So101Error) -> NoReturn:
+    click.echo(f"error: {error}", err=True)
+    if isinstance(error, PlanningError):
+        raise SystemExit(5)
+    if isinstance(error, Interrupted):
+        raise SystemExit(7)
+    raise SystemExit(3 if isinstance(error, ConfigError) else 1)

@@ -1,0 +1,134 @@
+import math
+
+import pytest
+
+from so101_motion.config import SimulatedArmConfig, SimulatedGripperConfig, suggest
+from so101_motion.errors import ConfigError
+
+
+def test_an_empty_configuration_gives_the_published_defaults():
+    config = SimulatedArmConfig.from_attributes({})
+
+    assert config.speed == pytest.approx(math.radians(90.0))
+    assert config.motion is None
+    assert config.simulate_time
+    assert not config.visualize_ee_frame
+    assert not config.use_urdf
+    assert config.floor_z == pytest.approx(-0.0024)
+    assert config.position_tolerance is None
+    assert config.approach_tolerance is None
+
+
+def test_every_attribute_is_read_in_si():
+    config = SimulatedArmConfig.from_attributes(
+        {
+            "speed_degs_per_sec": 60.0,
+            "acceleration_degs_per_sec_per_sec": 200.0,
+            "motion": "mine",
+            "simulate_time": False,
+            "visualize_ee_frame": True,
+            "use_urdf": True,
+            "floor_z_mm": -10.0,
+            "position_tolerance_mm": 2.0,
+            "orientation_tolerance_deg": 30.0,
+            "mesh_decimation_ratios": [0.9, 0.5],
+        }
+    )
+
+    assert config.speed == pytest.approx(math.radians(60.0))
+    assert config.acceleration == pytest.approx(math.radians(200.0))
+    assert config.motion == "mine"
+    assert not config.simulate_time
+    assert config.visualize_ee_frame
+    assert config.use_urdf
+    assert config.floor_z == pytest.approx(-0.01)
+    assert config.position_tolerance == pytest.approx(0.002)
+    assert config.approach_tolerance == pytest.approx(math.radians(30.0))
+    assert config.mesh_ratios_given
+
+
+def test_the_builtin_motion_service_by_name_means_ours():
+    assert SimulatedArmConfig.from_attributes({"motion": "builtin"}).motion is None
+
+
+def test_nulls_empty_strings_and_zero_tolerances_count_as_not_given():
+    config = SimulatedArmConfig.from_attributes(
+        {
+            "motion": "",
+            "speed_degs_per_sec": None,
+            "position_tolerance_mm": 0.0,
+            "orientation_tolerance_deg": 0.0,
+        }
+    )
+
+    assert config == SimulatedArmConfig.from_attributes({})
+
+
+def test_an_unknown_attribute_is_answered_with_the_nearest_known_one():
+    with pytest.raises(ConfigError) as caught:
+        SimulatedArmConfig.from_attributes({"sped_degs_per_sec": 3.0})
+
+    assert caught.value.key == "sped_degs_per_sec"
+    assert 'did you mean "speed_degs_per_sec"?' in str(caught.value)
+    assert "simulate_time" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("speed_degs_per_sec", 0.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", -1.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", 181.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", math.nan, "finite"),
+        ("speed_degs_per_sec", "fast", "a number"),
+        ("speed_degs_per_sec", True, "a number"),
+        ("acceleration_degs_per_sec_per_sec", 9.0, "from 10 to 500 deg/s^2"),
+        ("motion", 3.0, "a string"),
+        ("simulate_time", 1.0, "true or false"),
+        ("simulate_time", "no", "true or false"),
+        ("floor_z_mm", math.inf, "finite"),
+        ("position_tolerance_mm", -1.0, "from 0 to 1000 mm"),
+        ("orientation_tolerance_deg", 181.0, "from 0 to 180 deg"),
+        ("mesh_decimation_ratios", 0.5, "a list"),
+        ("mesh_decimation_ratios", [0.1] * 6, "at most 5"),
+    ],
+)
+def test_a_value_that_cannot_be_used_is_named_with_what_is_allowed(key, value, says):
+    with pytest.raises(ConfigError, match=f'^"{key}" = ') as caught:
+        SimulatedArmConfig.from_attributes({key: value})
+
+    assert says in str(caught.value)
+    assert caught.value.key == key
+
+
+@pytest.mark.parametrize("ratio", [math.nan, 1.1, -0.1, "half"])
+def test_a_wrong_entry_of_a_list_is_named_by_its_index(ratio):
+    with pytest.raises(ConfigError, match=r"mesh_decimation_ratios\[1\]"):
+        SimulatedArmConfig.from_attributes({"mesh_decimation_ratios": [0.5, ratio]})
+
+
+def test_a_gripper_is_a_follower_with_light_meshes_unless_told_otherwise():
+    config = SimulatedGripperConfig.from_attributes({})
+
+    assert (config.gripper_type, config.mesh_detail) == ("follower", "low")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({"gripper_type": "leeder"}, 'did you mean "leader"?'),
+        ({"mesh_detail": "medium"}, "known: low, high"),
+        ({"gripper_typ": "leader"}, 'did you mean "gripper_type"?'),
+        ({"gripper_type": 1.0}, "must be a string"),
+    ],
+)
+def test_a_gripper_setting_that_does_not_exist_is_refused(attributes, says):
+    with pytest.raises(ConfigError) as caught:
+        SimulatedGripperConfig.from_attributes(attributes)
+
+    assert says in str(caught.value)
+
+
+def test_a_suggestion_is_only_made_when_something_is_near():
+    assert suggest("zzz", ("speed", "motion")) == "known: speed, motion"
+    assert suggest("spede", ("speed", "motion")).startswith('did you mean "speed"?')

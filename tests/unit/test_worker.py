@@ -1,0 +1,70 @@
+import math
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from so101_motion.errors import OutsideLimits, WorkerError
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.plan import PlanRequest
+from so101_motion.worker import PlanningWorker
+
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=30.0)
+
+
+@pytest.fixture(scope="module")
+def worker():
+    worker = PlanningWorker()
+    worker.start().result()
+    yield worker
+    worker.close()
+
+
+def request_to(q_deg):
+    q_goal = np.radians(q_deg)
+    return PlanRequest(q_start=np.zeros(5), goal=JointGoal(q=q_goal), limits=LIMITS)
+
+
+def test_a_plan_comes_back_as_it_was_made(worker):
+    plan = worker.plan(request_to([20.0, 0.0, 0.0, 0.0, 0.0])).result()
+    np.testing.assert_allclose(plan.trajectory.q[-1], np.radians([20.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not plan.trajectory.q.flags.writeable
+
+
+def test_an_error_comes_back_with_its_fields(worker):
+    with pytest.raises(OutsideLimits) as caught:
+        worker.plan(request_to([0.0, 0.0, 95.0, 0.0, 0.0])).result()
+    assert caught.value.joint == "elbow_flex"
+    assert caught.value.value == pytest.approx(math.radians(95.0))
+
+
+def test_a_worker_that_died_is_started_again(worker):
+    first = worker.pid
+    os.kill(first, signal.SIGKILL)
+    os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    assert worker.pid != first
+
+
+def test_dying_while_it_plans_is_an_error_not_a_hang(worker):
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    os.kill(worker.pid, signal.SIGSTOP)  # so that the request is certainly under way
+    answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    os.kill(worker.pid, signal.SIGKILL)
+    with pytest.raises(WorkerError, match="try once more"):
+        answer.result()
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+
+
+def test_a_closed_worker_says_so_and_leaves_no_process():
+    worker = PlanningWorker()
+    worker.start().result()
+    pid = worker.pid
+    worker.close()
+    worker.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    with pytest.raises(RuntimeError):
+        worker.plan(request_to([0.0] * 5))
