@@ -185,18 +185,24 @@ def _is_busy(wait: _Wait | None) -> bool:
     return wait is None or wait.wake.is_set()
 
 
+LONGEST_SKIP = 2
+"""How many ticks in a row may be left out; chosen: 20 ms at 100 Hz, which a servo hardly feels."""
+
+
 class Metronome:
-    """Ticks at ``t0 + k * dt``, each at most once, the late ones not at all.
+    """Ticks at ``t0 + k * dt``, each at most once.
 
     A tick that could only come more than half a period late is counted and left out: two ticks
-    then never come closer together than half a period, and the next one is on time again.
+    then never come closer together than half a period, and the next one is on time again. After a
+    longer pause leaving out would become a jump, so then ``t0`` moves instead and tick ``k`` comes
+    next, whatever the time: everything behind it happens later, nothing happens faster.
 
     Args:
         dt: The period [s].
 
     Attributes:
         k: The tick that is due next.
-        late: How many ticks have been left out so far.
+        late: How many periods have passed without their tick so far.
         missed: How many of them just before tick ``k``.
     """
 
@@ -215,13 +221,16 @@ class Metronome:
         return self._t0 + self.k * self.dt
 
     def is_due(self, now: float) -> bool:
-        """Whether tick ``k`` may come ``now`` [s], after leaving out what is too late."""
+        """Whether tick ``k`` may come ``now`` [s], after making up for what is too late."""
         lateness = now - self.deadline
         if lateness > 0.5 * self.dt:
-            left_out = math.ceil(lateness / self.dt - 0.5)
-            self.k += left_out
-            self.missed += left_out
-            self.late += left_out
+            passed = math.ceil(lateness / self.dt - 0.5)
+            if self.missed + passed <= LONGEST_SKIP:
+                self.k += passed
+            else:
+                self._t0 += passed * self.dt
+            self.missed += passed
+            self.late += passed
         return now >= self.deadline - _EPSILON
 
     def advance(self) -> None:

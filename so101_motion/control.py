@@ -31,8 +31,8 @@ T = TypeVar("T")
 _log = logging.getLogger(__name__)
 
 STANDSTILL = 0.25
-"""After how long without a setpoint a motion is given up [s]. Chosen: rides out a busy machine; at
-the default 50 deg/s the next setpoint would be 12 deg away."""
+"""After how long without a setpoint a motion is given up [s]. The joints stand by then, and going on
+at speed from there would jerk them; chosen, rides out a busy machine."""
 
 _RECENT = 1.0
 """How much of the past an error carries [s]."""

@@ -6,9 +6,9 @@ its joints should be, write that, read where they are, publish one ``JointState`
 something moves, ticks come at ``t0 + k * dt`` against absolute deadlines, and ``dt`` is the period
 of the trajectories: what was planned and verified is, sample for sample, what is written. A tick
 that would be more than half a period late is left out and counted; two goals are never sent to
-catch up, and after a longer standstill the motion is given up, because the next setpoint would be a
-jump. While nothing moves, the thread only looks at the arm now and then, so that the snapshot stays
-fresh; a request wakes it at once.
+catch up. After a pause of more than two ticks the motion goes on with the very next setpoint,
+later than planned, so that nothing jumps; after a long one it is given up. While nothing moves, the
+thread only looks at the arm now and then, to keep the snapshot fresh; a request wakes it at once.
 
 Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for
 both. Torque and faults belong to the bus, so there is one ``Mode``, and ``modes.py`` says what is
