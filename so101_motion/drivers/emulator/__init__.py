@@ -1,0 +1,15 @@
+"""Six virtual STS3215 servos behind a serial port that any client takes for real.
+
+From the wire inwards:
+
+    pty_port   a pseudo-terminal and its thread: when bytes arrive
+    bus        who hears an instruction and when the answer leaves
+    codec      packets
+    servo      what an instruction does; ``memory``, ``registers``, ``meaning`` are its registers
+    drive      controller and protections: ``motion``, ``protection``, ``electric``
+    mechanics  motor, play, friction, stops; ``hardware`` holds the figures
+    world      six of them, gravity, supply, time; ``hand`` is a person's
+    faults     what goes wrong; ``emulator`` puts it all together, ``run`` is the program
+
+Everything below ``pty_port`` is free of clocks, threads and ports: time comes in as a number.
+"""

@@ -1,0 +1,177 @@
+"""One wire, several servos: who hears an instruction, who answers, and when.
+
+How it works
+    ``feed`` takes a chunk of bytes as the client wrote it and returns the replies it draws, each
+    with the time its last byte has left the servo, counted from the first byte of the chunk. No
+    clock and no port here: ``pty_port.py`` waits and writes, a test just looks.
+
+    Times are those of a half-duplex wire at ten bits a byte. A single reply starts right after
+    the request. Sync-read replies come in fixed slots, ``len + 9`` byte times each in the order
+    of the list, and broadcast pings in slots by id, so a silent servo leaves a hole and delays
+    nobody. Servos that share an id answer together and pull the wire low over each other: equal
+    bytes survive, others come out as their bitwise AND, and the checksum tells.
+
+    A servo hears only its own baud rate. Broadcasts are carried out by all and acknowledged by
+    none, except ping and sync read.
+
+Source: as in ``codec.py``; slot times: firmware arithmetic, bench-tested by its author.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from so101_motion.drivers.emulator.codec import BROADCAST, Code, Instruction, Listener, frame
+from so101_motion.drivers.emulator.faults import WireFaults
+from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.emulator.world import World
+
+TURNAROUND = 20e-6
+"""From the end of a request to the first bit of the reply [s] (sync reads on an arm: under 100 us
+with everything)."""
+
+_BITS_PER_BYTE = 10
+_SLOT_GAP = 3  # byte times between two slots
+_LONGEST_SYNC_WRITE = 125  # bytes for each servo
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reply:
+    """Bytes a servo puts on the wire.
+
+    Attributes:
+        after: When the last byte is through, from the first byte of the request [s].
+        data: The bytes.
+        held: Extra delay of a late reply [s], beyond what the wire takes.
+    """
+
+    after: float
+    data: bytes
+    held: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    slot: float  # start after the request, in byte times
+    data: bytes
+
+
+class Bus:
+    """The cable with its servos.
+
+    Args:
+        world: Whose servos hang on it.
+        faults: What goes wrong on the wire; may be changed while it runs.
+    """
+
+    def __init__(self, world: World, faults: WireFaults | None = None) -> None:
+        self._world = world
+        self._listener = Listener()
+        self._baud = 0
+        self.faults = faults or WireFaults()
+
+    def feed(self, data: bytes, now: float, *, baud: int = 1_000_000) -> list[Reply]:
+        """Carry out what a chunk of bytes asks for.
+
+        Args:
+            data: As the client wrote it; packets may be cut anywhere.
+            now: On the emulator's clock [s].
+            baud: What the client's port is set to.
+
+        Returns:
+            The replies in the order they leave the wire.
+        """
+        if baud != self._baud:
+            self._listener, self._baud = Listener(), baud
+        instructions = self._listener.hear(data)
+        if not instructions:
+            return []
+        byte_time = _BITS_PER_BYTE / baud
+        replies = []
+        with self._world.lock:
+            self._world.advance(now)
+            for instruction in instructions:
+                if self.faults.loses_request():
+                    continue
+                request = instruction.end * byte_time + TURNAROUND
+                for answer in self._collide(self._carry_out(instruction, now)):
+                    after = request + (answer.slot + len(answer.data)) * byte_time
+                    replies.append(Reply(after=after, data=answer.data))
+        return self._disturb(replies)
+
+    def _disturb(self, replies: list[Reply]) -> list[Reply]:
+        disturbed = [
+            Reply(after=reply.after, data=data, held=held)
+            for reply in replies
+            for held, data in self.faults.disturb(reply.data)
+        ]
+        return sorted(disturbed, key=lambda reply: reply.after + reply.held)
+
+    def _listening(self) -> Iterator[Servo]:
+        for servo in self._world.servos:
+            if servo.drive.powered and servo.baud == self._baud:
+                yield servo
+
+    def _carry_out(self, instruction: Instruction, now: float) -> list[_Answer]:
+        match instruction.code:
+            case Code.SYNC_READ:
+                return list(self._sync_read(instruction.params))
+            case Code.SYNC_WRITE:
+                self._sync_write(instruction.params)
+                return []
+            case code if instruction.servo_id == BROADCAST:
+                return list(self._broadcast(code, instruction.params, now))
+            case code:
+                return [
+                    # Under the id it was called by: a write to the id register is acknowledged
+                    # with the old one.
+                    _Answer(0, frame(instruction.servo_id, servo.status, reply))
+                    for servo in self._listening()
+                    if servo.servo_id == instruction.servo_id
+                    and (reply := servo.execute(code, instruction.params, now)) is not None
+                ]
+
+    def _broadcast(self, code: int, params: bytes, now: float) -> Iterator[_Answer]:
+        for servo in list(self._listening()):
+            own_id = servo.servo_id
+            reply = servo.execute(code, params, now)
+            if code == Code.PING and reply is not None:
+                slot = own_id * (len(frame(0, 0)) + _SLOT_GAP)
+                yield _Answer(slot, frame(own_id, servo.status))
+
+    def _sync_read(self, params: bytes) -> Iterator[_Answer]:
+        if len(params) < 3:
+            return
+        address, count, ids = params[0], params[1], params[2:]
+        for servo in self._listening():
+            place = ids.find(servo.servo_id)
+            data = servo.read(address, count) if place >= 0 else None
+            if data is not None:
+                slot = place * (len(frame(0, 0)) + len(data) + _SLOT_GAP)
+                yield _Answer(slot, frame(servo.servo_id, servo.status, data))
+
+    def _sync_write(self, params: bytes) -> None:
+        if len(params) < 3 or not 0 < params[1] <= _LONGEST_SYNC_WRITE:
+            return
+        address, size, rest = params[:1], params[1], params[2:]
+        shares = {
+            rest[start]: rest[start + 1 : start + 1 + size]
+            for start in range(0, len(rest), size + 1)
+        }
+        for servo in self._listening():
+            if share := shares.get(servo.servo_id):
+                servo.write(address + share)
+
+    @staticmethod
+    def _collide(answers: list[_Answer]) -> list[_Answer]:
+        """Answers that start together become one, each bit low where any sender pulls it low."""
+        slots: dict[float, bytes] = {}
+        for answer in sorted(answers, key=lambda answer: answer.slot):
+            if answer.slot in slots:
+                pairs = zip_longest(slots[answer.slot], answer.data, fillvalue=0xFF)
+                slots[answer.slot] = bytes(one & other for one, other in pairs)
+            else:
+                slots[answer.slot] = answer.data
+        return [_Answer(slot, data) for slot, data in slots.items()]

@@ -1,0 +1,220 @@
+"""The working half of a servo: controller, motor, gears and protections, without a register.
+
+``step`` is one millisecond of control and mechanics; ``inspect`` is the slower housekeeping:
+current, heat, protections, measured speed. A drive whose whole state has not changed for a while
+is ``quiet``: stepping it again would change nothing, bit for bit, so nobody needs to, until a
+setting or the load changes and somebody calls ``wake``.
+
+Position means what the servo means by it: encoder ticks minus the homing offset, unwrapped since
+boot. While torque is off the set-point stays on the present position, so switching it on holds
+the joint where it is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.electric import Motor
+from so101_motion.drivers.emulator.hardware import MAX_DUTY, TICKS_PER_RAD, Joint, ServoType
+from so101_motion.drivers.emulator.mechanics import Shaft
+from so101_motion.drivers.emulator.motion import Gains, Loop, Profile
+from so101_motion.drivers.emulator.protection import Condition, Guard, Limits
+from so101_motion.drivers.emulator.registers import TICKS_PER_TURN
+
+_SPEED_WINDOW = 0.020  # [s], the servo's own speed is an encoder difference over it
+_SPEED_QUANTUM = 50  # [tick/s], one tick in that window
+_QUIET_AFTER = 5  # unchanged inspections in a row; 5 ms each, longer than the usual D window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What the registers tell the drive.
+
+    Attributes:
+        gains: Of the position loop.
+        limits: Of the protections.
+        drives: Whether this operating mode drives the motor at all.
+        drive_sign: -1 if the motor is wired the other way round.
+        encoder_reversed: Whether the encoder counts down.
+    """
+
+    gains: Gains
+    limits: Limits
+    drives: bool
+    drive_sign: float
+    encoder_reversed: bool
+
+
+class Drive:
+    """Controller, motor and shaft of one servo.
+
+    Args:
+        joint: Where the servo sits.
+        kind: Which motor it has.
+        q: Joint angle to start at [rad].
+        settings: What its registers say.
+
+    Attributes:
+        powered: Whether the electronics run; without, the shaft is free.
+        torque: 0 limp, 1 driven, 2 damped by its shorted motor.
+        load: Torque of the world on the output, positive towards higher ticks [N m].
+        volts: On the cable [V].
+        duty: What drives the motor now, -0.97..0.97.
+        speed: As the servo measures it [tick/s].
+        moving: Its moving flag.
+        quiet: Whether stepping would change nothing.
+    """
+
+    def __init__(self, joint: Joint, kind: ServoType, q: float, settings: Settings) -> None:
+        self._joint = joint
+        lower, upper = sorted((self.to_ticks(joint.lower), self.to_ticks(joint.upper)))
+        self.shaft = Shaft(
+            kind, inertia=joint.inertia, lash=joint.lash, lower=lower, upper=upper,
+            at=self.to_ticks(q),
+        )  # fmt: skip
+        self.motor = Motor(kind)
+        self.profile = Profile()
+        self.loop = Loop(settings.gains)
+        self.guard = Guard(settings.limits)
+        self.powered = True
+        self.load, self.volts = 0.0, kind.volts
+        self._settings = settings
+        self.restart(offset=0)
+
+    def restart(self, *, offset: int) -> None:
+        """As after power-up: limp, no fault, turn count zero."""
+        self._blocked = self._capped = False
+        self._may_integrate = True
+        self.guard.reset()
+        self.locate(offset, turns=0)
+        self.torque = 0
+        self.halt()
+        self.speed, self.moving = 0, False
+        self._speed_since, self._speed_from = 0.0, self.position
+
+    def wake(self) -> None:
+        """Something changed: it must be stepped again."""
+        self.quiet = False
+        self._unchanged = 0
+        self._seen: tuple[float, ...] = ()
+
+    @property
+    def settings(self) -> Settings:
+        """What the registers say."""
+        return self._settings
+
+    @settings.setter
+    def settings(self, settings: Settings) -> None:
+        self._settings = settings
+        self.loop.gains, self.guard.limits = settings.gains, settings.limits
+        self.wake()
+
+    # -- angles ---------------------------------------------------------------------------------
+
+    def to_ticks(self, q: float) -> float:
+        """Shaft angle [tick] at a joint angle [rad]."""
+        return self._joint.zero_ticks + self._joint.direction * q * TICKS_PER_RAD
+
+    @property
+    def q(self) -> float:
+        """True joint angle [rad]."""
+        ticks = self.shaft.output - self._joint.zero_ticks
+        return self._joint.direction * ticks / TICKS_PER_RAD
+
+    @property
+    def encoder(self) -> int:
+        """Encoder count, unwrapped [tick]."""
+        ticks = math.floor(self.shaft.output + 0.5)
+        return TICKS_PER_TURN - 1 - ticks if self._settings.encoder_reversed else ticks
+
+    @property
+    def position(self) -> int:
+        """Encoder minus homing offset, unwrapped [tick]."""
+        return self.encoder - self._origin
+
+    def locate(self, offset: int, *, turns: int) -> None:
+        """Set the homing offset [tick] and the turn the servo believes to be in."""
+        encoder = self.encoder
+        here = (encoder - offset) % TICKS_PER_TURN
+        self._origin = encoder - here - turns * TICKS_PER_TURN
+        self._speed_from = self._inspected_at = self.position
+
+    # -- time -----------------------------------------------------------------------------------
+
+    def halt(self) -> None:
+        """Forget the goal: the present position is the set-point."""
+        self.duty = 0.0
+        self.profile.seed(self.position)
+        self.loop.reset()
+        self.wake()
+
+    def step(self) -> None:
+        """One millisecond of control and mechanics."""
+        if self.powered and self.torque == 1 and self._settings.drives and not self._blocked:
+            self.profile.step()
+            error = int(self.profile.position) - self.position
+            demand = self.loop.step(error, integrate=self._may_integrate)
+            if self._capped:
+                cap = self.guard.limits.protective_duty
+                demand = max(min(demand, cap), -cap)
+            duty = max(min(demand / 1000.0, MAX_DUTY), -MAX_DUTY) * self._settings.drive_sign
+            self.duty = duty
+            self.shaft.step(duty * self.volts, bridge=True, load=self.load)
+            return
+        self.duty = 0.0
+        self.shaft.step(0.0, bridge=self.powered and self.torque in (1, 2), load=self.load)
+        self.profile.seed(self.position)
+
+    def inspect(self, dt: float) -> None:
+        """Housekeeping after ``dt`` seconds."""
+        shaft = self.shaft
+        self.motor.advance(dt, duty=self.duty, volts=self.volts, velocity=shaft.velocity)
+        if self.powered:
+            self._check(dt)
+            self._measure(dt)
+        profile = self.profile
+        seen = (
+            shaft.output, shaft.velocity, profile.position, profile.target, self.loop.integral,
+            self.duty,
+        )  # fmt: skip
+        self._unchanged = self._unchanged + 1 if seen == self._seen else 0
+        self._seen = seen
+        patience = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
+        self.quiet = shaft.velocity == 0.0 and self._unchanged >= patience
+
+    def _check(self, dt: float) -> None:
+        position = self.position
+        condition = Condition(
+            demand=self.loop.output,
+            moved=position - self._inspected_at,
+            current=self.motor.current,
+            temperature=int(self.motor.temperature),
+            decivolts=int(self.volts * 10.0 + 0.5),
+            torque=self.torque,
+        )
+        self._inspected_at = position
+        if self.guard.check(dt, condition):
+            self.torque = 0
+            self.halt()
+        acts = self.guard.acts
+        if acts(reg.OVERHEATED | reg.VOLTAGE_FAULT) != self._blocked:
+            self._blocked = not self._blocked
+            self.halt()
+        if acts(reg.OVERLOAD) != self._capped:
+            self._capped = not self._capped
+            self.wake()
+
+    def _measure(self, dt: float) -> None:
+        self._speed_since += dt
+        if self._speed_since >= _SPEED_WINDOW - 1e-9:
+            ticks = (self.position - self._speed_from) * _SPEED_WINDOW / self._speed_since
+            still = abs(ticks) < self._settings.gains.still
+            self.speed = 0 if still else round(ticks) * _SPEED_QUANTUM
+            self._speed_since, self._speed_from = 0.0, self.position
+        if self.torque == 1 and self.profile.running:
+            self.moving = True
+        elif self.speed == 0:
+            self.moving = False
+        self._may_integrate = self.speed == 0 and not self.guard.acts(0xFF)

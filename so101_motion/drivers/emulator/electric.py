@@ -1,0 +1,82 @@
+"""Supply, currents and heat.
+
+All six servos hang on one cable. What they draw together sags the supply, and below the voltage
+their regulators need they switch off. A motor's loss warms its servo with one time constant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, ServoType
+
+ROOM_C = 25.0
+"""Ambient temperature unless somebody says otherwise [degC]."""
+
+HEATING = 2.8
+"""Temperature rise by lost power [K/W]. A published endurance test holds 1.47 N m at 48 degC."""
+
+WARMING_TIME = 150.0
+"""Time constant of the temperature [s]; chosen so that a gripper that squeezes hard reaches 50 degC
+in 30-60 s, as users report."""
+
+BROWN_OUT = 4.0
+"""Servos switch off below this voltage [V]; chosen, somewhat above what their regulator needs."""
+
+_IDLE_CURRENT = 0.03  # [A] of the electronics, chosen
+
+
+class Supply:
+    """A power supply with its leads.
+
+    Attributes:
+        volts: Without load [V].
+        resistance: Of supply and leads together [ohm]; chosen, 0.6 V sag at the 5 A of the usual
+            supply.
+    """
+
+    def __init__(self, volts: float, resistance: float = 0.12) -> None:
+        self.volts = volts
+        self.resistance = resistance
+
+    def under(self, currents: Iterable[float]) -> float:
+        """Voltage on the cable while the servos draw these currents [A]."""
+        return max(self.volts - self.resistance * sum(currents), 0.0)
+
+
+class Motor:
+    """Current and temperature of one servo.
+
+    Attributes:
+        current: Through the bridge, signed like the duty [A].
+        temperature: What register 63 shows, with decimals [degC].
+        ambient: What it cools down to [degC].
+    """
+
+    def __init__(self, kind: ServoType) -> None:
+        self._kind = kind
+        self.current = 0.0
+        self.temperature = self.ambient = ROOM_C
+
+    def advance(self, dt: float, *, duty: float, volts: float, velocity: float) -> None:
+        """Take in ``dt`` seconds of constant operation.
+
+        Args:
+            dt: How long [s].
+            duty: -1..1, negative towards lower ticks.
+            volts: On the cable [V].
+            velocity: Of the output [tick/s].
+        """
+        kind = self._kind
+        emf = kind.volts * (velocity / TICKS_PER_RAD) / kind.free_speed
+        winding = (duty * volts - emf) / kind.resistance if duty else 0.0
+        # The shunt sees the winding's current during the on-time only.
+        self.current = math.copysign(max(duty * winding, 0.0), duty) if duty else 0.0
+        warm = self.ambient + HEATING * kind.resistance * winding * winding
+        self.temperature = warm + (self.temperature - warm) * math.exp(-dt / WARMING_TIME)
+
+    @property
+    def drawn(self) -> float:
+        """Current taken from the cable [A]."""
+        return abs(self.current) + _IDLE_CURRENT

@@ -1,0 +1,228 @@
+"""The whole emulated arm: servos, wire, port, and the faults that befall them.
+
+``Emulator`` serves tests in their own process and the command line in one of its own alike;
+``run_emulator`` is what the command line calls. A test that wants a lost reply or a hot servo asks
+for one; there is nothing to patch.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.bus import Bus
+from so101_motion.drivers.emulator.electric import Supply
+from so101_motion.drivers.emulator.faults import FaultEvent, WireFaults
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.drivers.emulator.hardware import SO101, STS3215_12V, Joint, ServoType
+from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
+from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
+from so101_motion.errors import ConfigError
+
+ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
+"""A finished arm: ids 1 to 6 from the base to the gripper."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatorOptions:
+    """What to emulate.
+
+    Attributes:
+        link: A symbolic link that always leads to the port; None for none.
+        ids: Servo id by place on the cable (1 base .. 6 gripper); places left out are unplugged.
+        joints: The joints with their servos' mounting.
+        kind: Which servo is built in.
+        volts: Supply voltage [V]; None for the one the servo is made for.
+        q_start: Joint angles at the start, shape (6,), [rad].
+        calibrated: Whether limits are stored in the servos, or they are as new (0 to 4095).
+        goal_enables_torque: Whether writing a goal switches torque on.
+        dither: How far readings of a resting joint scatter [tick]; 3 on the measured arm.
+        pacing: Wire time and adapter latency.
+        wire: Disturbed replies.
+        faults: Timed faults.
+        hand: A hand script, see ``hand.py``.
+    """
+
+    link: Path | None = None
+    ids: Mapping[int, int] = field(default_factory=lambda: dict(ALL_IDS))
+    joints: tuple[Joint, ...] = SO101
+    kind: ServoType = STS3215_12V
+    volts: float | None = None
+    q_start: tuple[float, ...] = (0.0,) * 6
+    calibrated: bool = True
+    goal_enables_torque: bool = True
+    dither: int = 0
+    pacing: Pacing = field(default_factory=Pacing)
+    wire: WireFaults = field(default_factory=WireFaults)
+    faults: tuple[FaultEvent, ...] = ()
+    hand: str = ""
+
+
+def parse_ids(text: str) -> dict[int, int]:
+    """Read which places of the cable carry which ids: ``1-6``, ``1-3,5``, ``6=1``.
+
+    Raises:
+        ConfigError: It is not such a list.
+    """
+    ids: dict[int, int] = {}
+    for part in text.split(","):
+        form = re.fullmatch(r"\s*([1-6])(?:-([1-6])|=(\d{1,3}))?\s*", part)
+        if form is None or int(form[3] or 0) > 253:
+            reason = "must list places 1 to 6, as in 1-6 or 1-3,5 or 6=1 (place 6 with id 1)"
+            raise ConfigError("ids", text, reason)
+        first, last = int(form[1]), int(form[2] or form[1])
+        ids.update({place: int(form[3] or place) for place in range(first, last + 1)})
+    return ids
+
+
+def build_world(
+    options: EmulatorOptions, *, t: float = 0.0, gravity: Gravity = no_gravity
+) -> World:
+    """Servos and supply as the options say, without a port.
+
+    Args:
+        options: What to emulate.
+        t: Time now, on the clock ``advance`` will be called with [s].
+        gravity: Holding torque [N m] as a function of the six joint angles [rad].
+    """
+    servos = []
+    for place, (joint, q) in enumerate(zip(options.joints, options.q_start, strict=True), start=1):
+        factory = {
+            reg.ID: options.ids.get(place, place),
+            reg.MAX_VOLTAGE: options.kind.max_voltage_raw,
+        }
+        servo = Servo(
+            joint, options.kind, q=q, factory=factory,
+            goal_enables_torque=options.goal_enables_torque, dither=options.dither,
+        )  # fmt: skip
+        if options.calibrated:
+            ends = sorted(servo.drive.to_ticks(stop) for stop in (joint.lower, joint.upper))
+            servo.memory.keep(reg.MIN_POSITION, max(round(ends[0]), 0))
+            servo.memory.keep(reg.MAX_POSITION, min(round(ends[1]), 4095))
+        servo.connected = place in options.ids
+        servos.append(servo)
+    volts = options.kind.volts if options.volts is None else options.volts
+    return World(servos, t=t, gravity=gravity, supply=Supply(volts))
+
+
+class Emulator:
+    """An emulated arm on a port, until closed.
+
+    Args:
+        options: What to emulate.
+        now: The clock the physics follows [s].
+        gravity: Holding torque [N m] as a function of the six joint angles [rad].
+
+    Attributes:
+        world: The servos; call its methods to trouble them.
+        bus: The wire; ``bus.faults`` may be changed at any time.
+    """
+
+    def __init__(
+        self,
+        options: EmulatorOptions | None = None,
+        *,
+        now: Callable[[], float] = time.monotonic,
+        gravity: Gravity = no_gravity,
+    ) -> None:
+        self._options = options or EmulatorOptions()
+        self._now = now
+        self.world = build_world(self._options, t=now(), gravity=gravity)
+        self.world.hand = Hand(parse_script(self._options.hand), now())
+        self.bus = Bus(self.world, replace(self._options.wire))
+        self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]
+        self._pty = PtyPort(self.bus, now, pacing=self._options.pacing, link=self._options.link)
+
+    @property
+    def port(self) -> str:
+        """What a client opens; changes when the port is plugged in again, unless it is a link."""
+        return self._pty.port
+
+    def unplug(self) -> None:
+        """Pull the USB plug; the servos keep their power and go on."""
+        self._pty.unplug()
+
+    def plug(self) -> None:
+        """Put the USB plug back."""
+        self._pty.plug()
+
+    def advance(self) -> None:
+        """Let the physics catch up with the clock, as any traffic would.
+
+        For those who turn the clock by seconds at once: catching up takes some 20 ms for each
+        second that six joints moved, longer than many a client waits for an answer.
+        """
+        self.world.advance(self._now())
+
+    def begin(self, fault: FaultEvent) -> None:
+        """Let a fault happen now, whatever its time says."""
+        if fault.kind == "unplug":
+            self.unplug()
+            return
+        value = fault.value if fault.value is not None else 0.0
+        place = fault.servo or ""
+        with self.world.lock:
+            self.world.advance(self._now())
+            match fault.kind:
+                case "dead":
+                    self.world.disconnect(place)
+                case "reboot":
+                    self.world.reboot(place)
+                case "hot":
+                    self.world.warm(place, value)
+                case "brownout":
+                    self.world.power(value)
+                case "twin":
+                    self.world.servo(place).memory.set(reg.ID, int(value))
+                case "object":
+                    self.world.put_object(value)
+                case name:
+                    setattr(self.bus.faults, name, value)
+
+    def end(self, fault: FaultEvent) -> None:
+        """Let a fault be over."""
+        if fault.kind == "unplug":
+            self.plug()
+            return
+        place = fault.servo or ""
+        with self.world.lock:
+            self.world.advance(self._now())
+            match fault.kind:
+                case "dead":
+                    self.world.connect(place)
+                case "reboot":
+                    pass  # over by itself
+                case "hot":
+                    self.world.cool(place)
+                case "brownout":
+                    volts = self._options.volts
+                    self.world.power(self._options.kind.volts if volts is None else volts)
+                case "twin":
+                    servo = self.world.servo(place)
+                    servo.memory.set(reg.ID, self._ids[self.world.servos.index(servo)])
+                case "object":
+                    self.world.take_object()
+                case name:
+                    setattr(self.bus.faults, name, 0.0)
+
+    def close(self) -> None:
+        """Take the port away and end the thread."""
+        self._pty.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

@@ -1,0 +1,141 @@
+"""What goes wrong, and how to ask for it.
+
+``WireFaults`` disturbs replies with given probabilities from a seeded generator: the same seed
+and the same traffic give the same faults. Corruption flips one bit, which the checksum always
+shows; two flips could cancel, and then no client on earth could tell.
+
+``FaultEvent`` is a fault with a time: what the command line's ``--fault`` and a line typed into a
+running emulator mean.
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from so101_motion.errors import ConfigError
+
+FaultKind = Literal[
+    "dead", "reboot", "hot", "brownout", "unplug", "twin", "object",
+    "loss", "request_loss", "corrupt", "duplicate", "late",
+]  # fmt: skip
+
+_NEEDS_SERVO = frozenset({"dead", "reboot", "hot", "twin"})
+_SHARES = frozenset({"loss", "request_loss", "corrupt", "duplicate", "late"})
+_NEEDS_VALUE = _SHARES | {"hot", "brownout", "twin", "object"}
+
+
+@dataclass(slots=True, kw_only=True)
+class WireFaults:
+    """Disturbances of the wire; every number may be changed while it runs.
+
+    Attributes:
+        loss: Share of replies that never arrive; what they acknowledge was done.
+        request_loss: Share of instructions no servo hears; nothing was done.
+        corrupt: Share of replies with one bit flipped.
+        duplicate: Share of replies that arrive twice.
+        late: Share of replies that arrive ``lateness`` after their time.
+        lateness: How late [s].
+        seed: Of the generator.
+    """
+
+    loss: float = 0.0
+    request_loss: float = 0.0
+    corrupt: float = 0.0
+    duplicate: float = 0.0
+    late: float = 0.0
+    lateness: float = 0.02
+    seed: int = 0
+    _random: random.Random = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in sorted(_SHARES):
+            share = getattr(self, name)
+            if not 0.0 <= share <= 1.0:
+                raise ConfigError(name, share, "must be a share between 0 and 1")
+        self._random = random.Random(self.seed)
+
+    def _strikes(self, share: float) -> bool:
+        return share > 0.0 and self._random.random() < share
+
+    def loses_request(self) -> bool:
+        """Whether the next instruction goes unheard."""
+        return self._strikes(self.request_loss)
+
+    def disturb(self, reply: bytes) -> Iterator[tuple[float, bytes]]:
+        """What arrives of a reply: extra delays [s] and bytes, none if it is lost."""
+        if self._strikes(self.loss):
+            return
+        copies = 2 if self._strikes(self.duplicate) else 1
+        for _ in range(copies):
+            data = self._flip(reply) if self._strikes(self.corrupt) else reply
+            yield (self.lateness if self._strikes(self.late) else 0.0), data
+
+    def _flip(self, reply: bytes) -> bytes:
+        bit = self._random.randrange(8 * len(reply))
+        flipped = bytearray(reply)
+        flipped[bit // 8] ^= 1 << bit % 8
+        return bytes(flipped)
+
+
+_FORM = re.compile(
+    r"(?P<kind>[a-z_]+)(?::(?P<servo>\w+))?(?:=(?P<value>[\d.]+))?"
+    r"(?:@(?P<at>[\d.]+))?(?:\+(?P<duration>[\d.]+))?"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FaultEvent:
+    """A fault that begins at a time and may end by itself.
+
+    Attributes:
+        kind: ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug``
+            (the port), ``twin`` (a second servo takes this id), ``object`` between the jaws [m],
+            or the name of a wire fault with its share.
+        servo: Which servo, by joint or place on the cable.
+        value: The number that belongs to the kind.
+        at: When, from the start or from being typed [s].
+        duration: How long it lasts [s]; None is for good.
+    """
+
+    kind: FaultKind
+    servo: str | None = None
+    value: float | None = None
+    at: float = 0.0
+    duration: float | None = None
+
+
+def parse_fault(text: str) -> FaultEvent:
+    """Read ``kind[:servo][=value][@seconds][+duration]``, e.g. ``hot:gripper=68@5+30``.
+
+    Raises:
+        ConfigError: It is not one, or something is missing.
+    """
+    form = _FORM.fullmatch(text.strip())
+    if form is None:
+        raise ConfigError("fault", text, "must look like kind[:servo][=value][@seconds][+duration]")
+    kind: FaultKind | None = next((k for k in get_args(FaultKind) if k == form["kind"]), None)
+    if kind is None:
+        raise ConfigError("fault", text, f"kind must be one of {', '.join(get_args(FaultKind))}")
+    if (kind in _NEEDS_SERVO) != (form["servo"] is not None):
+        need = "needs a servo, as in dead:elbow_flex" if kind in _NEEDS_SERVO else "has no servo"
+        raise ConfigError("fault", text, f"{kind} {need}")
+    if (kind in _NEEDS_VALUE) != (form["value"] is not None):
+        need = "needs a value, as in hot:6=68" if kind in _NEEDS_VALUE else "has no value"
+        raise ConfigError("fault", text, f"{kind} {need}")
+    try:
+        numbers = {key: float(form[key]) for key in ("value", "at", "duration") if form[key]}
+    except ValueError:
+        raise ConfigError("fault", text, "holds something that is not a number") from None
+    if kind in _SHARES and numbers["value"] > 1.0:
+        raise ConfigError("fault", text, "a share must be between 0 and 1")
+    return FaultEvent(
+        kind=kind,
+        servo=form["servo"],
+        value=numbers.get("value"),
+        at=numbers.get("at", 0.0),
+        duration=numbers.get("duration"),
+    )

@@ -1,0 +1,102 @@
+"""From stored registers to the numbers the drive works with, and from measurements back."""
+
+from __future__ import annotations
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.drive import Drive, Settings
+from so101_motion.drivers.emulator.hardware import Joint
+from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.motion import Gains, Profile
+from so101_motion.drivers.emulator.protection import CURRENT_UNIT, Limits
+from so101_motion.drivers.emulator.registers import TICKS_PER_TURN, Register
+
+SLOWEST = 100.0
+"""Slowest profile by unit of register 83 [tick/s]. Measured: unloaded joints never run under
+8.8 deg/s (viam-devrel/so-101, one arm); the firmware's arithmetic says 50."""
+
+
+def settings_from(memory: Memory) -> Settings:
+    """What the registers tell the drive."""
+    value = memory.value
+    phase = value(reg.PHASE)
+    gains = Gains(
+        p=value(reg.P_GAIN),
+        d=value(reg.D_GAIN),
+        i=value(reg.I_GAIN),
+        startup=value(reg.STARTUP_FORCE),
+        i_limit=4 * value(reg.I_LIMIT),
+        cw_dead_zone=value(reg.CW_DEAD_ZONE),
+        ccw_dead_zone=value(reg.CCW_DEAD_ZONE),
+        window=value(reg.D_WINDOW),
+        still=value(reg.MOVING_THRESHOLD),
+        limit=value(reg.TORQUE_LIMIT),
+    )
+    return Settings(
+        gains=gains,
+        limits=Limits.of(memory),
+        drives=value(reg.MODE) == 0,
+        drive_sign=-1.0 if phase & reg.PHASE_DRIVE_REVERSED else 1.0,
+        encoder_reversed=bool(phase & reg.PHASE_ENCODER_REVERSED),
+    )
+
+
+def plan_profile(memory: Memory, joint: Joint, profile: Profile) -> None:
+    """Set the profile's acceleration, cruising speed and floor.
+
+    The firmware promises 100 tick/s^2 a unit and cuts register 41 at register 85; on the arm the
+    line has another slope, an offset and a knee, and those are used here. The knee was measured
+    with register 85 as delivered. Whether that register makes it or the loop behind the profile,
+    raising it must raise the profile's ceiling: in proportion, which is chosen, not measured.
+    """
+    value = memory.value
+    top, units = value(reg.MAX_ACCELERATION), value(reg.ACCELERATION)
+    if not units:
+        units = top * value(reg.ACCELERATION_FACTOR)
+    elif top and units > top:
+        units = top
+        memory.set(reg.ACCELERATION, top)
+    profile.acceleration = min(
+        joint.acceleration_slope * units + joint.acceleration_offset,
+        joint.acceleration_ceiling * max(top / reg.MAX_ACCELERATION.default, 1.0),
+    )
+    profile.floor = SLOWEST * value(reg.MIN_SPEED)
+    cap = 50.0 * value(reg.MAX_SPEED)
+    phase, speed = value(reg.PHASE), float(abs(value(reg.GOAL_VELOCITY)))
+    if not phase & reg.PHASE_SPEED_IN_TICKS:
+        speed *= value(reg.SPEED_UNIT)
+    if speed:
+        profile.speed = min(max(speed, profile.floor), cap)
+    else:
+        profile.speed = cap if phase & reg.PHASE_ZERO_IS_MAX else 0.0
+
+
+def clamped_goal(memory: Memory) -> int:
+    """Where a written goal sends the servo [tick]: held inside its limits if it has any."""
+    goal = memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION)
+    lower, upper = memory.raw(reg.MIN_POSITION), memory.raw(reg.MAX_POSITION)
+    return goal if lower == upper else min(max(goal, lower), upper)
+
+
+def show_measurements(memory: Memory, drive: Drive, *, scatter: int = 0) -> None:
+    """Fill in what the servo measures, as of now; ``scatter`` [tick] is the encoder's noise."""
+    position, setpoint = drive.position + scatter, int(drive.profile.position)
+    if memory.raw(reg.PHASE) & reg.PHASE_MULTI_TURN:
+        scale = memory.value(reg.RESOLUTION)
+        position, setpoint = int(position / scale), int(setpoint / scale)
+    else:
+        position, setpoint = position % TICKS_PER_TURN, setpoint % TICKS_PER_TURN
+
+    def put(row: Register, value: float) -> None:
+        memory.set(row, row.encode(round(value)))
+
+    put(reg.TORQUE_ENABLE, drive.torque)
+    put(reg.PRESENT_POSITION, position)
+    put(reg.PRESENT_VELOCITY, drive.speed)
+    put(reg.PRESENT_LOAD, drive.duty * drive.settings.drive_sign * 1000.0)
+    put(reg.PRESENT_VOLTAGE, drive.volts * 10.0)
+    put(reg.PRESENT_TEMPERATURE, int(drive.motor.temperature))
+    put(reg.STATUS, drive.guard.flags)
+    put(reg.MOVING, drive.moving)
+    put(reg.SETPOINT, setpoint)
+    put(reg.PRESENT_CURRENT, drive.motor.current * drive.settings.drive_sign / CURRENT_UNIT)
+    put(reg.PROFILE_SPEED, drive.profile.velocity)

@@ -1,0 +1,102 @@
+"""Outside the servo: motor, gears, play, stops, and what the world does to one joint.
+
+The rotor behind its gears carries nearly all inertia, so one mass per joint is enough and the
+joints do not shake each other; gravity, contacts and a hand come in as torque on the output shaft.
+Between the rotor and the output there is play. A load presses the output against one side of it
+and is carried by the motor; an unloaded output is dragged along and lies anywhere in between,
+which is why a joint reached from two sides rests in two places. The encoder sits on the output.
+
+Integration is semi-implicit at 1 ms, so neither damping nor dry friction can make energy. Dry
+friction holds a resting shaft against any torque smaller than itself, exactly: a joint that hangs
+still keeps hanging still, bit for bit, and the emulator may stop computing it.
+"""
+
+from __future__ import annotations
+
+import math
+
+from so101_motion.drivers.emulator.hardware import FRICTION, TICKS_PER_RAD, VISCOUS, ServoType
+from so101_motion.drivers.emulator.motion import DT
+
+STOP_STIFFNESS = 150.0
+"""Of a mechanical stop [N m/rad]; chosen, a stalled servo presses it in by about a degree."""
+
+_STOP_DAMPING = 2.0  # [N m s/rad], chosen: an arm that falls on its stop does not bounce
+_PLAY_FRICTION = 0.01  # [N m], chosen: smaller loads do not move the output through the play
+_PLAY_SPEED = 1.5  # [tick/ms], chosen: how fast a load takes the output through the play
+
+
+class Shaft:
+    """Output shaft of one servo, in encoder ticks counted from an arbitrary turn.
+
+    Attributes:
+        output: Where the output is [tick].
+        velocity: How fast the rotor moves [tick/s] at the output.
+        lower: A stop [tick].
+        upper: A stop [tick].
+        lower_stiffness: What the lower stop is made of [N m/rad].
+        upper_stiffness: What the upper stop is made of [N m/rad].
+    """
+
+    __slots__ = (
+        "_brake", "_damping", "_drive", "_half_play", "_motor", "_push", "_slip",
+        "lower", "lower_stiffness", "output", "upper", "upper_stiffness", "velocity",
+    )  # fmt: skip
+
+    def __init__(
+        self, kind: ServoType, *, inertia: float, lash: float, lower: float, upper: float, at: float
+    ) -> None:
+        self.output = self._motor = at
+        self.velocity = 0.0
+        self.lower, self.upper = lower, upper
+        self.lower_stiffness = self.upper_stiffness = STOP_STIFFNESS
+        self._half_play = lash * TICKS_PER_RAD / 2.0
+        self._push = DT * TICKS_PER_RAD / inertia  # speed a torque of 1 N m gives in one step
+        self._slip = FRICTION * self._push
+        self._drive = kind.stall_torque / kind.volts  # torque by a volt, shaft blocked
+        self._damping = VISCOUS * DT / inertia
+        self._brake = (kind.stall_torque / kind.free_speed) * DT / inertia
+
+    def put(self, position: float) -> None:
+        """Place the output somewhere, at rest."""
+        self.output = self._motor = position
+        self.velocity = 0.0
+
+    def step(self, volts: float, *, bridge: bool, load: float) -> None:
+        """Advance by 1 ms.
+
+        Args:
+            volts: Mean voltage across the motor.
+            bridge: Whether the motor's ends are connected; open, there is no back-EMF brake.
+            load: Torque of the world on the output, positive towards higher ticks [N m].
+        """
+        output = self.output
+        if not self.lower <= output <= self.upper:
+            load += self._stop(output)
+        pressed = abs(load) > _PLAY_FRICTION
+        torque = self._drive * volts + (load if pressed else 0.0)
+        damping = self._damping + (self._brake if bridge else 0.0)
+        speed = (self.velocity + torque * self._push) / (1.0 + damping)
+        if abs(speed) <= self._slip:
+            self.velocity = 0.0
+        else:
+            self.velocity = speed - math.copysign(self._slip, speed)
+            self._motor += self.velocity * DT
+        self.output = self._follow(output, math.copysign(1.0, load) if pressed else 0.0)
+
+    def _stop(self, output: float) -> float:
+        if output > self.upper:
+            depth, stiffness = output - self.upper, self.upper_stiffness
+            outwards = max(self.velocity, 0.0)
+            return -(stiffness * depth + _STOP_DAMPING * outwards) / TICKS_PER_RAD
+        depth, stiffness = self.lower - output, self.lower_stiffness
+        outwards = max(-self.velocity, 0.0)
+        return (stiffness * depth + _STOP_DAMPING * outwards) / TICKS_PER_RAD
+
+    def _follow(self, output: float, side: float) -> float:
+        """Where the output goes: to the loaded side of the play, else dragged by its edges."""
+        low, high = self._motor - self._half_play, self._motor + self._half_play
+        if side:
+            reach = _PLAY_SPEED * side
+            output += reach
+        return min(max(output, low), high)

@@ -1,0 +1,110 @@
+"""One servo's bytes: what is in RAM now, and what the flash would bring back after a power cut.
+
+Every address is readable. Writing reaches EEPROM and RAM registers alike and takes effect at
+once; while Lock is 0 the EEPROM bytes are also saved. Measured bytes inside a written span are
+skipped without complaint, as the servo does. Nothing here knows what a value does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.registers import Keep, Register
+
+
+def _keep_by_address() -> list[Keep]:
+    """Who may write each byte; the gaps are RAM up to Lock and measured above it."""
+    keep = [Keep.RAM] * (reg.LOCK.address + 1)
+    keep += [Keep.READ_ONLY] * (reg.SIZE - len(keep))
+    for row in reg.REGISTERS.values():
+        keep[row.address : row.address + row.size] = [row.keep] * row.size
+    return keep
+
+
+_KEEP = _keep_by_address()
+
+
+class Memory:
+    """The 87 bytes of a servo, with their flash image and the backup of instruction 9.
+
+    Args:
+        factory: Values that differ from the table's defaults in this particular servo, by row.
+    """
+
+    def __init__(self, factory: Mapping[Register, int] | None = None) -> None:
+        self.bytes = bytearray(reg.SIZE)
+        for row in reg.REGISTERS.values():
+            self.set(row, row.default)
+        for row, raw in (factory or {}).items():
+            self.set(row, raw)
+        self._flash = bytes(self.bytes)
+        self._backup = self._flash
+
+    def raw(self, row: Register) -> int:
+        """The stored bits of a register."""
+        return int.from_bytes(self.bytes[row.address : row.address + row.size], "little")
+
+    def value(self, row: Register) -> int:
+        """What the servo makes of a register: sign decoded, held inside the row's range."""
+        return min(max(row.decode(self.raw(row)), row.lower), row.upper)
+
+    def set(self, row: Register, raw: int) -> None:
+        """Store bits, whoever may write the register."""
+        self.bytes[row.address : row.address + row.size] = raw.to_bytes(row.size, "little")
+
+    def read(self, address: int, count: int) -> bytes | None:
+        """The bytes of a READ, cut at the last register; None where there are none."""
+        if address >= reg.SIZE or count == 0:
+            return None
+        return bytes(self.bytes[address : address + count])
+
+    def write(self, address: int, data: bytes) -> range:
+        """Store the bytes of a WRITE.
+
+        Returns:
+            The addresses that were reached, empty beyond the last register.
+        """
+        reached = range(address, min(address + len(data), reg.SIZE))
+        locked = self.bytes[reg.LOCK.address] != 0
+        saved = bytearray(self._flash)
+        for here, byte in zip(reached, data, strict=False):
+            if _KEEP[here] is Keep.READ_ONLY:
+                continue
+            self.bytes[here] = byte
+            if _KEEP[here] is Keep.EEPROM and not locked:
+                saved[here] = byte
+        self._flash = bytes(saved)
+        return reached
+
+    def save(self, row: Register) -> None:
+        """Save one register now, locked or not (what the position calibration does)."""
+        saved = bytearray(self._flash)
+        span = slice(row.address, row.address + row.size)
+        saved[span] = self.bytes[span]
+        self._flash = bytes(saved)
+
+    def keep(self, row: Register, raw: int) -> None:
+        """Store bits and save them."""
+        self.set(row, raw)
+        self.save(row)
+
+    def boot(self) -> None:
+        """Power-up: EEPROM from flash, RAM from its defaults, torque limit from its maximum."""
+        self.bytes[:] = self._flash
+        for row in reg.REGISTERS.values():
+            if row.keep is not Keep.EEPROM:
+                self.set(row, row.default)
+        self.set(reg.TORQUE_LIMIT, self.raw(reg.MAX_TORQUE))
+
+    def save_backup(self) -> None:
+        """Keep today's EEPROM as what ``restore`` brings back."""
+        self._backup = bytes(self.bytes)
+
+    def restore(self) -> None:
+        """Bring back the backup (a new servo's values if none was made), except the id."""
+        own_id = self.bytes[reg.ID.address]
+        self._flash = self._backup
+        self.boot()
+        self.set(reg.ID, own_id)
+        self.save(reg.ID)

@@ -1,0 +1,178 @@
+"""Inside the servo: from a goal to a motor duty, once a millisecond.
+
+How it works
+    A goal is not a set-point. A *profile* starts at the present position and travels to the goal
+    on a trapezoid of speed, and the *loop* drives the motor after the profile's set-point. Writing
+    another goal re-plans from the velocity the profile has at that instant: the speed stays
+    continuous, and a goal behind it is reached by braking first. Writing the same goal again
+    changes nothing. The profile is blind: it ends on time even if the joint never moved.
+
+    The loop is a P-D-I controller in whole encoder ticks whose output is a duty in thousandths,
+    plus a constant that overcomes stiction. It has no feed-forward and, as delivered, no integral,
+    so under gravity the joint hangs below its goal until the error alone makes enough duty.
+
+Positions here are ticks of the unwrapped shaft angle, speeds ticks a second.
+
+Source: Feetech's examples (wait = d / V + V / a), the measurements named in ``hardware.py``, and
+github.com/0o8o0-blip/sts3215-firmware, motion.c and pid.c (behaviour only).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+DT = 0.001
+"""The servo's control period [s] (firmware: 1 kHz)."""
+
+
+class Profile:
+    """A trapezoid that can be sent elsewhere at any time.
+
+    Attributes:
+        position: The set-point.
+        velocity: Its speed, signed.
+        target: Where it is going.
+        acceleration: How fast its speed changes.
+        speed: Its cruising speed.
+        floor: It travels at least this fast, from the first step to the last.
+    """
+
+    __slots__ = ("acceleration", "floor", "position", "speed", "target", "velocity")
+
+    def __init__(self, position: float = 0.0) -> None:
+        self.position = self.target = position
+        self.velocity = 0.0
+        self.acceleration = self.speed = self.floor = 1.0
+
+    def seed(self, position: float) -> None:
+        """Stand still at a position and want to be there."""
+        self.position = self.target = position
+        self.velocity = 0.0
+
+    @property
+    def running(self) -> bool:
+        """Whether the set-point is still on its way."""
+        return self.position != self.target or self.velocity != 0.0
+
+    def step(self) -> None:
+        """Advance the set-point by one control period."""
+        distance = self.target - self.position
+        if distance == 0.0 and self.velocity == 0.0:
+            return
+        heading = math.copysign(1.0, distance)
+        speed = self._next_speed(self.velocity * heading, abs(distance))
+        # It may only stop from a crawl; a goal it is too fast for is passed and come back to.
+        if speed * DT >= abs(distance) and speed <= max(self.floor, self.acceleration * DT):
+            self.seed(self.target)
+            return
+        self.velocity = speed * heading
+        self.position += self.velocity * DT
+
+    def _next_speed(self, speed: float, distance: float) -> float:
+        """Speed towards the target in the coming step."""
+        change = self.acceleration * DT
+        if speed < 0.0:  # going the wrong way: brake before anything else
+            return min(speed + change, 0.0)
+        if speed > self.speed:  # the cruising speed was lowered on the way
+            faster = max(speed - change, self.speed)
+        elif self.speed > 0.0:
+            faster = max(min(speed + change, self.speed), self.floor)
+        else:
+            return speed
+        for choice in (faster, max(speed, self.floor)):
+            if choice * (choice / (2.0 * self.acceleration) + DT / 2.0) <= distance:
+                return choice  # it can still stop in time
+        return max(speed - change, self.floor)
+
+
+@dataclass(slots=True, kw_only=True)
+class Gains:
+    """The loop's registers, as numbers.
+
+    Attributes:
+        p: Register 21.
+        d: Register 22.
+        i: Register 23.
+        startup: Duty added in the direction of any output.
+        i_limit: Largest share of the integral, 0 for no limit.
+        cw_dead_zone: Errors down to minus this count as none [tick].
+        ccw_dead_zone: Errors up to this count as none [tick].
+        window: How often the D term looks [ms].
+        still: Changes of the error below this count as none [tick].
+        limit: Largest output.
+    """
+
+    p: int
+    d: int
+    i: int
+    startup: int
+    i_limit: int
+    cw_dead_zone: int
+    ccw_dead_zone: int
+    window: int
+    still: int
+    limit: int
+
+
+class Loop:
+    """The position controller; output in thousandths of full duty."""
+
+    __slots__ = ("_change", "_countdown", "_excess", "_last_error", "gains", "integral", "output")
+
+    def __init__(self, gains: Gains) -> None:
+        self.gains = gains
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything, as with torque off."""
+        self.integral = self.output = 0
+        self._excess = self._change = self._last_error = 0
+        self._countdown = 1
+
+    def step(self, error: int, *, integrate: bool) -> int:
+        """One control period.
+
+        Args:
+            error: Set-point minus measured position [tick].
+            integrate: Whether the integral may grow: not while moving, not in a fault.
+
+        Returns:
+            The demanded duty, -limit..limit.
+        """
+        g = self.gains
+        if error > g.ccw_dead_zone:
+            error -= g.ccw_dead_zone
+        elif error < -g.cw_dead_zone:
+            error += g.cw_dead_zone
+        else:
+            error = 0
+        self._differentiate(error)
+        demand = int(error * g.p / 4) + int(self._change * g.d / 8)
+        if g.i:
+            demand += self._integrate(error if integrate else 0)
+        if demand > 0:
+            demand += g.startup
+        elif demand < 0:
+            demand -= g.startup
+        self.output = max(min(demand, g.limit), -g.limit)
+        self._excess = demand - self.output
+        return self.output
+
+    def _differentiate(self, error: int) -> None:
+        self._countdown -= 1
+        if self._countdown > 0:
+            return
+        self._countdown = self.gains.window
+        change = error - self._last_error
+        self._change = 0 if abs(change) < self.gains.still else change
+        self._last_error = error
+
+    def _integrate(self, error: int) -> int:
+        share = int((self.integral + error) * self.gains.i / 500)
+        top = self.gains.i_limit
+        # Neither a full output nor a full share may wind the integral up further.
+        if error * self._excess <= 0 and (not top or abs(share) <= top or error * share < 0):
+            self.integral += error
+        share = int(self.integral * self.gains.i / 500)
+        return max(min(share, top), -top) if top else share

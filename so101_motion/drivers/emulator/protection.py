@@ -1,0 +1,194 @@
+"""The servo protecting itself: four faults, when they come, what they do, how they go.
+
+How it works
+    ``check`` runs every few milliseconds and keeps the status byte that travels in every reply.
+    Register 19 masks what a fault *does*; the bit is set either way. A fault never silences the
+    servo, and a write it answers with a fault bit was executed.
+
+    ========== ============================== ========================= ==========================
+    fault      comes                          does (if masked in)       goes
+    ========== ============================== ========================= ==========================
+    overload   |demand| > reg 36 for reg 35   duty held to reg 34:      when the demand in the
+               without 50 ticks of movement   the arm sags, not limp    stalled direction drops
+                                                                        under reg 34, or torque
+                                                                        is no longer 1
+    current    >= reg 28 for reg 38           torque off                when low while torque is 1
+    heat       > reg 13 for 50 ms             no duty, goal forgotten   5 degC below the limit
+    voltage    < reg 15 at once, > reg 14     no duty, goal forgotten   back inside the limits
+               for 51 ms                      (not masked in at birth)
+    ========== ============================== ========================= ==========================
+
+    Overload looks at what the loop *asks for*, so pulling the goal back to the present position
+    clears it, and no power cycle is needed.
+
+Source: Feetech STS memory table; github.com/0o8o0-blip/sts3215-firmware, pid.c and motion.c
+(behaviour only).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.memory import Memory
+
+_MOVED = 50  # [tick]
+_HOT_AFTER = 0.050  # [s]
+_COOLER_BY = 5  # [degC]
+_HIGH_AFTER = 0.051  # [s]
+CURRENT_UNIT = 0.0065
+"""One count of the current registers [A]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """The protection registers as numbers, SI but for duty (thousandths) and degrees Celsius."""
+
+    mask: int
+    overload_duty: int
+    overload_time: float
+    protective_duty: int
+    current: float
+    current_time: float
+    temperature: int
+    volts_low: int
+    volts_high: int
+
+    @classmethod
+    def of(cls, memory: Memory) -> Limits:
+        """Read them off a servo's registers."""
+        value = memory.value
+        return cls(
+            mask=value(reg.UNLOADING),
+            overload_duty=10 * value(reg.OVERLOAD_TORQUE),
+            overload_time=0.01 * value(reg.PROTECTION_TIME),
+            protective_duty=10 * value(reg.PROTECTIVE_TORQUE),
+            current=CURRENT_UNIT * value(reg.PROTECTION_CURRENT),
+            current_time=0.01 * value(reg.OVERCURRENT_TIME),
+            temperature=value(reg.MAX_TEMPERATURE),
+            volts_low=value(reg.MIN_VOLTAGE),
+            volts_high=value(reg.MAX_VOLTAGE),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """What the servo measures of itself, in the units of its registers.
+
+    Attributes:
+        demand: What the loop asks for, thousandths of full duty.
+        moved: How far the output moved since the last check [tick].
+        current: Through the bridge [A].
+        temperature: [degC].
+        decivolts: Supply [0.1 V].
+        torque: Register 40.
+    """
+
+    demand: int
+    moved: int
+    current: float
+    temperature: int
+    decivolts: int
+    torque: int
+
+
+class Guard:
+    """Timers and flags of one servo.
+
+    Attributes:
+        flags: The status byte.
+        limits: Replaced whole when a protection register is written.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self.reset()
+
+    def reset(self) -> None:
+        """As after power-up."""
+        self.flags = 0
+        self._stalled = 0  # direction of the stall that is being timed, or 0
+        self._moved = 0
+        self._stall_time = self._current_time = self._heat_time = self._high_time = 0.0
+
+    def acts(self, fault: int) -> bool:
+        """Whether a fault is present and masked in."""
+        return bool(self.flags & self.limits.mask & fault)
+
+    @property
+    def timing(self) -> bool:
+        """Whether some timer runs, so that the next check should come soon."""
+        waiting = self._stall_time + self._current_time + self._heat_time + self._high_time
+        return waiting > 0.0 and not self.flags
+
+    def check(self, dt: float, now: Condition) -> bool:
+        """Update the flags after ``dt`` seconds.
+
+        Returns:
+            Whether torque must be switched off (over-current).
+        """
+        self._overload(dt, now)
+        self._heat(dt, now.temperature)
+        self._voltage(dt, now.decivolts)
+        return self._overcurrent(dt, now)
+
+    def _set(self, fault: int, present: bool) -> None:
+        self.flags = self.flags | fault if present else self.flags & ~fault
+
+    def _overload(self, dt: float, now: Condition) -> None:
+        limits = self.limits
+        if self.flags & reg.OVERLOAD and now.torque != 1:
+            self._set(reg.OVERLOAD, False)
+            self._stalled = 0
+        if not self._stalled:
+            if abs(now.demand) <= limits.overload_duty:
+                self._stall_time = 0.0
+                return
+            self._stalled = 1 if now.demand > 0 else -1
+            self._moved, self._stall_time = 0, 0.0
+        if not self.flags & reg.OVERLOAD:
+            self._moved += now.moved
+            self._stall_time += dt
+            if abs(self._moved) > _MOVED:
+                self._stalled, self._stall_time = 0, 0.0
+                return
+            self._set(reg.OVERLOAD, self._stall_time > limits.overload_time)
+        if now.demand * self._stalled < limits.protective_duty:
+            self._stalled, self._stall_time = 0, 0.0
+            self._set(reg.OVERLOAD, False)
+
+    def _overcurrent(self, dt: float, now: Condition) -> bool:
+        limits = self.limits
+        if not limits.current or not limits.current_time:
+            self._set(reg.OVERCURRENT, False)
+            return False
+        if abs(now.current) < limits.current:
+            self._current_time = 0.0
+            if now.torque == 1:
+                self._set(reg.OVERCURRENT, False)
+            return False
+        self._current_time += dt
+        if self._current_time <= limits.current_time:
+            return False
+        self._set(reg.OVERCURRENT, True)
+        return self.acts(reg.OVERCURRENT)
+
+    def _heat(self, dt: float, temperature: int) -> None:
+        if self.flags & reg.OVERHEATED:
+            self._heat_time = 0.0
+            if temperature + _COOLER_BY < self.limits.temperature:
+                self._set(reg.OVERHEATED, False)
+        elif temperature > self.limits.temperature:
+            self._heat_time += dt
+            self._set(reg.OVERHEATED, self._heat_time > _HOT_AFTER)
+        else:
+            self._heat_time = 0.0
+
+    def _voltage(self, dt: float, decivolts: int) -> None:
+        if decivolts <= self.limits.volts_high:
+            self._high_time = 0.0
+            self._set(reg.VOLTAGE_FAULT, decivolts < self.limits.volts_low)
+            return
+        self._high_time += dt
+        if self._high_time > _HIGH_AFTER:
+            self._set(reg.VOLTAGE_FAULT, True)

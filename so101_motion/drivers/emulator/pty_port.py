@@ -1,0 +1,254 @@
+"""A serial port that is not there: the bus behind a pseudo-terminal.
+
+How it works
+    One thread waits for bytes, hands them to the bus and writes the replies when they are due.
+    It sleeps in ``select`` and costs nothing while nobody talks. In real time a reply is due when
+    its last byte would have left the wire; otherwise at once. On top comes the adapter's latency:
+    like a USB adapter it holds what it received until that long after the first byte, and then
+    hands over everything it has by then.
+
+    A client's baud rate is read back from the terminal, so a client at the wrong rate is not
+    heard, as on a wire. Unplugging closes the pseudo-terminal under the client's feet (reads end,
+    writes fail); plugging in opens another, usually under another name, and ``link`` follows it.
+
+    The thread keeps the client's side open too, so that settings survive between clients. That
+    has one catch: an exclusive lock (TIOCEXCL) of a client that died would survive as well. Where
+    inotify can tell when the last client closes, the lock is lifted then. All of this is Linux.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import fcntl
+import heapq
+import os
+import select
+import struct
+import termios
+import threading
+import time
+import tty
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from so101_motion.drivers.emulator.bus import Bus, Reply
+
+FASTEST = 1_000_000
+"""What the port is set to before any client sets it [baud]."""
+
+_TCGETS2, _TCSETS2 = 0x802C542A, 0x402C542B
+_BOTHER, _CBAUD = 0o010000, 0o010017
+_IN_CLOSE, _IN_OPEN = 0x18, 0x20
+_CHUNK = 4096
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pacing:
+    """When replies reach the client.
+
+    Attributes:
+        realtime: Whether bytes take the time they would take on the wire.
+        latency: How long the adapter holds received bytes [s].
+    """
+
+    realtime: bool = False
+    latency: float = 0.0
+
+
+class _Terminal:
+    """Both ends of one pseudo-terminal."""
+
+    def __init__(self) -> None:
+        self.master, self._client_side = os.openpty()
+        tty.setraw(self._client_side)
+        self.name = os.ttyname(self._client_side)
+        os.set_blocking(self.master, False)
+        self._set_fastest()
+        self.watch = _watch(self.name)
+        self._clients = 0
+
+    def _set_fastest(self) -> None:
+        settings = bytearray(44)
+        fcntl.ioctl(self.master, _TCGETS2, settings)
+        flags = struct.unpack_from("I", settings, 8)[0]
+        struct.pack_into("I", settings, 8, flags & ~_CBAUD | _BOTHER)
+        struct.pack_into("II", settings, 36, FASTEST, FASTEST)
+        fcntl.ioctl(self.master, _TCSETS2, settings)
+
+    def baud(self) -> int:
+        """What the client has set."""
+        settings = bytearray(44)
+        fcntl.ioctl(self.master, _TCGETS2, settings)
+        return int(struct.unpack_from("I", settings, 40)[0])
+
+    def clients_changed(self) -> None:
+        """Read what ``watch`` reports; with the last client goes its exclusive lock."""
+        assert self.watch is not None
+        events = os.read(self.watch, _CHUNK)
+        while events:
+            mask, length = (
+                struct.unpack_from("II", events, 4)[0],
+                struct.unpack_from("I", events, 12)[0],
+            )
+            self._clients += bool(mask & _IN_OPEN) - bool(mask & _IN_CLOSE)
+            events = events[16 + length :]
+            if self._clients <= 0:
+                self._clients = 0
+                fcntl.ioctl(self._client_side, termios.TIOCNXCL)
+
+    def close(self) -> None:
+        for fd in (self.master, self._client_side, self.watch):
+            if fd is not None:
+                os.close(fd)
+
+
+def _watch(path: str) -> int | None:
+    """A descriptor that becomes readable when somebody opens or closes ``path``."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if not hasattr(libc, "inotify_init1"):
+        return None
+    fd = int(libc.inotify_init1(os.O_CLOEXEC))
+    if fd >= 0 and libc.inotify_add_watch(fd, os.fsencode(path), _IN_OPEN | _IN_CLOSE) >= 0:
+        return fd
+    if fd >= 0:
+        os.close(fd)
+    return None
+
+
+class PtyPort:
+    """Serves a bus on a pseudo-terminal.
+
+    Args:
+        bus: What answers.
+        now: The emulator's clock [s].
+        pacing: When replies arrive.
+        link: A symbolic link to keep on the terminal's present name.
+
+    Attributes:
+        port: What a client opens: the link if there is one, else the terminal's name.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        now: Callable[[], float],
+        *,
+        pacing: Pacing,
+        link: Path | None = None,
+    ) -> None:
+        self._bus, self._now, self._pacing, self._link = bus, now, pacing, link
+        self._wake_read, self._wake_write = os.pipe()
+        self._due: list[tuple[float, int, bytes]] = []  # ready time, order, bytes
+        self._order = count()
+        self._wire_free = 0.0
+        self._lock = threading.Lock()
+        self._closing = False
+        self._terminal: _Terminal | None = None
+        self.plug()
+        self._thread = threading.Thread(target=self._serve, name="so101-emulator-port", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> str:
+        """What to open."""
+        if self._link is not None:
+            return str(self._link)
+        return self._terminal.name if self._terminal is not None else ""
+
+    # -- from outside ---------------------------------------------------------------------------
+
+    def plug(self) -> None:
+        """Bring the port into being, if it is not there."""
+        with self._lock:
+            if self._terminal is not None:
+                return
+            self._terminal = _Terminal()
+            if self._link is not None:
+                fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+                fresh.symlink_to(self._terminal.name)
+                fresh.replace(self._link)
+        self._wake()
+
+    def unplug(self) -> None:
+        """Take the port away under its client."""
+        with self._lock:
+            terminal, self._terminal = self._terminal, None
+            self._due.clear()
+            if self._link is not None:
+                self._link.unlink(missing_ok=True)
+            if terminal is not None:
+                terminal.close()
+        self._wake()
+
+    def close(self) -> None:
+        """End the thread and remove the port."""
+        self._closing = True
+        self._wake()
+        self._thread.join()
+        self.unplug()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    def _wake(self) -> None:
+        os.write(self._wake_write, b"\0")
+
+    # -- the thread -----------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        while not self._closing:
+            with self._lock:
+                terminal = self._terminal
+                sources = [self._wake_read]
+                if terminal is not None:
+                    sources += [fd for fd in (terminal.master, terminal.watch) if fd is not None]
+                timeout = self._next_delivery()
+            # An unplugged terminal's descriptor may be gone by now: then look again.
+            with contextlib.suppress(OSError, ValueError):
+                readable = select.select(sources, [], [], timeout)[0]
+                self._handle(terminal, readable)
+
+    def _handle(self, terminal: _Terminal | None, readable: list[int]) -> None:
+        if self._wake_read in readable:
+            os.read(self._wake_read, _CHUNK)
+        with self._lock:
+            if terminal is None or terminal is not self._terminal:
+                return
+            if terminal.watch in readable:
+                terminal.clients_changed()
+            if terminal.master in readable:
+                self._receive(terminal)
+            self._deliver(terminal)
+
+    def _receive(self, terminal: _Terminal) -> None:
+        arrival = time.monotonic()
+        data = os.read(terminal.master, _CHUNK)
+        replies = self._bus.feed(data, self._now(), baud=terminal.baud())
+        start = max(arrival, self._wire_free)
+        for reply in replies:
+            ready = self._ready(reply, start if self._pacing.realtime else arrival)
+            heapq.heappush(self._due, (ready, next(self._order), reply.data))
+        if replies:
+            self._wire_free = start + max(reply.after for reply in replies)
+
+    def _ready(self, reply: Reply, start: float) -> float:
+        return start + reply.held + (reply.after if self._pacing.realtime else 0.0)
+
+    def _next_delivery(self) -> float | None:
+        """Seconds until the adapter hands something over, None if it holds nothing."""
+        if not self._due:
+            return None
+        return max(self._due[0][0] + self._pacing.latency - time.monotonic(), 0.0)
+
+    def _deliver(self, terminal: _Terminal) -> None:
+        now = time.monotonic()
+        if not self._due or self._due[0][0] + self._pacing.latency > now:
+            return
+        ready = []
+        while self._due and self._due[0][0] <= now:
+            ready.append(heapq.heappop(self._due)[2])
+        # A client that never reads overruns its buffer, as on a real port.
+        with contextlib.suppress(BlockingIOError):
+            os.write(terminal.master, b"".join(ready))

@@ -1,0 +1,253 @@
+"""One virtual STS3215: its registers, and what instructions do to them.
+
+A write lands in memory first (``memory.py`` knows who may write what and how long it lasts); then
+this file does what the touched registers trigger, in the firmware's order: homing offset, mode,
+torque, and at last acceleration, speed and goal. A read fills in what the servo measures just
+before it copies the bytes.
+
+A written goal sets the profile off and switches torque on by itself. Reports disagree about that
+last point (the factory image does it, one bench saw it not done), so ``goal_enables_torque`` can
+turn it off: then goals that reach a limp servo do nothing.
+
+Modes 1 to 3 (speed, PWM, step) are stored and leave the motor without drive.
+
+Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
+uart_subsys.c and pid_motor.c (behaviour only).
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.codec import Code
+from so101_motion.drivers.emulator.drive import Drive
+from so101_motion.drivers.emulator.electric import BROWN_OUT
+from so101_motion.drivers.emulator.hardware import Joint, ServoType
+from so101_motion.drivers.emulator.meaning import (
+    clamped_goal,
+    plan_profile,
+    settings_from,
+    show_measurements,
+)
+from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.registers import TICKS_PER_TURN, Register
+
+BOOT_TIME = 0.8
+"""From reset to the first answer [s] (the bootloader waits for an update first)."""
+
+_CENTRE_HERE = 128  # written to register 40: "this is the middle"
+_CENTRE = 2048
+
+
+class Servo:
+    """A servo in its joint.
+
+    Args:
+        joint: Where it sits.
+        kind: Which motor it has.
+        q: Joint angle to start at [rad].
+        factory: EEPROM values that differ from the table's defaults, by row.
+        goal_enables_torque: Whether writing a goal switches torque on.
+        dither: How far position readings scatter [tick].
+
+    Attributes:
+        joint: Where it sits.
+        memory: Its registers.
+        drive: Everything that moves.
+        connected: False while its cable is unplugged: no power, no answers.
+        boot_at: When a starting servo will be up, on the emulator's clock [s], else None.
+    """
+
+    def __init__(
+        self,
+        joint: Joint,
+        kind: ServoType,
+        *,
+        q: float = 0.0,
+        factory: Mapping[Register, int] | None = None,
+        goal_enables_torque: bool = True,
+        dither: int = 0,
+    ) -> None:
+        self.joint = joint
+        self._dither, self._random = dither, random.Random(joint.name)
+        self._goal_enables_torque = goal_enables_torque
+        self.memory = Memory(factory)
+        self.drive = Drive(joint, kind, q, settings_from(self.memory))
+        self.connected = True
+        self.boot()
+
+    # -- power ----------------------------------------------------------------------------------
+
+    def boot(self) -> None:
+        """Power-up is complete: RAM forgotten, EEPROM as saved, turn count zero."""
+        self.boot_at: float | None = None
+        self.memory.boot()
+        self._pending = b""
+        self._mode = self.memory.value(reg.MODE)
+        self.drive.powered = True
+        self.drive.settings = settings_from(self.memory)
+        self.drive.restart(offset=reg.decode_offset(self.memory.raw(reg.OFFSET)))
+        plan_profile(self.memory, self.joint, self.drive.profile)
+
+    def power_off(self) -> None:
+        """Limp and silent, until ``boot``."""
+        self.boot_at = None
+        self.drive.powered = False
+        self.drive.halt()
+
+    def follow_power(self, now: float) -> None:
+        """Switch off with the supply, start with it, and finish a start that is due."""
+        supplied = self.connected and self.drive.volts >= BROWN_OUT
+        if not supplied:
+            if self.drive.powered or self.boot_at is not None:
+                self.power_off()
+        elif not self.drive.powered:
+            if self.boot_at is None:
+                self.boot_at = now + BOOT_TIME
+            if now >= self.boot_at:
+                self.boot()
+
+    # -- the wire -------------------------------------------------------------------------------
+
+    @property
+    def servo_id(self) -> int:
+        """The id it answers to."""
+        return self.memory.raw(reg.ID)
+
+    @property
+    def baud(self) -> int:
+        """The baud rate it hears."""
+        return reg.BAUDS[self.memory.value(reg.BAUD)]
+
+    @property
+    def status(self) -> int:
+        """The status byte of its replies."""
+        return self.drive.guard.flags
+
+    @property
+    def acknowledges(self) -> bool:
+        """Whether it answers instructions other than ping and read."""
+        return self.memory.raw(reg.STATUS_LEVEL) != 0
+
+    def execute(self, code: int, params: bytes, now: float) -> bytes | None:
+        """Carry out an instruction that is not a sync one.
+
+        Returns:
+            The data of the reply (mostly none: an acknowledgement), or None for silence.
+        """
+        match code:
+            case Code.PING:
+                return b""
+            case Code.READ:
+                return self.read(*params) if len(params) == 2 else None
+            case Code.REBOOT:
+                self.power_off()
+                self.boot_at = now + BOOT_TIME
+                return None
+            case Code.WRITE:
+                self.write(params)
+            case Code.REG_WRITE:
+                self._pending = params
+            case Code.ACTION:
+                pending, self._pending = self._pending, b""
+                self.write(pending)
+            case Code.CALIBRATE:
+                self._calibrate(params)
+            case Code.CLEAR_TURNS:
+                self._clear_turns()
+            case Code.RESTORE_DEFAULTS:
+                self.memory.restore()
+                self.boot()
+            case Code.SAVE_BACKUP:
+                self.memory.save_backup()
+            case _:
+                pass  # an unknown instruction is acknowledged like any other
+        return b"" if self.acknowledges else None
+
+    def read(self, address: int, count: int) -> bytes | None:
+        """The bytes of a READ, measured now."""
+        scatter = self._random.randint(-self._dither, self._dither) if self._dither else 0
+        show_measurements(self.memory, self.drive, scatter=scatter)
+        self.memory.set(reg.PENDING, 1 if self._pending else 0)
+        return self.memory.read(address, count)
+
+    def write(self, params: bytes) -> None:
+        """Store address and data of a WRITE, and do what it triggers."""
+        if len(params) < 2:
+            return
+        turns = self.drive.position // TICKS_PER_TURN
+        reached = self.memory.write(params[0], params[1:])
+
+        def touched(*rows: Register) -> bool:
+            return any(
+                row.address < reached.stop and reached.start < row.address + row.size
+                for row in rows
+            )
+
+        self.drive.wake()
+        if touched(reg.OFFSET):
+            self.drive.locate(reg.decode_offset(self.memory.raw(reg.OFFSET)), turns=turns)
+            self.drive.halt()
+        if touched(reg.MODE):
+            self._change_mode()
+        if reached.start < reg.TORQUE_ENABLE.address or touched(
+            reg.TORQUE_LIMIT, reg.MOVING_THRESHOLD, reg.D_WINDOW
+        ):
+            self.drive.settings = settings_from(self.memory)
+        if touched(reg.TORQUE_ENABLE):
+            self._switch_torque()
+        if touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or reached.stop > 80:
+            plan_profile(self.memory, self.joint, self.drive.profile)
+        if touched(reg.GOAL_POSITION):
+            self._set_off()
+
+    # -- what writes trigger ---------------------------------------------------------------------
+
+    def _set_off(self) -> None:
+        """A goal was written."""
+        drive = self.drive
+        if self._mode != 0 or (drive.torque != 1 and not self._goal_enables_torque):
+            return
+        if drive.torque != 1:
+            drive.halt()
+            drive.torque = 1
+        drive.profile.target = float(clamped_goal(self.memory))
+
+    def _switch_torque(self) -> None:
+        wanted = self.memory.raw(reg.TORQUE_ENABLE)
+        if wanted == _CENTRE_HERE:
+            self._calibrate(b"")
+            wanted = 0
+        if wanted != self.drive.torque:
+            self.drive.torque = wanted
+            self.drive.halt()
+
+    def _change_mode(self) -> None:
+        mode = self.memory.value(reg.MODE)
+        if mode == self._mode:
+            return
+        self._mode = mode
+        self.memory.set(reg.ACCELERATION, 0)
+        self.memory.set(reg.GOAL_VELOCITY, 0)
+        self.drive.torque = 0
+        self._clear_turns()
+        plan_profile(self.memory, self.joint, self.drive.profile)
+
+    def _clear_turns(self) -> None:
+        self.drive.locate(reg.decode_offset(self.memory.raw(reg.OFFSET)), turns=0)
+        self.drive.torque = 0
+        self.drive.halt()
+
+    def _calibrate(self, params: bytes) -> None:
+        """Choose and save the homing offset that makes the present position the wanted one."""
+        if len(params) not in (0, 2):
+            return
+        wanted = int.from_bytes(params, "little", signed=True) if params else _CENTRE
+        if not -TICKS_PER_TURN < wanted < TICKS_PER_TURN:
+            return
+        offset = self.drive.encoder % TICKS_PER_TURN - wanted
+        self.memory.keep(reg.OFFSET, reg.encode_offset(offset))
+        self.drive.locate(offset, turns=0)
+        self.drive.halt()

@@ -1,0 +1,227 @@
+"""Six servos in an arm, and the time that passes for them.
+
+How it works
+    Nothing runs by itself. Whoever is about to look or to touch calls ``advance`` with the time;
+    the world then catches up in steps of 1 ms, and every 5 ms looks at the slow things: gravity,
+    the hand, the supply, heat and protections. Servos that are quiet (see ``drive.py``) are not
+    stepped, and when all are, the rest of the interval is one jump; an arm at rest costs nothing
+    however long nobody asks.
+
+    The joints do not move each other: each has one inertia. What couples them is gravity, which
+    comes in as a function so that this package need not know any kinematics, and the supply.
+
+Every public method takes ``lock``, so a test or a scheduler may trouble the servos while another
+thread serves their port; hold it yourself to do several things at once.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from so101_motion.drivers.emulator.electric import ROOM_C, Supply
+from so101_motion.drivers.emulator.hand import OBJECT_STIFFNESS, Hand, jaw_angle_for_gap
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
+from so101_motion.drivers.emulator.mechanics import STOP_STIFFNESS
+from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.errors import ConfigError
+from so101_motion.geometry import Array
+
+Gravity = Callable[[Array], Array]
+"""Torque [N m] the six joints must exert to hold still at joint angles ``q`` [rad], shapes (6,):
+the generalised gravity of rigid-body dynamics. The arm feels its negative. It is called by whatever
+thread advances the world, one at a time: the port's, mostly."""
+
+_SLOW_MS = 5
+_JUMP_MS = 1000  # longest jump while everything rests
+_TIMING_JUMP_MS = 50  # while a protection timer or a start-up runs
+
+
+def no_gravity(q: Array) -> Array:
+    """Gravity of an arm without weight."""
+    return np.zeros_like(q)
+
+
+class World:
+    """The servos, what pulls at them, and their common supply.
+
+    Args:
+        servos: Along the cable, base to gripper; the last one drives the jaw.
+        t: Time at which it starts [s].
+        gravity: Holding torque as a function of the joint angles.
+        supply: The power supply.
+
+    Attributes:
+        servos: Along the cable.
+        supply: The power supply; its voltage may be changed at any time.
+        hand: The scripted hand; replace it to start another script.
+        lock: Held while anything changes; re-entrant.
+    """
+
+    def __init__(
+        self,
+        servos: Sequence[Servo],
+        *,
+        t: float = 0.0,
+        gravity: Gravity = no_gravity,
+        supply: Supply,
+    ) -> None:
+        self.servos = tuple(servos)
+        self.supply = supply
+        self.hand = Hand()
+        self.lock = threading.RLock()
+        self._gravity = gravity
+        self._origin, self._ms, self._phase = t, 0, 0
+        self._felt: tuple[float, ...] = ()  # angles the gravity was last computed for
+        self._weights = [0.0] * len(self.servos)
+        self._look(0.0)
+
+    @property
+    def t(self) -> float:
+        """The time everything has been computed up to [s]."""
+        return self._origin + self._ms / 1000.0
+
+    @property
+    def q(self) -> Array:
+        """True joint angles, shape (6,), [rad]."""
+        return np.array([servo.drive.q for servo in self.servos])
+
+    def servo(self, place: str | int) -> Servo:
+        """A servo by joint name, or by its place on the cable, 1 to 6.
+
+        Raises:
+            ConfigError: There is none.
+        """
+        for number, servo in enumerate(self.servos, start=1):
+            if place in (servo.joint.name, number, str(number)):
+                return servo
+        known = ", ".join(servo.joint.name for servo in self.servos)
+        raise ConfigError("servo", place, f"must be 1 to {len(self.servos)} or one of {known}")
+
+    # -- time -----------------------------------------------------------------------------------
+
+    def advance(self, now: float) -> None:
+        """Catch up with the clock; a clock that went back changes nothing."""
+        due = int((now - self._origin) * 1000.0 + 1e-6)
+        with self.lock:
+            while self._ms < due:
+                self._pass(self._run(due - self._ms))
+
+    def _run(self, left: int) -> int:
+        """Step whoever is awake, at most to the next look; the milliseconds it took."""
+        awake = [servo.drive for servo in self.servos if not servo.drive.quiet]
+        if not awake and not self.hand.busy and not self._phase:
+            return min(self._longest_jump(), left)
+        span = min(_SLOW_MS - self._phase, left)
+        for drive in awake:
+            for _ in range(span):
+                drive.step()
+        return span
+
+    def _pass(self, span: int) -> None:
+        self._ms += span
+        elapsed = self._phase + span
+        self._phase = elapsed % _SLOW_MS
+        if elapsed >= _SLOW_MS:
+            self._look((elapsed - self._phase) / 1000.0)
+
+    def _longest_jump(self) -> int:
+        soon = any(servo.drive.guard.timing or servo.boot_at is not None for servo in self.servos)
+        return _TIMING_JUMP_MS if soon else _JUMP_MS
+
+    def _look(self, dt: float) -> None:
+        """The slow things, after ``dt`` seconds."""
+        now = self.t
+        volts = self.supply.under(servo.drive.motor.drawn for servo in self.servos)
+        self._weigh()
+        for servo, weight in zip(self.servos, self._weights, strict=True):
+            drive, direction = servo.drive, servo.joint.direction
+            qd = direction * drive.shaft.velocity / TICKS_PER_RAD
+            push = self.hand.torque(servo.joint.name, now, drive.q, qd) - weight
+            self._expose(servo, direction * push, volts)
+            if dt:
+                drive.inspect(dt)
+            servo.follow_power(now)
+
+    @staticmethod
+    def _expose(servo: Servo, load: float, volts: float) -> None:
+        drive = servo.drive
+        if abs(load - drive.load) > 1e-4 or abs(volts - drive.volts) > 0.02:
+            drive.load, drive.volts = load, volts
+            drive.wake()
+
+    def _weigh(self) -> None:
+        angles = tuple(servo.drive.q for servo in self.servos)
+        if angles != self._felt:
+            self._felt = angles
+            self._weights = [float(torque) for torque in self._gravity(np.array(angles))]
+
+    # -- what people do to an arm ---------------------------------------------------------------
+
+    def connect(self, place: str | int) -> None:
+        """Plug a servo into the cable; it starts up."""
+        with self.lock:
+            self.servo(place).connected = True
+            self._react()
+
+    def disconnect(self, place: str | int) -> None:
+        """Unplug a servo: silent and limp, as a dead one."""
+        with self.lock:
+            self.servo(place).connected = False
+            self._react()
+
+    def reboot(self, place: str | int) -> None:
+        """A servo resets by itself, as after a spike on its supply."""
+        with self.lock:
+            servo = self.servo(place)
+            servo.power_off()
+            self._react()
+
+    def power(self, volts: float) -> None:
+        """Set the supply [V]; 0 is a switched-off one, 5 a weak one."""
+        with self.lock:
+            self.supply.volts = volts
+            self._react()
+
+    def warm(self, place: str | int, celsius: float) -> None:
+        """Make a servo this hot and keep its surroundings so."""
+        with self.lock:
+            motor = self.servo(place).drive.motor
+            motor.temperature = motor.ambient = celsius
+            self._react()
+
+    def cool(self, place: str | int) -> None:
+        """Let a servo cool down in room air again."""
+        with self.lock:
+            self.servo(place).drive.motor.ambient = ROOM_C
+
+    def put_object(self, width: float) -> None:
+        """Hold something ``width`` [m] wide between the jaw tips.
+
+        Raises:
+            ConfigError: Wider than the jaws open.
+        """
+        self._jaw_limit(jaw_angle_for_gap(width), OBJECT_STIFFNESS)
+
+    def take_object(self) -> None:
+        """Nothing between the jaws any more."""
+        self._jaw_limit(self.servos[-1].joint.lower, STOP_STIFFNESS)
+
+    def _jaw_limit(self, closed: float, stiffness: float) -> None:
+        with self.lock:
+            drive, joint = self.servos[-1].drive, self.servos[-1].joint
+            ends = sorted((drive.to_ticks(closed), drive.to_ticks(joint.upper)))
+            drive.shaft.lower, drive.shaft.upper = ends
+            if joint.direction > 0:
+                drive.shaft.lower_stiffness = stiffness
+            else:
+                drive.shaft.upper_stiffness = stiffness
+            drive.wake()
+
+    def _react(self) -> None:
+        """Let the change be felt at once, not at the next slow look."""
+        self._look(0.0)
+        for servo in self.servos:
+            servo.drive.wake()

@@ -1,0 +1,247 @@
+"""What only a port can show: plugging, locks, timing, the program around it."""
+
+import fcntl
+import io
+import os
+import select
+import struct
+import termios
+import threading
+
+import pytest
+import serial
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.faults import WireFaults, parse_fault
+from so101_motion.drivers.emulator.pty_port import Pacing
+from so101_motion.drivers.emulator.run import run_emulator
+
+PING = frame(1, Code.PING)
+PONG = bytes.fromhex("FF FF 01 02 00 FC")
+SYNC_READ = frame(BROADCAST, Code.SYNC_READ, bytes((56, 2, 1, 2, 3, 4, 5, 6)))
+_TIOCGEXCL = 0x80045440
+
+
+@pytest.fixture
+def link(tmp_path):
+    return tmp_path / "so101"
+
+
+@pytest.fixture
+def make_emulator(clock):
+    made = []
+
+    def make(**options):
+        emulator = Emulator(EmulatorOptions(**options), now=clock.now)
+        made.append(emulator)
+        return emulator
+
+    yield make
+    for emulator in made:
+        emulator.close()
+
+
+def open_port(emulator, timeout=2.0):
+    return serial.Serial(emulator.port, 1_000_000, timeout=timeout)
+
+
+def ask(port, request, count):
+    port.write(request)
+    return port.read(count)
+
+
+def is_silent(port, request):
+    patience, port.timeout = port.timeout, 0.03
+    heard = ask(port, request, 1)
+    port.timeout = patience
+    return heard == b""
+
+
+def first_chunk(port, request):
+    """What one read gives once anything has arrived."""
+    port.write(request)
+    assert select.select([port.fileno()], [], [], 2.0)[0]
+    return os.read(port.fileno(), 4096)
+
+
+@pytest.mark.parametrize("high", range(0, 256, 32))
+def test_every_byte_value_survives_the_way_there_and_back(make_emulator, high):
+    """Control characters above all: a terminal that is not raw eats or translates them."""
+    with open_port(make_emulator()) as port:
+        for value in range(high, min(high + 32, 255)):
+            params = bytes((reg.GOAL_TIME.address, value, 0))
+            assert ask(port, frame(1, Code.WRITE, params), 6) == PONG
+            reply = ask(port, frame(1, Code.READ, bytes((reg.GOAL_TIME.address, 1))), 7)
+            assert reply[5] == value
+
+
+def test_port_works_for_a_client_that_sets_nothing(make_emulator):
+    fd = os.open(make_emulator().port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(fd, PING)
+        assert select.select([fd], [], [], 2.0)[0]
+        assert os.read(fd, 100) == PONG
+    finally:
+        os.close(fd)
+
+
+def test_unplugging_ends_reads_and_writes_and_plugging_in_brings_the_link_back(make_emulator, link):
+    emulator = make_emulator(link=link)
+    port = open_port(emulator)
+    assert ask(port, PING, 6) == PONG
+    emulator.unplug()
+    assert not link.is_symlink()
+    with pytest.raises(serial.SerialException):
+        ask(port, PING, 6)
+    port.close()
+    emulator.plug()
+    with open_port(emulator) as again:
+        assert ask(again, PING, 6) == PONG
+
+
+def test_servos_live_on_while_the_port_is_unplugged(make_emulator, link, clock):
+    emulator = make_emulator(link=link)
+    goal = frame(1, Code.WRITE, bytes((42,)) + (2300).to_bytes(2, "little"))
+    with open_port(emulator) as port:
+        assert ask(port, goal, 6) == PONG
+    emulator.unplug()
+    clock.advance(2.0)
+    emulator.advance()
+    emulator.plug()
+    with open_port(emulator) as port:
+        reply = ask(port, frame(1, Code.READ, bytes((56, 2))), 8)
+    assert int.from_bytes(reply[5:7], "little") == pytest.approx(2300, abs=2)
+
+
+def test_port_can_be_unplugged_in_the_middle_of_traffic(make_emulator, link):
+    emulator, fault = make_emulator(link=link), parse_fault("unplug")
+    for _ in range(10):
+        with open_port(emulator) as port:
+            port.write(SYNC_READ * 20)
+            emulator.begin(fault)
+        emulator.end(fault)
+    with open_port(emulator) as port:
+        assert ask(port, PING, 6) == PONG
+
+
+def test_lock_of_a_client_that_is_gone_does_not_stay(make_emulator):
+    emulator = make_emulator()
+    with open_port(emulator) as port:
+        fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
+        assert ask(port, PING, 6) == PONG
+    fd = os.open(emulator.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        os.write(fd, PING)  # the answer comes after the thread has seen the other one go
+        assert select.select([fd], [], [], 2.0)[0]
+        locked = struct.unpack("i", fcntl.ioctl(fd, _TIOCGEXCL, b"\0\0\0\0"))[0]
+        assert not locked
+    finally:
+        os.close(fd)
+
+
+def test_adapter_latency_collects_the_replies_of_a_sync_read(make_emulator):
+    emulator = make_emulator(pacing=Pacing(realtime=True, latency=0.02))
+    with open_port(emulator) as port:
+        assert len(first_chunk(port, SYNC_READ)) == 6 * 8
+
+
+def test_late_reply_comes_after_the_answer_to_the_next_question(make_emulator):
+    # This seed delays the first reply and not the second.
+    emulator = make_emulator(wire=WireFaults(late=0.5, lateness=0.05, seed=1))
+    with open_port(emulator) as port:
+        replies = ask(port, PING + frame(2, Code.PING), 12)
+        assert replies == bytes.fromhex("FF FF 02 02 00 FB") + PONG
+
+
+def test_duplicated_reply_arrives_twice(make_emulator):
+    emulator = make_emulator(wire=WireFaults(duplicate=1.0))
+    with open_port(emulator) as port:
+        assert ask(port, PING, 12) == PONG * 2
+
+
+def test_client_that_never_reads_blocks_nobody(make_emulator):
+    emulator = make_emulator()
+    with open_port(emulator) as deaf:
+        for _ in range(60):
+            deaf.write(SYNC_READ * 10)
+    with open_port(emulator, timeout=0.05) as port:
+        assert any(PONG in ask(port, PING, 4096) for _ in range(40))
+
+
+@pytest.mark.parametrize("text", ["dead:1", "brownout=2", "loss=1", "request_loss=1", "twin:1=9"])
+def test_faults_that_silence_a_servo_begin_and_end_on_request(make_emulator, clock, text):
+    emulator, fault = make_emulator(), parse_fault(text)
+    with open_port(emulator) as port:
+        emulator.begin(fault)
+        assert is_silent(port, PING)
+        emulator.end(fault)
+        clock.advance(1.0)  # time to boot
+        assert ask(port, PING, 6) == PONG
+
+
+def test_servo_is_hot_until_it_has_cooled_down(make_emulator, clock):
+    emulator, fault = make_emulator(), parse_fault("hot:1=80")
+    with open_port(emulator) as port:
+        emulator.begin(fault)
+        clock.advance(0.1)
+        assert ask(port, PING, 6) == bytes.fromhex("FF FF 01 02 04 F8")
+        emulator.end(fault)
+        clock.advance(600.0)
+        assert ask(port, PING, 6) == PONG
+
+
+def test_reboot_and_object_are_faults_too(make_emulator, clock):
+    emulator = make_emulator()
+    with open_port(emulator) as port:
+        emulator.begin(parse_fault("reboot:1"))
+        assert is_silent(port, PING)
+        emulator.begin(parse_fault("object=0.05"))
+        clock.advance(1.0)
+        assert ask(port, PING, 6) == PONG
+        assert emulator.world.q[5] > 0.4  # the object holds the jaw open
+        emulator.end(parse_fault("object=0.05"))
+
+
+def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
+    told, ready, stop = [], threading.Event(), threading.Event()
+
+    def announce(line):
+        told.append(line)
+        ready.set()
+
+    commands_read, commands_write = os.pipe()
+    with os.fdopen(commands_read) as commands, os.fdopen(commands_write, "w") as typing:
+        program = threading.Thread(
+            target=run_emulator,
+            args=(EmulatorOptions(link=link, faults=(parse_fault("dead:2"),)),),
+            kwargs={"announce": announce, "stop": stop, "commands": commands},
+            name="so101-emulator-program",
+        )
+        program.start()
+        try:
+            assert ready.wait(5.0)
+            ready.clear()
+            assert told == [str(link)]
+            with serial.Serial(told[0], 1_000_000, timeout=2.0) as port:
+                assert ask(port, PING, 6) == PONG
+                typing.write("volcano\n")
+                typing.flush()
+                assert ready.wait(5.0)
+                assert "volcano" in told[1]
+                assert is_silent(port, frame(2, Code.PING))
+        finally:
+            stop.set()
+            program.join(5.0)
+    assert not program.is_alive()
+    assert not link.is_symlink()
+
+
+def test_program_lives_on_without_input(link):
+    stop = threading.Event()
+    stop.set()
+    run_emulator(
+        EmulatorOptions(link=link), announce=lambda _: None, stop=stop, commands=io.StringIO()
+    )
+    assert not link.is_symlink()

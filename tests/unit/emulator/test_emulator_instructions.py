@@ -1,0 +1,261 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.bus import TURNAROUND
+from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
+from so101_motion.drivers.emulator.hardware import SO101
+
+BYTE = 10e-6  # one byte on the wire at 1 Mbaud [s]
+
+
+def word(value):
+    return value.to_bytes(2, "little")
+
+
+def test_ping_is_answered_by_the_one_who_is_meant(bench):
+    (reply,) = bench.raw(bytes.fromhex("FF FF 01 02 01 FB"))
+    assert reply.data == bytes.fromhex("FF FF 01 02 00 FC")
+    assert reply.after == pytest.approx(12 * BYTE + TURNAROUND)
+
+
+def test_position_is_read_as_in_the_manual(bench):
+    (reply,) = bench.raw(bytes.fromhex("FF FF 01 04 02 38 02 BE"))
+    assert reply.data == bytes.fromhex("FF FF 01 04 00 00 08 F2")
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [
+        frame(9, Code.PING),  # nobody's id
+        bytes.fromhex("FF FF 01 02 01 FA"),  # wrong checksum
+        frame(1, Code.READ, bytes((56,))),  # a read needs address and count
+        frame(1, Code.READ, bytes((56, 2, 0))),
+        frame(1, Code.READ, bytes((90, 2))),  # beyond the last register
+        frame(BROADCAST, Code.READ, bytes((56, 2))),
+        frame(BROADCAST, Code.WRITE, bytes((40, 0))),
+        frame(BROADCAST, Code.SYNC_WRITE, bytes((40, 1, 1, 0))),
+        frame(1, Code.REBOOT),
+    ],
+)
+def test_silence(bench, packet):
+    assert bench.raw(packet) == []
+
+
+def test_reading_past_the_last_register_returns_less(bench):
+    assert len(bench.ask_one(1, Code.READ, bytes((80, 20))).data) == 7
+
+
+def test_every_register_can_be_read(bench):
+    whole = bench.ask_one(3, Code.READ, bytes((0, 87))).data
+    assert len(whole) == 87
+    assert whole[:6] == bytes((3, 10, 0, 9, 3, 3))  # firmware 3.10, model 777, id 3
+
+
+def test_arm_is_configured_as_lerobot_does_it(bench):
+    writes = (
+        (reg.TORQUE_ENABLE, 0), (reg.LOCK, 0), (reg.RETURN_DELAY, 0), (reg.MAX_ACCELERATION, 254),
+        (reg.ACCELERATION, 254), (reg.MODE, 0), (reg.P_GAIN, 16), (reg.I_GAIN, 0),
+        (reg.D_GAIN, 32), (reg.TORQUE_ENABLE, 1), (reg.LOCK, 1),
+    )  # fmt: skip
+    for servo_id in range(1, 7):
+        assert {bench.write(servo_id, row, value) for row, value in writes} == {0}
+        kept = dict(writes)
+        assert {row: bench.read(servo_id, row) for row in kept} == kept
+
+
+def test_unknown_instruction_is_acknowledged(bench):
+    assert bench.ask_one(1, 0x63).data == b""
+
+
+def test_status_level_zero_leaves_only_ping_and_read_answered(bench):
+    assert bench.ask(1, Code.WRITE, bytes((reg.STATUS_LEVEL.address, 0))) == []
+    assert bench.ask(1, Code.WRITE, bytes((40, 1))) == []
+    assert len(bench.ask(1, Code.PING)) == 1
+    assert bench.read(1, reg.TORQUE_ENABLE) == 1
+
+
+def test_id_change_is_acknowledged_under_the_old_id(bench):
+    assert bench.ask_one(6, Code.WRITE, bytes((reg.ID.address, 17))).servo_id == 6
+    assert bench.ask(6, Code.PING) == []
+    assert bench.ask_one(17, Code.PING).servo_id == 17
+
+
+def test_id_written_under_lock_is_lost_at_reboot(bench):
+    bench.write(6, reg.ID, 17)
+    bench.ask(17, Code.REBOOT)
+    bench.advance(1.0)
+    assert bench.ask_one(6, Code.PING).servo_id == 6
+
+
+def test_baud_change_is_acknowledged_at_the_old_rate(bench):
+    assert bench.ask_one(1, Code.WRITE, bytes((reg.BAUD.address, 4))).servo_id == 1
+    assert bench.ask(1, Code.PING) == []
+    (reply,) = bench.raw(frame(1, Code.PING), baud=115_200)
+    assert reply.after == pytest.approx(120 / 115_200 + TURNAROUND)
+    assert bench.raw(frame(2, Code.PING), baud=115_200) == []
+
+
+def test_registered_write_waits_for_action(bench):
+    params = bytes((reg.GOAL_POSITION.address,)) + word(2100)
+    assert bench.ask_one(1, Code.REG_WRITE, params).data == b""
+    assert bench.read(1, reg.PENDING) == 1
+    assert bench.read(1, reg.GOAL_POSITION) == 0
+    assert bench.ask(BROADCAST, Code.ACTION) == []
+    assert bench.read(1, reg.PENDING) == 0
+    assert bench.read(1, reg.GOAL_POSITION) == 2100
+
+
+def test_sync_read_is_answered_in_list_order_and_in_slots(bench):
+    request = frame(BROADCAST, Code.SYNC_READ, bytes((56, 2, 3, 1, 6)))
+    replies = bench.raw(request)
+    assert [reply.data[2] for reply in replies] == [3, 1, 6]
+    slot = (2 + 6 + 3) * BYTE
+    start = len(request) * BYTE + TURNAROUND + 8 * BYTE
+    assert [reply.after for reply in replies] == pytest.approx(
+        [start, start + slot, start + 2 * slot]
+    )
+
+
+def test_silent_servo_leaves_a_hole_in_a_sync_read(bench):
+    request = frame(BROADCAST, Code.SYNC_READ, bytes((56, 2, 1, 2, 3)))
+    whole = {reply.data[2]: reply.after for reply in bench.raw(request)}
+    bench.world.disconnect("shoulder_lift")
+    holed = {reply.data[2]: reply.after for reply in bench.raw(request)}
+    assert holed == {servo_id: whole[servo_id] for servo_id in (1, 3)}
+
+
+def test_broadcast_ping_is_answered_in_slots_by_id(bench):
+    replies = bench.raw(frame(BROADCAST, Code.PING))
+    assert [reply.data[2] for reply in replies] == [1, 2, 3, 4, 5, 6]
+    gaps = {round((b.after - a.after) / BYTE, 6) for a, b in pairwise(replies)}
+    assert gaps == {9.0}
+
+
+def test_sync_write_reaches_each_with_its_own_share(bench):
+    shares = b"".join(bytes((i,)) + word(2000 + i) for i in (1, 2, 3, 4, 5, 6))
+    assert bench.ask(BROADCAST, Code.SYNC_WRITE, bytes((42, 2)) + shares) == []
+    assert [bench.read(i, reg.GOAL_POSITION) for i in range(1, 7)] == list(range(2001, 2007))
+
+
+def test_two_servos_with_one_id_garble_what_differs(bench):
+    bench.world.servo(2).memory.set(reg.ID, 1)
+    (ping,) = bench.raw(frame(1, Code.PING))
+    assert ping.data == bytes.fromhex("FF FF 01 02 00 FC")  # the same from both
+    bench.world.servo(2).drive.shaft.put(1234)
+    (position,) = bench.raw(frame(1, Code.READ, bytes((56, 2))))
+    assert position.data[-3:-1] == bytes((0x00 & 0xD2, 0x08 & 0x04))
+
+
+def test_reboot_is_silent_for_most_of_a_second_and_forgets_ram(bench):
+    bench.write(1, reg.TORQUE_ENABLE, 1)
+    bench.write(1, reg.ACCELERATION, 50)
+    bench.ask(1, Code.REBOOT)
+    bench.advance(0.7)
+    assert bench.ask(1, Code.PING) == []
+    bench.advance(0.2)
+    assert bench.read(1, reg.TORQUE_ENABLE) == 0
+    assert bench.read(1, reg.ACCELERATION) == 0
+    assert bench.read(1, reg.LOCK) == 1
+
+
+@pytest.mark.parametrize("encoder", [0, 85, 2047, 2048, 3000, 4095])
+def test_writing_128_makes_here_the_middle_and_survives(make_bench, encoder):
+    bench = make_bench(joints=tuple(replace(joint, zero_ticks=encoder) for joint in SO101))
+    bench.write(5, reg.TORQUE_ENABLE, 128)
+    assert bench.read(5, reg.PRESENT_POSITION) == 2048
+    assert bench.read(5, reg.TORQUE_ENABLE) == 0
+    assert reg.decode_offset(bench.read(5, reg.OFFSET)) == encoder - 2048
+    bench.ask(5, Code.REBOOT)
+    bench.advance(1.0)
+    assert bench.read(5, reg.PRESENT_POSITION) == 2048
+
+
+def test_calibration_instruction_takes_a_position(bench):
+    bench.ask_one(5, Code.CALIBRATE, word(1000))
+    assert bench.read(5, reg.PRESENT_POSITION) == 1000
+
+
+def test_offset_moves_the_position_frame_at_once(bench):
+    bench.write(1, reg.OFFSET, reg.encode_offset(-500))
+    assert bench.read(1, reg.PRESENT_POSITION) == 2548
+    bench.write(1, reg.OFFSET, reg.encode_offset(2047))
+    assert bench.read(1, reg.PRESENT_POSITION) == 1
+
+
+def test_offset_change_under_torque_does_not_move_the_joint(bench):
+    bench.write(1, reg.TORQUE_ENABLE, 1)
+    bench.write(1, reg.OFFSET, 300)
+    before = bench.world.q[0]
+    bench.advance(1.0)
+    assert bench.world.q[0] == pytest.approx(before, abs=1e-3)
+
+
+def test_turns_are_counted_until_cleared(bench):
+    drive = bench.world.servo(5).drive
+    drive.shaft.lower, drive.shaft.upper = -1e6, 1e6
+    for position in range(2048, 6000, 500):
+        drive.shaft.put(float(position))
+    bench.write(5, reg.PHASE, 12 | reg.PHASE_MULTI_TURN)
+    assert bench.read(5, reg.PRESENT_POSITION) == 5548
+    bench.ask_one(5, Code.CLEAR_TURNS)
+    assert bench.read(5, reg.PRESENT_POSITION) == 5548 - 4096
+    bench.write(5, reg.PHASE, 12)
+    assert bench.read(5, reg.PRESENT_POSITION) == 5548 - 4096
+
+
+def test_joint_pushed_over_the_seam_unwinds_a_whole_turn(bench):
+    drive = bench.world.servo(5).drive
+    drive.shaft.lower, drive.shaft.upper = -1e6, 1e6
+    drive.shaft.put(4200.0)  # by hand; reads as 104
+    assert bench.read(5, reg.PRESENT_POSITION) == 104
+    bench.write(5, reg.GOAL_POSITION, 200)
+    bench.advance(0.1)
+    assert drive.shaft.velocity < 0
+
+
+def test_encoder_may_count_backwards(bench):
+    bench.world.servo(1).drive.shaft.put(1000.0)
+    bench.write(1, reg.PHASE, 12 | reg.PHASE_ENCODER_REVERSED)
+    bench.write(1, reg.OFFSET, 0)
+    assert bench.read(1, reg.PRESENT_POSITION) == 3095
+
+
+def test_defaults_come_back_except_the_id(bench):
+    bench.write(1, reg.LOCK, 0)
+    bench.write(1, reg.ID, 9)
+    bench.write(9, reg.P_GAIN, 16)
+    bench.ask_one(9, Code.RESTORE_DEFAULTS)
+    assert bench.read(9, reg.P_GAIN) == 32
+
+
+def test_restore_brings_back_a_saved_backup(bench):
+    bench.write(1, reg.P_GAIN, 16)
+    bench.ask_one(1, Code.SAVE_BACKUP)
+    bench.write(1, reg.P_GAIN, 64)
+    bench.ask_one(1, Code.RESTORE_DEFAULTS)
+    assert bench.read(1, reg.P_GAIN) == 16
+
+
+def test_mode_change_drops_torque_speed_and_acceleration(bench):
+    for row, value in ((reg.ACCELERATION, 50), (reg.GOAL_VELOCITY, 300), (reg.TORQUE_ENABLE, 1)):
+        bench.write(1, row, value)
+    bench.write(1, reg.MODE, 1)
+    rows = (reg.ACCELERATION, reg.GOAL_VELOCITY, reg.TORQUE_ENABLE)
+    assert [bench.read(1, row) for row in rows] == [0, 0, 0]
+
+
+def test_acceleration_register_is_cut_at_its_maximum(bench):
+    bench.write(1, reg.ACCELERATION, 254)
+    assert bench.read(1, reg.ACCELERATION) == 100
+    bench.write(1, reg.MAX_ACCELERATION, 254)
+    bench.write(1, reg.ACCELERATION, 254)
+    assert bench.read(1, reg.ACCELERATION) == 254
+
+
+def test_readings_scatter_when_asked_to(make_bench):
+    bench = make_bench(dither=3)
+    seen = {bench.read(1, reg.PRESENT_POSITION) for _ in range(200)}
+    assert seen == set(range(2045, 2052))

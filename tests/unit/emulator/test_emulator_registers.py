@@ -1,0 +1,89 @@
+from itertools import pairwise
+
+import pytest
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.registers import REGISTERS, Keep
+
+
+def test_rows_do_not_overlap_and_stay_inside_the_map():
+    rows = sorted(REGISTERS.values(), key=lambda row: row.address)
+    assert all(a.address + a.size <= b.address for a, b in pairwise(rows))
+    assert rows[-1].address + rows[-1].size == reg.SIZE
+
+
+@pytest.mark.parametrize("name", REGISTERS)
+def test_defaults_lie_in_range(name):
+    row = REGISTERS[name]
+    assert row.lower <= row.decode(row.default) <= row.upper
+
+
+@pytest.mark.parametrize(
+    ("row", "value", "raw"),
+    [
+        (reg.GOAL_POSITION, 2048, 0x0800),
+        (reg.GOAL_POSITION, -1, 0x8001),
+        (reg.PRESENT_VELOCITY, -50, 0x8032),
+        (reg.PRESENT_LOAD, -224, 0x0400 | 224),
+        (reg.PRESENT_LOAD, 224, 224),
+        (reg.MAX_TORQUE, 1000, 1000),
+    ],
+)
+def test_signs_are_where_the_table_says(row, value, raw):
+    assert row.encode(value) == raw
+    assert row.decode(raw) == value
+
+
+@pytest.mark.parametrize(
+    ("offset", "raw"), [(0, 0), (85, 85), (-85, 0x855), (2047, 0x7FF), (-2047, 0xFFF),
+                        (2048, 0x1000), (-2048, 0x1800), (4095, 0x17FF), (-4095, 0x1FFF)],
+)  # fmt: skip
+def test_homing_offset_has_a_sign_and_one_extra_bit(offset, raw):
+    assert reg.encode_offset(offset) == raw
+    assert reg.decode_offset(raw) == offset
+
+
+def test_writes_with_lock_open_survive_a_reboot_and_others_do_not():
+    memory = Memory()
+    memory.write(reg.P_GAIN.address, bytes((16,)))  # locked: effective, not kept
+    assert memory.value(reg.P_GAIN) == 16
+    memory.boot()
+    assert memory.value(reg.P_GAIN) == 32
+    memory.write(reg.LOCK.address, b"\0")
+    memory.write(reg.P_GAIN.address, bytes((16,)))
+    memory.boot()
+    assert memory.value(reg.P_GAIN) == 16
+    assert memory.value(reg.LOCK) == 1
+
+
+def test_measured_bytes_inside_a_written_span_are_skipped():
+    memory = Memory()
+    before = memory.read(56, 15)
+    memory.write(55, bytes(16))
+    assert memory.read(56, 15) == before
+    assert memory.value(reg.LOCK) == 0
+
+
+def test_torque_limit_follows_its_maximum_at_power_up_only():
+    memory = Memory()
+    memory.write(reg.LOCK.address, b"\0")
+    memory.write(reg.MAX_TORQUE.address, (500).to_bytes(2, "little"))
+    assert memory.value(reg.TORQUE_LIMIT) == 1000
+    memory.boot()
+    assert memory.value(reg.TORQUE_LIMIT) == 500
+
+
+def test_reading_over_the_end_is_cut_there():
+    memory = Memory()
+    assert memory.read(85, 10) == bytes((100, 1))
+    assert memory.read(87, 1) is None
+
+
+def test_ram_starts_from_zero_whatever_it_was():
+    memory = Memory()
+    rows = [row for row in REGISTERS.values() if row.keep is Keep.RAM and row is not reg.LOCK]
+    for row in rows:
+        memory.set(row, 1)
+    memory.boot()
+    assert {memory.raw(row) for row in rows} == {0, 1000}  # 1000: the torque limit
