@@ -1,0 +1,116 @@
+"""A real Chromium on the real simulated arm.
+
+One browser, one arm and one page serve a module; before each test the arm is brought home.
+"""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser_guest import HOME, READY, Guest
+from playwright.sync_api import Browser, BrowserContext, sync_playwright
+from so101_viewer import Preview, serve
+
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig import Rig, open_simulated
+from so101_motion.units import to_mm, to_rad
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")
+VIEWPORT = {"width": 1280, "height": 720}
+
+
+@pytest.fixture(autouse=True)
+def no_thread_outlives_its_test() -> None:
+    """Here the arm and its page outlive a test; the module answers for their threads."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_thread_outlives_its_module() -> Iterator[None]:
+    before = set(threading.enumerate())
+    yield
+    left = [
+        thread
+        for thread in threading.enumerate()
+        if thread.name.startswith("so101-") and thread not in before
+    ]
+    for thread in left:
+        thread.join(2.0)
+    assert [thread.name for thread in left if thread.is_alive()] == []
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        own = playwright.chromium.executable_path
+        found = next(filter(None, map(shutil.which, NAMES)), own)
+        if not Path(found).exists():
+            pytest.fail(
+                "no browser found: the tests in tests/browser need Chromium. "
+                "Run `make test`, which installs one, or install chromium yourself."
+            )
+        # Drawing without a GPU takes every core there is; the arm's control loop goes first.
+        polite = tmp_path_factory.mktemp("browser") / "chromium"
+        polite.write_text(f'#!/bin/sh\nexec nice -n 15 "{found}" "$@"\n')
+        polite.chmod(0o755)
+        browser = playwright.chromium.launch(executable_path=polite, args=list(FLAGS))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    with open_simulated(speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
+        yield rig
+
+
+@pytest.fixture(scope="module")
+def preview(rig: Rig) -> Iterator[Preview]:
+    with serve(rig, port=0) as preview:
+        yield preview
+
+
+@pytest.fixture(scope="module")
+def visit(browser: Browser) -> Iterator[Callable[[], Guest]]:
+    """Opens windows of a browser that knows no key yet."""
+    contexts: list[BrowserContext] = []
+
+    def new() -> Guest:
+        context = browser.new_context(
+            viewport=VIEWPORT,  # type: ignore[arg-type]
+            device_scale_factor=0.5,  # drawn without a GPU: a quarter of the pixels
+        )
+        contexts.append(context)
+        guest = Guest(page=context.new_page(), problems=[], asked=[])
+        guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
+        guest.page.on("request", lambda request: guest.asked.append(request.url))
+        return guest
+
+    yield new
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture(scope="module")
+def opened(visit: Callable[[], Guest], preview: Preview) -> Guest:
+    guest = visit()
+    guest.open(preview.url)
+    return guest
+
+
+@pytest.fixture
+def guest(opened: Guest, rig: Rig) -> Guest:
+    """A window on an arm that is at home, with nothing planned and a target aside."""
+    rig.arm.stop()
+    rig.arm.set_speed(to_rad(180.0))
+    rig.arm.start_move(JointGoal(q=HOME)).result(60.0)
+    opened.press("ready")
+    ready_mm = to_mm(rig.arm.model.frame(READY).p)
+    opened.until(lambda: np.allclose(opened.target_mm(), ready_mm, atol=0.1))
+    opened.until(lambda: opened.button("Plan").is_enabled())
+    return opened

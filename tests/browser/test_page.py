@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import viser
+from browser_guest import HOME, READY, Guest
+from PIL import Image
+from so101_viewer import Preview
+from viser import _messages
+
+from so101_motion.modes import Mode
+from so101_motion.planning.model import RobotModel
+from so101_motion.rig import Rig
+from so101_motion.units import to_mm, to_rad
+
+pytestmark = pytest.mark.browser
+
+
+def at_rest(rig: Rig) -> bool:
+    state = rig.arm.state
+    return state.mode is Mode.HOLDING and not state.arm_moving
+
+
+def far_from(q: np.ndarray, rig: Rig) -> bool:
+    return float(np.max(np.abs(rig.arm.state.q - q))) > to_rad(1.0)
+
+
+def plan(guest: Guest) -> None:
+    guest.press("Plan")
+    guest.until(lambda: guest.button("Execute").is_enabled())
+
+
+def start_slow_move(guest: Guest, rig: Rig) -> None:
+    """Set out on a move that takes many seconds."""
+    rig.arm.set_speed(to_rad(6.0))
+    plan(guest)
+    guest.press("Execute")
+    guest.until(lambda: rig.arm.is_moving and far_from(HOME, rig))
+
+
+def stands_on_the_way(rig: Rig) -> bool:
+    return at_rest(rig) and far_from(HOME, rig) and far_from(READY, rig)
+
+
+def expect_stopped_on_the_way(guest: Guest, rig: Rig) -> None:
+    guest.until(lambda: guest.says("Stopped. The arm holds where it is."))
+    assert stands_on_the_way(rig)
+
+
+def test_the_link_opens_the_page_and_shows_the_arm(guest: Guest) -> None:
+    assert {"/live/base_link", "/live/gripper_link", "/ghost/gripper_link", "/target"} <= (
+        guest.nodes()
+    )
+    assert guest.says("Idle, holding")
+    assert guest.page.locator("canvas").count() >= 1
+    assert guest.button("Execute").is_disabled()
+    assert guest.problems == []
+
+
+def test_without_the_key_there_is_only_a_refusal(
+    visit: Callable[[], Guest], preview: Preview
+) -> None:
+    stranger = visit()
+    reply = stranger.page.goto(preview.url.split("?")[0])
+    assert reply is not None
+    assert reply.status == 401
+    assert "Open the link that was printed" in stranger.words()
+
+
+def test_the_page_reaches_nothing_but_its_own_server(guest: Guest, preview: Preview) -> None:
+    own = (preview.url.split("?")[0], "data:", "blob:")
+    assert [url for url in guest.asked if not url.startswith(own)] == []
+    assert guest.asked
+
+
+def test_a_crafted_link_cannot_bring_another_servers_scripts_into_our_page(
+    opened: Guest, preview: Preview
+) -> None:
+    evil = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        visitors: list[object] = []
+        evil._websock_server.on_client_connect(visitors.append)
+        script = _messages.RunJavascriptMessage(source="window.PWNED = 1")
+        evil._websock_server.queue_message(script)
+        page = opened.page.context.new_page()  # it has our cookie
+        log: list[str] = []
+        page.on("console", lambda message: log.append(message.text))
+        address = f"ws://127.0.0.1:{evil.get_port()}"
+        page.goto(f"{preview.url.split('?')[0]}?websocket={address}")
+        victim = Guest(page=page, problems=[], asked=[])
+        victim.until(lambda: any(f"Connecting to: {address}" in line for line in log))
+        page.wait_for_timeout(1000)
+        assert visitors == []
+        assert page.evaluate("window.PWNED") is None
+        page.close()
+    finally:
+        evil.stop()
+
+
+def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig) -> None:
+    guest.type_target(250.0, -120.0, 150.0)
+    guest.until(lambda: guest.says("Reachable. Press Plan."))
+    before = guest.pose_of("/live/gripper_link")
+
+    plan(guest)
+    assert "/way" in guest.nodes()
+    assert guest.says("Peak speed")
+    assert guest.page.locator(".uplot").count() >= 1
+    np.testing.assert_allclose(guest.end_of_way(), [0.25, -0.12, 0.15], atol=1e-4)
+    assert guest.pose_of("/live/gripper_link") == before  # planning moves nothing
+
+    guest.press("Execute")
+    guest.until(lambda: guest.says("Arrived"))
+    np.testing.assert_allclose(to_mm(rig.arm.T_base().p), [250.0, -120.0, 150.0], atol=0.2)
+    T_base_gripper = RobotModel.load().frame(rig.arm.state.q, "gripper_link")
+    seen = guest.pose_of("/live/gripper_link")
+    np.testing.assert_allclose(seen["position"], T_base_gripper.p, atol=5e-4)
+    assert guest.button("Execute").is_disabled()
+    assert guest.problems == []
+
+
+def test_the_stop_button_ends_a_move_on_the_way(guest: Guest, rig: Rig) -> None:
+    start_slow_move(guest, rig)
+    guest.press("STOP")
+    expect_stopped_on_the_way(guest, rig)
+
+
+@pytest.mark.parametrize("key", ["Space", "Escape"])
+def test_the_stop_keys_end_a_move_on_the_way(guest: Guest, rig: Rig, key: str) -> None:
+    start_slow_move(guest, rig)
+    guest.page.keyboard.press(key)
+    expect_stopped_on_the_way(guest, rig)
+
+
+def test_a_click_on_stop_is_not_lost_between_other_clicks(guest: Guest, rig: Rig) -> None:
+    start_slow_move(guest, rig)
+    guest.page.evaluate(
+        """() => {
+            const click = (name) =>
+                [...document.querySelectorAll('button')]
+                    .find((button) => button.innerText.trim() === name)
+                    .click();
+            ['home', 'STOP', 'rest'].forEach(click);
+        }"""
+    )
+    guest.until(lambda: at_rest(rig))
+    assert stands_on_the_way(rig)
+
+
+def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:
+    before = guest.pose_of("/target")["position"]
+    ghost_before = guest.pose_of("/ghost/gripper_link")["position"]
+    x, y = guest.page.evaluate(
+        """() => {
+            const node = window.__viserMutable.nodeRefFromName['/target'];
+            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
+            const p = node.position.clone().set(0, 0, 0.085);
+            node.localToWorld(p).project(window.__viserMutable.camera);
+            return [canvas.left + (p.x + 1) / 2 * canvas.width,
+                    canvas.top + (1 - p.y) / 2 * canvas.height];
+        }"""
+    )
+    mouse = guest.page.mouse
+    mouse.move(x, y)
+    guest.page.wait_for_timeout(200)
+    mouse.down()
+    for step in range(1, 9):
+        mouse.move(x, y - 6 * step)
+        guest.page.wait_for_timeout(60)
+    mouse.up()
+    guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != ghost_before)
+    after = guest.pose_of("/target")["position"]
+    assert after[2] - before[2] > 0.01
+    assert guest.fields("Target (mm)").nth(2).input_value() != f"{to_mm(before[2]):g}"
+    assert at_rest(rig)
+    assert not far_from(HOME, rig)
+
+
+def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
+    guest: Guest,
+) -> None:
+    guest.type_target(600.0, 0.0, 200.0)
+    guest.until(lambda: guest.says("Out of reach by"))
+    assert " mm" in guest.page.get_by_text("Out of reach by").inner_text()
+    assert guest.button("Plan").is_disabled()
+    assert guest.button("Execute").is_disabled()
+
+
+def test_a_reload_moves_nothing_and_keeps_the_plan(guest: Guest, rig: Rig) -> None:
+    plan(guest)
+    guest.page.reload()
+    guest.until(lambda: guest.button("Execute").count() == 1)
+    guest.until(lambda: "/way" in guest.nodes())
+    assert guest.button("Execute").is_enabled()
+    assert at_rest(rig)
+    assert not far_from(HOME, rig)
+
+
+def test_the_arm_is_orange_and_its_ghost_blue(guest: Guest) -> None:
+    def pixels() -> tuple[int, int]:
+        """How many are orange, and how many the pale blue of the ghost."""
+        guest.page.wait_for_timeout(500)
+        picture = Image.open(io.BytesIO(guest.page.screenshot())).convert("HSV")
+        width, height = picture.size
+        scene = picture.crop((width // 4, height // 10, 3 * width // 4, 3 * height // 5))
+        hue, saturation, value = (np.asarray(band, dtype=int) for band in scene.split())
+        orange = (saturation > 120) & (value > 80) & (hue > 12) & (hue < 34)
+        blue = (saturation > 20) & (saturation < 150) & (value > 120) & (hue > 140) & (hue < 170)
+        return int(orange.sum()), int(blue.sum())
+
+    orange, blue = pixels()
+    guest.press("home")  # where the arm is: no ghost
+    guest.until(lambda: guest.says("The arm is there already."))
+    orange_alone, blue_alone = pixels()
+    assert min(orange, orange_alone) > 500
+    assert blue > 500 + blue_alone

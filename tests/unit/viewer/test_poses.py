@@ -1,0 +1,19 @@
+from __future__ import annotations
+
+import pytest
+from so101_viewer.poses import POSES, NamedPose
+
+from so101_motion.planning.collision import FLOOR_Z, CollisionModel
+from so101_motion.planning.model import RobotModel
+
+
+@pytest.mark.parametrize("pose", POSES, ids=lambda pose: pose.name)
+def test_a_named_pose_lies_within_the_limits_and_touches_nothing(pose: NamedPose) -> None:
+    model = RobotModel.load()
+    model.check_limits(pose.q)
+    contact = CollisionModel(model, floor_z=FLOOR_Z).first_contact(pose.q)
+    assert contact is None
+
+
+def test_the_names_differ() -> None:
+    assert len({pose.name for pose in POSES}) == len(POSES)

@@ -1,0 +1,363 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from so101_viewer.aim import Aimer
+from so101_viewer.screen import Screen, Tone
+from so101_viewer.view_model import ViewModel
+
+from so101_motion.errors import Interrupted, NoPath, Unreachable
+from so101_motion.geometry import Array
+from so101_motion.modes import Mode
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Trajectory
+from so101_motion.state import JointReading, JointState
+from so101_motion.units import to_rad
+
+REACH = 0.5
+"""The pretended arm's tool point is its first three angles, and it reaches this far [m]."""
+
+WELCOME = "Welcome."
+
+
+def tool_point(q: Array) -> Array:
+    return q[:3]
+
+
+def candidates(goal: PoseGoal, q_seed: Array) -> list[Any]:
+    p = goal.T_base_tool.p
+    distance = float(np.linalg.norm(p))
+    if distance > REACH:
+        raise Unreachable(
+            "too far",
+            error_position=distance - REACH,
+            error_angle=0.0,
+            p_base_nearest=p * REACH / distance,
+            q_nearest=np.append(p * REACH / distance, q_seed[3:]),
+            limit="full stretch",
+        )
+    return [SimpleNamespace(q=np.append(p, q_seed[3:]))]
+
+
+def contact(q: Array, _q_jaw: float) -> tuple[str, str] | None:
+    return ("gripper", "floor") if q[2] < -0.2 else None
+
+
+@dataclass(eq=False)
+class PretendedPlan:
+    q_start: Array
+    q_goal: Array
+    trajectory: Trajectory
+    tool_path: Array
+    limits: MotionLimits
+    report: Any
+
+
+def straight(q_start: Array, q_goal: Array) -> PretendedPlan:
+    q = np.linspace(q_start, q_goal, 101)
+    still = np.zeros_like(q)
+    return PretendedPlan(
+        q_start=q_start,
+        q_goal=q_goal,
+        trajectory=Trajectory(dt=0.01, q=q, qd=still, qdd=still, duration=1.0),
+        tool_path=q[:, :3],
+        limits=MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=10.0),
+        report=None,
+    )
+
+
+class PretendedArm:
+    """An arm that is where it is told to be, and whose motions end when the test says so."""
+
+    def __init__(self) -> None:
+        self.speed = 1.0
+        self.failure: Exception | None = None
+        self.executed: list[PretendedPlan] = []
+        self.motion = SimpleNamespace(future=Future())
+        self.state = JointState(
+            t=0.0,
+            mode=Mode.HOLDING,
+            reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
+            q_ref=np.zeros(5),
+            qd_ref=np.zeros(5),
+            q_jaw_ref=0.0,
+            arm_moving=False,
+            jaw_moving=False,
+            late_ticks=0,
+        )
+
+    def be(self, q: Array, *, t: float = 0.0, mode: Mode = Mode.HOLDING) -> None:
+        reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
+        self.state = replace(
+            self.state,
+            t=t,
+            reading=reading,
+            q_ref=q,
+            mode=mode,
+            arm_moving=mode is Mode.MOVING,
+            fault="servo 3 is hot" if mode is Mode.FAULT else None,
+        )
+
+    def set_speed(self, speed: float) -> None:
+        self.speed = speed
+
+    def plan(self, goal: PoseGoal | JointGoal) -> PretendedPlan:
+        if self.failure is not None:
+            raise self.failure
+        q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
+        return straight(self.state.q_ref, q)
+
+    def start_execute(self, plan: PretendedPlan) -> Any:
+        self.executed.append(plan)
+        self.motion = SimpleNamespace(future=Future())
+        return self.motion
+
+
+class PretendedGripper:
+    def __init__(self) -> None:
+        self.apertures: list[float] = []
+
+    def start_move(self, aperture: float) -> None:
+        self.apertures.append(aperture)
+
+
+def run_at_once(call: Callable[[], Any]) -> Future[Any]:
+    future: Future[Any] = Future()
+    try:
+        future.set_result(call())
+    except Exception as error:
+        future.set_exception(error)
+    return future
+
+
+@pytest.fixture
+def arm() -> PretendedArm:
+    return PretendedArm()
+
+
+@pytest.fixture
+def gripper() -> PretendedGripper:
+    return PretendedGripper()
+
+
+@pytest.fixture
+def page(arm: PretendedArm, gripper: PretendedGripper) -> ViewModel:
+    return ViewModel(
+        arm=arm,  # type: ignore[arg-type]
+        gripper=gripper,  # type: ignore[arg-type]
+        aimer=Aimer(tool_point=tool_point, candidates=candidates, contact=contact),
+        submit=run_at_once,
+        welcome=WELCOME,
+    )
+
+
+def planned(page: ViewModel) -> Screen:
+    page.plan()
+    page.refresh()
+    return page.screen()
+
+
+def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_way(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    screen = page.screen()
+    assert screen.sentence.text == WELCOME
+    assert screen.q_ghost is not None
+    assert screen.way is not None
+    assert not screen.way.planned
+    assert screen.can_plan
+    assert not screen.can_execute
+    assert arm.executed == []
+
+
+def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
+    screen = planned(page)
+    assert screen.can_execute
+    assert screen.way is not None
+    assert screen.way.planned
+    assert screen.sentence.tone is Tone.GOOD
+
+    page.execute()
+    assert len(arm.executed) == 1
+    assert not page.screen().can_execute
+
+    arm.be(arm.executed[0].q_goal, t=1.0)
+    arm.motion.future.set_result(None)
+    assert page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
+    assert screen.q_ghost is None
+    assert screen.way is None
+    assert not screen.can_plan
+    assert not screen.can_execute
+
+
+def test_nothing_moves_without_a_plan(page: ViewModel, arm: PretendedArm) -> None:
+    page.execute()
+    assert arm.executed == []
+
+
+def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
+    page: ViewModel,
+) -> None:
+    page.aim_at(np.array([0.0, 0.543, 0.0]))
+    screen = page.screen()
+    assert screen.sentence.text == "Out of reach by 43 mm: full stretch."
+    assert screen.sentence.tone is Tone.BAD
+    assert screen.way is None
+    assert not screen.can_plan
+    page.plan()
+    assert not page.refresh()
+    assert page.screen().plan is None
+
+
+def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> None:
+    page.aim_at(np.array([0.1, 0.0, -0.3]))
+    screen = page.screen()
+    assert screen.sentence.text == "Collides there: gripper with floor."
+    assert not screen.can_plan
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda page: page.aim_at(np.array([0.1, 0.1, 0.1])),
+        lambda page: page.aim_at_joints(np.full(5, 0.2)),
+        lambda page: page.set_speed(to_rad(30.0)),
+        lambda page: page.move_jaw(1.0),
+    ],
+    ids=["target", "pose", "speed", "jaw"],
+)
+def test_whatever_a_plan_was_made_for_changes_drops_it(
+    page: ViewModel, arm: PretendedArm, change: Callable[[ViewModel], None]
+) -> None:
+    assert planned(page).can_execute
+    change(page)
+    assert not page.screen().can_execute
+    page.execute()
+    assert arm.executed == []
+
+
+def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: PretendedArm) -> None:
+    assert planned(page).can_execute
+    arm.be(np.full(5, to_rad(1.0)))
+    assert page.refresh()
+    screen = page.screen()
+    assert not screen.can_execute
+    assert screen.sentence.text == "The arm has moved since. Press Plan again."
+
+
+def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
+    page.aim_at(np.array([0.4, 0.0, 0.0]))
+    assert planned(page).preview_time == 1.0
+    page.preview(0.5)
+    screen = page.screen()
+    assert screen.q_ghost is not None
+    np.testing.assert_allclose(screen.q_ghost[:3], [0.2, 0.0, 0.0])
+    page.preview(99.0)
+    assert page.screen().preview_time == 1.0
+
+
+def test_progress_follows_the_clock_from_the_first_movement(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    planned(page)
+    page.execute()
+    assert page.screen().progress == 0.0
+    arm.be(np.zeros(5), t=7.0, mode=Mode.MOVING)
+    page.refresh()
+    arm.be(np.full(5, 0.05), t=7.5, mode=Mode.MOVING)
+    assert page.refresh()
+    assert page.screen().progress == pytest.approx(0.5)
+
+
+def test_a_stop_is_told_plainly_and_the_target_can_be_planned_for_again(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    planned(page)
+    page.execute()
+    arm.be(np.array([0.01, 0.0, 0.0, 0.0, 0.0]))
+    arm.motion.future.set_exception(Interrupted("stop"))
+    page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text == "Stopped. The arm holds where it is."
+    assert screen.can_plan
+    assert not screen.can_execute
+
+
+def test_a_failed_plan_is_told_in_its_own_words(page: ViewModel, arm: PretendedArm) -> None:
+    arm.failure = NoPath("no way around <the table>; move the target")
+    screen = planned(page)
+    assert screen.sentence.text == "No way around <the table>; move the target."
+    assert screen.sentence.tone is Tone.BAD
+    assert screen.can_plan
+
+
+def test_a_mistake_inside_is_told_and_does_not_stop_the_page(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    arm.failure = ZeroDivisionError("oops")
+    assert "Something broke inside" in planned(page).sentence.text
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [(Mode.LIMP, "limp"), (Mode.FAULT, "servo 3 is hot"), (Mode.CALIBRATING, "calibrated")],
+)
+def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
+    page: ViewModel, arm: PretendedArm, mode: Mode, words: str
+) -> None:
+    planned(page)
+    arm.be(np.zeros(5), mode=mode)
+    page.refresh()
+    screen = page.screen()
+    assert words in screen.sentence.text
+    assert not screen.can_plan
+    assert not screen.can_execute
+
+
+def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    planned(page)
+    page.execute()
+    page.aim_at(np.array([0.0, 0.3, 0.0]))
+    screen = page.screen()
+    assert not screen.can_plan
+    assert not screen.can_execute
+    arm.be(arm.executed[0].q_goal)
+    arm.motion.future.set_result(None)
+    page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
+    assert screen.can_plan
+    assert len(arm.executed) == 1
+
+
+def test_an_arm_at_rest_gives_nothing_new_to_show(page: ViewModel, arm: PretendedArm) -> None:
+    assert not page.refresh()
+    arm.be(np.full(5, to_rad(0.001)))
+    assert not page.refresh()
+    arm.be(np.full(5, to_rad(0.1)))
+    assert page.refresh()
+    assert not page.refresh()
+
+
+def test_the_gripper_moves_at_once(page: ViewModel, gripper: PretendedGripper) -> None:
+    page.move_jaw(1.0)
+    page.move_jaw(0.0)
+    assert gripper.apertures == [1.0, 0.0]
+
+
+def test_at_the_target_there_is_nothing_to_plan(page: ViewModel) -> None:
+    page.aim_at_joints(np.zeros(5))
+    screen = page.screen()
+    assert screen.sentence.text == "The arm is there already."
+    assert not screen.can_plan

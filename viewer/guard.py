@@ -1,0 +1,226 @@
+"""A viser server that only its owner can use.
+
+Stock viser listens on every interface, asks nobody who they are, accepts a websocket from any web
+page that happens to be open in the same browser, and lets any client open a public tunnel. On a
+machine that moves, each of these is a stranger's hand on the arm. So every server we start:
+
+1. listens on this machine alone unless other machines are allowed in so many words;
+2. is given a socket bound here: a busy port or a foreign address is an error at once, where viser
+   would silently take another port, or never return;
+3. asks the ``Door`` about every request, pages and websockets alike;
+4. has no handlers for the messages that ask for a tunnel;
+5. is tried without a key before anybody hears of it, and stopped if anything opens.
+
+viser offers no seam for this, so ``websockets.asyncio.server.serve`` is replaced while its
+constructor runs. The version is pinned; step 5 and the tests catch a seam that moved.
+"""
+
+from __future__ import annotations
+
+import errno
+import http.client
+import ipaddress
+import logging
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import rich
+import viser
+import websockets.asyncio.server
+from viser import _messages
+from websockets.http11 import Request, Response
+
+from so101_motion.errors import ConfigError, So101Error
+
+from .door import Door, harden
+
+_KNOCK_TIMEOUT = 10.0
+"""How long the self-check waits for an answer [s]; generous, it comes within milliseconds."""
+
+
+class GuardError(So101Error):
+    """The freshly started server let a stranger in, so it was stopped again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GuardedServer:
+    """A running viser server behind a door.
+
+    Attributes:
+        viser: The server to build a page on.
+        url: The link with the key; whoever has it may move the arm.
+    """
+
+    viser: viser.ViserServer
+    url: str
+
+    def close(self) -> None:
+        """Stop serving; open pages lose the connection."""
+        with _quiet():
+            self.viser.stop()
+
+
+def start_guarded(
+    host: str = "127.0.0.1", port: int = 8080, *, allow_remote: bool = False, label: str = ""
+) -> GuardedServer:
+    """Start a viser server that answers only to the link it returns.
+
+    Args:
+        host: Address to listen on.
+        port: Port to listen on; 0 for any free one.
+        allow_remote: Whether ``host`` may be more than this machine's loopback.
+        label: Title of the page's main panel.
+
+    Raises:
+        ConfigError: The host or port cannot be used, or needs ``allow_remote``.
+        GuardError: The server answered a request without the key.
+    """
+    listener = _listen(host, port, allow_remote=allow_remote)
+    address, bound_port = listener.getsockname()[:2]
+    everywhere = ipaddress.ip_address(address).is_unspecified
+    name = socket.gethostname().lower() if everywhere else _bracketed(host)
+    door = Door(
+        key=secrets.token_urlsafe(32),
+        port=bound_port,
+        names=frozenset({name, _bracketed(address), "localhost"}),
+        any_address=everywhere,
+    )
+    with _quiet(), _served_through(door, listener):
+        server = viser.ViserServer(host=host, port=bound_port, label=label, verbose=False)
+    guarded = GuardedServer(viser=server, url=f"http://{name}:{bound_port}/?key={door.key}")
+    try:
+        _forbid_tunnel(server)
+        knock(_loopback_like(address) if everywhere else address, bound_port)
+    except BaseException:
+        guarded.close()
+        raise
+    return guarded
+
+
+def knock(address: str, port: int) -> None:
+    """Ask for the page and for a websocket without a key; both must be refused.
+
+    Raises:
+        GuardError: One of them was not.
+    """
+    upgrade = {
+        "Connection": "Upgrade",
+        "Upgrade": "websocket",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "c28xMDEgc2VsZi1jaGVjaw==",
+        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}",
+    }
+    for headers in ({}, upgrade):
+        connection = http.client.HTTPConnection(address, port, timeout=_KNOCK_TIMEOUT)
+        try:
+            connection.request("GET", "/", headers=headers)
+            status = connection.getresponse().status
+        finally:
+            connection.close()
+        if status != 401:
+            raise GuardError(
+                f"the preview answered {status} instead of 401 to a request without its key, so it "
+                "was stopped; check that the installed viser is the version this was made for"
+            )
+
+
+def _listen(host: str, port: int, *, allow_remote: bool) -> socket.socket:
+    if not 0 <= port <= 65535:
+        raise ConfigError("port", port, "must be between 1 and 65535, or 0 for any free port")
+    unusable = "is not an address of this machine; 127.0.0.1 always works"
+    try:
+        family, kind, _, _, where = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise ConfigError("host", host, unusable) from error
+    if not ipaddress.ip_address(str(where[0])).is_loopback and not allow_remote:
+        raise ConfigError(
+            "host",
+            host,
+            "would let other machines move the arm; use 127.0.0.1, "
+            "or allow_remote (--allow-remote) if that is what you want",
+        )
+    listener = socket.socket(family, kind)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(where)
+        listener.listen()
+    except OSError as error:
+        listener.close()
+        raise _bind_error(error, host, port, unusable) from error
+    return listener
+
+
+def _bind_error(error: OSError, host: str, port: int, unusable: str) -> ConfigError:
+    if error.errno == errno.EADDRINUSE:
+        other = port + 1 if port < 65535 else port - 1
+        return ConfigError(
+            "port",
+            port,
+            f"another program already listens on {host}:{port}; "
+            f"stop it or choose another port, for example {other}",
+        )
+    if error.errno == errno.EACCES:
+        return ConfigError("port", port, "ports below 1024 need root; choose a higher one")
+    return ConfigError("host", host, unusable)
+
+
+_patching = threading.Lock()
+
+
+@contextmanager
+def _served_through(door: Door, listener: socket.socket) -> Iterator[None]:
+    """Within this, a viser server listens on ``listener`` and asks ``door`` about each request."""
+    stock = websockets.asyncio.server.serve
+
+    def serve(
+        handler: Any, _host: str, _port: int, *, process_request: Callable[..., Any], **rest: Any
+    ) -> Any:
+        def answer(connection: Any, request: Request) -> Response | None:
+            refusal = door.answer(request)
+            if refusal is not None:
+                return refusal
+            reply: Response | None = process_request(connection, request)
+            return None if reply is None else harden(reply, request)
+
+        return stock(handler, sock=listener, process_request=answer, logger=_log, **rest)
+
+    with _patching:
+        websockets.asyncio.server.serve = serve  # type: ignore[assignment,misc]  # no other seam
+        try:
+            yield
+        finally:
+            websockets.asyncio.server.serve = stock  # type: ignore[misc]  # as it was
+
+
+def _forbid_tunnel(server: viser.ViserServer) -> None:
+    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        server._websock_server.unregister_handler(message)
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host.lower()
+
+
+def _loopback_like(address: str) -> str:
+    return "::1" if ":" in address else "127.0.0.1"
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep viser's banner and farewell off the terminal; the caller prints the link itself."""
+    console = rich.get_console()
+    before, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = before
+
+
+_log = logging.getLogger(__name__)
+_log.addFilter(lambda record: record.getMessage() != "opening handshake failed")
+"""Broken requests of strangers are no event; everything else websockets reports is kept."""
