@@ -78,7 +78,7 @@ class RobotModel:
             name for name, i in self._ids.items() if self._arm.frames[i].parentJoint == gripper
         )
         T_gripper_tool = self._arm.frames[self._ids["tool"]].placement
-        self._rotations_to_tool = {
+        self._rotations_to_tool: dict[str, Array] = {
             name: self._arm.frames[self._ids[name]].placement.actInv(T_gripper_tool).rotation
             for name in self.gripper_frames
         }
@@ -191,6 +191,18 @@ class RobotModel:
         q_full = np.append(np.asarray(q, dtype=np.float64), q_jaw)
         pin.framesForwardKinematics(self.pin_model, self._full_data, q_full)
         return {name: SE3(T.rotation, T.translation) for name, T in self._link_placements.items()}
+
+    def gravity_torque(self, q_full: ArrayLike) -> Array:
+        """What the joints must exert to hold the arm still against gravity.
+
+        Args:
+            q_full: Angles of the five arm joints and the jaw, shape (6,), [rad].
+
+        Returns:
+            Shape (6,), [N m]; from the masses of the URDF, nothing in the gripper.
+        """
+        q_full = np.asarray(q_full, dtype=np.float64)
+        return np.array(pin.computeGeneralizedGravity(self.pin_model, self._full_data, q_full))
 
     def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
         """Which joint is furthest outside its limits, as an index into ``q``, or None.

@@ -62,11 +62,10 @@ def point_to_point(
         rest = np.zeros((1, len(q_goal)))
         return Trajectory(dt=dt, q=q_goal[None], qd=rest, qdd=rest, duration=0.0)
     direction = way / length
-    with np.errstate(divide="ignore"):
-        caps = [
-            float(np.min(cap / np.abs(direction)))
-            for cap in (limits.velocity, limits.acceleration, limits.jerk)
-        ]
+    caps = [
+        1.0 / float(np.max(np.abs(direction) / cap))
+        for cap in (limits.velocity, limits.acceleration, limits.jerk)
+    ]
     request = ruckig.InputParameter(1)
     request.target_position = [length]
     request.max_velocity, request.max_acceleration, request.max_jerk = ([cap] for cap in caps)

@@ -168,10 +168,11 @@ def _polyline(waypoints: ArrayLike) -> tuple[Array, Array, Array]:
     if not np.all(np.isfinite(points)):
         raise ValueError("every waypoint must be finite")
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    # The last point is where the motion must end, so of equal points the later ones stay.
-    points = points[np.append(steps > SAME_POINT, True)] if len(points) else points
-    if len(points) < 2:
+    different = points[np.append(True, steps > SAME_POINT)] if len(points) else points
+    if len(different) < 2:
         raise ValueError("a path needs at least two different points")
+    different[-1] = points[-1]  # the motion must end exactly there, and start at the first
+    points = different
     chords = np.diff(points, axis=0)
     return points, chords, np.asarray(np.linalg.norm(chords, axis=1))
 

@@ -28,6 +28,9 @@ from so101_motion.planning.trajectory import Trajectory
 
 CHECK_STEP = 1e-3
 """Time between the samples on which limits are measured [s]: 1 kHz."""
+JERK_SHARE = 0.985
+"""How much of the jerk limits a narrower window may use to be taken. Chosen: while the window
+changes, a step of acceleration can leave it in a peak shorter than the samples see."""
 RAMP_WIDTHS = 2.5
 """How many window widths the window takes to change. Chosen: faster, its own acceleration eats
 what it saves; slower, the next large step comes too soon. See benchmarks/."""
@@ -183,9 +186,12 @@ def fitting_window(curve: Curve, width: float, limits: MotionLimits) -> Window:
     step = max(CHECK_STEP, width / 40.0)
     t = np.arange(-3.0 * step, reach + 3.0 * step, step)
     first, last = replace(even, first=0.5 * width), replace(even, last=0.5 * width)
-    first_fits, last_fits = (
-        verify.measure(averaged_positions(curve, window, at), step, limits).worst <= 1.0
+    reports = (
+        verify.measure(averaged_positions(curve, window, at), step, limits)
         for window, at in ((first, first.begin + t), (last, last.end - t[::-1]))
+    )
+    first_fits, last_fits = (
+        report.acceleration.max() <= 1.0 and report.jerk.max() <= JERK_SHARE for report in reports
     )
     return replace(
         even, first=first.first if first_fits else width, last=last.last if last_fits else width

@@ -1,0 +1,178 @@
+"""What every benchmark shares: one BLAS thread, honest clocks, one table, one JSON form.
+
+Run a benchmark as a module from the top of the checkout: ``python -m benchmarks.bench_ik``.
+
+Two clocks. Short pure computations are timed with :func:`measure`, by the CPU time of the calling
+thread, because on a shared machine the wall clock measures the neighbours; what waits for other
+threads or processes is timed by the wall clock (``clock=time.perf_counter_ns``). Every row says
+which. JSON values are SI (seconds); only the printed table scales them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+RESULTS = Path(__file__).parent / "results"
+"""Where the committed results live."""
+
+_ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
+_PACKAGES = ("numpy", "pin", "coal", "toppra", "ruckig", "viam-sdk", "so101-motion")
+_OWN_RESULTS = "benchmarks/results"
+
+Input = TypeVar("Input")
+Output = TypeVar("Output")
+Row = Mapping[str, Any]
+
+
+def single_thread() -> None:
+    """Start this process again with one BLAS thread, unless it already has just one.
+
+    The libraries read these variables when they are loaded, and by now they are; call this first
+    in ``main``.
+    """
+    if any(os.environ.get(name) != value for name, value in _ONE_THREAD.items()):
+        os.environ.update(_ONE_THREAD)
+        sys.stdout.flush()
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, memory [bytes], system and Python."""
+    return {
+        "cpu": _first_value("/proc/cpuinfo", "model name") or platform.processor() or "unknown",
+        "cores": os.cpu_count(),
+        "memory": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+    }
+
+
+def versions(*more: str) -> dict[str, str]:
+    """Installed versions of the libraries that matter, and of ``more`` (peers)."""
+    found = {}
+    for package in (*_PACKAGES, *more):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed"
+    return found
+
+
+def measure(
+    call: Callable[[Input], Output],
+    inputs: Iterable[Input],
+    *,
+    clock: Callable[[], int] = time.thread_time_ns,
+) -> tuple[list[Output], list[float]]:
+    """Call once for each input; what came back and how long each took [s].
+
+    Args:
+        call: What is timed.
+        inputs: Its arguments, one for each call.
+        clock: Nanoseconds: CPU time of this thread, or ``time.perf_counter_ns`` for wall time.
+    """
+    outputs: list[Output] = []
+    times: list[float] = []
+    for value in inputs:
+        begin = clock()
+        output = call(value)
+        times.append((clock() - begin) * 1e-9)
+        outputs.append(output)
+    return outputs, times
+
+
+def summary(times: ArrayLike) -> dict[str, float]:
+    """Count, median, 99th percentile and largest of ``times`` [s]."""
+    values = np.asarray(times, dtype=np.float64)
+    return {
+        "n": len(values),
+        "median": float(np.median(values)),
+        "p99": float(np.percentile(values, 99.0)),
+        "max": float(values.max()),
+    }
+
+
+def write(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:
+    """Print machine, versions and a table; write ``results/<name>.json``.
+
+    Args:
+        name: The benchmark, e.g. ``"bench_ik"``.
+        rows: One mapping a line; the first key names the line. Usually a name, then
+            :func:`summary`, then whatever else was measured. A float under ``median``, ``p99``
+            or ``max`` is printed as a time.
+        peers: Further packages whose versions belong in the record.
+
+    Returns:
+        The file written.
+    """
+    record: dict[str, Any] = {
+        "benchmark": name,
+        "commit": _commit(),
+        "machine": machine(),
+        "versions": versions(*peers),
+        "rows": [dict(row) for row in rows],
+    }
+    print_table(name, rows)
+    print("machine:", ", ".join(f"{key} {value}" for key, value in record["machine"].items()))
+    print("versions:", ", ".join(f"{key} {value}" for key, value in record["versions"].items()))
+    path = RESULTS / f"{name}.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(record, indent=1) + "\n")
+    return path
+
+
+def print_table(title: str, rows: Sequence[Row]) -> None:
+    """Print rows under the union of their keys, columns aligned."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    lines = [keys, *([_cell(key, row.get(key, "")) for key in keys] for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(keys))]
+    print(f"\n{title}")
+    for line in lines:
+        cells = [line[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
+        print("  ".join(cells))
+    print()
+
+
+def _cell(key: str, value: Any) -> str:
+    if isinstance(value, float) and key in ("median", "p99", "max"):
+        return f"{value * 1e6:.1f} us" if value < 1e-3 else f"{value * 1e3:.2f} ms"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _first_value(path: str, key: str) -> str | None:
+    try:
+        lines = Path(path).read_text().splitlines()
+    except OSError:
+        return None
+    values = (line.partition(":")[2].strip() for line in lines if line.startswith(key))
+    return next(values, None)
+
+
+def _commit() -> str:
+    """The checkout's commit, marked when anything but the results themselves has changed."""
+    top = Path(__file__).parent.parent
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=top, capture_output=True, text=True, check=True
+        )
+        return done.stdout.strip()
+
+    try:
+        changed = git("status", "--porcelain", "--", ".", f":!{_OWN_RESULTS}")
+        return git("rev-parse", "--short", "HEAD") + ("+changes" if changed else "")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

@@ -1,0 +1,231 @@
+"""Inverse kinematics: from where the tool shall be to joint angles.
+
+How it works. Postures come from closed forms (``ik_closed.py``), built on measures that were read
+off the kinematic model (``arm_measure.py``). The model then judges each: it may polish away a few
+micrometres, it says what error is left, and nothing outside the joint limits or the goal's
+tolerances leaves this file as a solution. If a model does not have the structure that the closed
+forms are about, descents from many starts take their place (``ik_numeric.py``): the same answers,
+slower.
+
+Position comes first. Where a point can be reached but not with the orientation asked for, the
+posture *at the point* that comes nearest to it is the evidence in the
+:class:`~so101_motion.errors.Unreachable`. Where the point itself is out of reach, the evidence is
+the nearest reachable point (``reach.py``) and what stops the arm there.
+
+"Near the seed" is the Euclidean distance of joint angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import chain
+from math import dist
+
+from numpy.typing import ArrayLike
+
+from so101_motion.errors import Unreachable
+from so101_motion.geometry import Array
+from so101_motion.planning.arm_measure import measure_structure
+from so101_motion.planning.arm_structure import ArmStructure, Joints, Posture, to_joints
+from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.ik_closed import ClosedForms
+from so101_motion.planning.ik_numeric import Descents, minimise, polish
+from so101_motion.planning.ik_task import (
+    IkSolution,
+    Task,
+    binding_limit,
+    check_goal,
+    check_seed,
+    judge,
+)
+from so101_motion.planning.model import RobotModel
+from so101_motion.units import to_deg, to_mm
+
+__all__ = ["IkSolution", "IkSolver"]
+
+_EXACT = 1e-9
+"""Position errors above this are polished [m]. Chosen: far below what anyone can measure."""
+
+_EXACT_ANGLE = 1e-6
+"""A full pose with less than this left over is exact [rad]; the tolerance is for those that five
+joints cannot meet. Chosen."""
+
+_SETTLING = 5e-3
+"""A descent from the edge of the workspace gains less than this [m]. Chosen: rolls are tried 30
+degrees apart, which leaves 0.3 mm open for the jaw tip and 5 mm for something 15 cm beside the
+roll axis."""
+
+_SAME = 1e-6
+"""Solutions less than this apart are one [rad]. Chosen."""
+
+
+class IkSolver:
+    """Solves pose goals for one model. Belongs to the model's thread.
+
+    Attributes:
+        model: The kinematics it solves for.
+        structure: The closed forms themselves, e.g. ``structure.postures`` for a point, a pitch
+            and a roll; None if the model is not built that way.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self.structure: ArmStructure | None = measure_structure(model)
+        self._source: ClosedForms | Descents = (
+            ClosedForms(self.structure) if self.structure else Descents(model)
+        )
+
+    def solve(self, goal: PoseGoal, q_seed: ArrayLike) -> IkSolution:
+        """The solution nearest to the seed.
+
+        What the goal leaves open stays as it is in the seed where possible: the roll first, then
+        the pitch that moves the joints least.
+
+        Args:
+            goal: Where a frame of the gripper shall be, and how much of that counts.
+            q_seed: Joint angles to stay near, shape (5,), [rad]; they may be outside the limits.
+
+        Raises:
+            Unreachable: There is none. Says how far off the nearest reachable pose is, where it
+                is, and which limit stops the arm there.
+            ConfigError: Goal or seed hold numbers that cannot be meant.
+        """
+        task, seed = check_goal(self.model, goal), check_seed(q_seed)
+        full = task.metric is GoalMetric.FULL_POSE
+        best: IkSolution | None = None
+        for posture in self._source.nearest(task, seed):
+            solution = self._judged(task, posture)
+            if _arrived(task, solution) and (solution.error_angle < _EXACT_ANGLE or not full):
+                return solution
+            if best is None or _miss(task, solution) < _miss(task, best):
+                best = solution
+        if best is not None and _arrived(task, best):
+            return best
+        return self._next_best(task, seed, best)
+
+    def candidates(self, goal: PoseGoal, q_seed: ArrayLike) -> Iterator[IkSolution]:
+        """All solutions, the one nearest to the seed first; for a choice by collision.
+
+        Where a goal leaves a continuum open (the pitch, the roll) the solutions are spread over
+        it. The first is that of :meth:`solve` and costs as much; the others follow by their
+        distance from the seed and are worked out when they are asked for.
+
+        Args:
+            goal: As for :meth:`solve`.
+            q_seed: As for :meth:`solve`.
+
+        Returns:
+            At least one solution; no two are alike.
+
+        Raises:
+            Unreachable: As for :meth:`solve`, at once.
+            ConfigError: As for :meth:`solve`, at once.
+        """
+        first = self.solve(goal, q_seed)
+        return chain([first], self._others(check_goal(self.model, goal), check_seed(q_seed), first))
+
+    def _others(self, task: Task, seed: Joints, first: IkSolution) -> Iterator[IkSolution]:
+        known = [first.q.tolist()]
+        for posture in self._source.spread(task, seed):
+            solution = self._judged(task, posture)
+            q = solution.q.tolist()
+            if _arrived(task, solution) and all(dist(q, other) > _SAME for other in known):
+                known.append(q)
+                yield solution
+
+    def _judged(self, task: Task, posture: Posture) -> IkSolution:
+        """A posture pulled into the limits, judged by the model, polished if that helps."""
+        solution = judge(self.model, task, posture.q, posture.branch)
+        if solution.error_position > _EXACT:
+            q = polish(self.model, solution.q, task.frame, task.p_base)
+            polished = judge(self.model, task, to_joints(q), posture.branch)
+            if polished.error_position < solution.error_position:
+                return polished
+        return solution
+
+    def _next_best(self, task: Task, seed: Joints, best: IkSolution | None) -> IkSolution:
+        """The answer when no posture has arrived: one found by descent, or the evidence."""
+        if best is None and task.metric is not GoalMetric.POSITION_ONLY:
+            at_point = replace(task, metric=GoalMetric.POSITION_ONLY)
+            postures = self._source.nearest(at_point, seed)
+            best = next((self._judged(task, posture) for posture in postures), None)
+        if best is not None and best.error_position <= task.position_tolerance:
+            q = minimise(self.model, task, best.q)
+            branch = self._source.branch(q, task.frame)
+            better = self._judged(task, Posture(to_joints(q), branch))
+        else:
+            better = self._at_edge(task, seed)
+        if best is None or _miss(task, better) < _miss(task, best):
+            best = better
+        if _arrived(task, best):
+            return best
+        raise _unreachable(self.model, task, best)
+
+    def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
+        """What reaches the reachable point nearest to one that is out of reach."""
+        wish = replace(task, metric=GoalMetric.POSITION_ONLY)
+        starts = self._source.edge(task, seed)
+        starts.sort(key=lambda q: self._away(task, q))
+        q_best = minimise(self.model, wish, starts[0])
+        for q in starts[1:]:
+            if self._away(task, q) < self._away(task, q_best) + _SETTLING:
+                q_best = min(
+                    q_best, minimise(self.model, wish, q), key=lambda q: self._away(task, q)
+                )
+        branch = self._source.branch(q_best, task.frame)
+        return judge(self.model, task, to_joints(q_best), branch)
+
+    def _away(self, task: Task, q: Array) -> float:
+        return dist(self.model.rotation_and_position(q, task.frame)[1].tolist(), task.point)
+
+
+def _arrived(task: Task, solution: IkSolution) -> bool:
+    return (
+        solution.error_position <= task.position_tolerance
+        and solution.error_angle <= task.angle_tolerance
+    )
+
+
+def _miss(task: Task, solution: IkSolution) -> tuple[float, float]:
+    """What is missing, for comparison: position beyond its tolerance first, then the angle."""
+    return max(solution.error_position - task.position_tolerance, 0.0), solution.error_angle
+
+
+def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
+    """The error with its evidence: how far off, where the nearest pose is, what is in the way."""
+    p_base = model.frame(best.q, task.frame).p
+    limit = binding_limit(model, task, best.q)
+    off, turned = to_mm(best.error_position), to_deg(best.error_angle)
+    if best.error_position > task.position_tolerance:
+        message = (
+            f"{task.frame} cannot reach {_millimetres(task.p_base)}, which is {_digits(off)} mm "
+            f"out of reach; the nearest reachable point is {_millimetres(p_base)}"
+            + (f", where the arm is stopped by {limit}" if limit else "")
+            + "; move the target there"
+        )
+    else:
+        joints = ", ".join(f"{to_deg(angle):.1f}" for angle in best.q.tolist())
+        message = (
+            f"{task.frame} can reach {_millimetres(p_base)}, but five joints cannot turn it as "
+            f"asked: the nearest pose, joints ({joints}) deg, is {_digits(off)} mm and "
+            f"{turned:.1f} deg off, and {to_deg(task.angle_tolerance):.1f} deg are allowed; allow "
+            "more, or ask for the position only"
+        )
+    return Unreachable(
+        message,
+        error_position=best.error_position,
+        error_angle=best.error_angle,
+        p_base_nearest=p_base,
+        q_nearest=best.q,
+        limit=limit,
+    )
+
+
+def _millimetres(p_base: Array) -> str:
+    x, y, z = (round(to_mm(value), 1) + 0.0 for value in p_base.tolist())
+    return f"({x}, {y}, {z}) mm"
+
+
+def _digits(off_mm: float) -> str:
+    return f"{off_mm:.1f}" if off_mm >= 1.0 else f"{off_mm:.2f}"

@@ -1,0 +1,252 @@
+"""From a proven path to a proven motion.
+
+A path says where, a motion also when; the two differ where corners are rounded and acceleration is
+smoothed. So nothing is inherited: every motion made here is measured again, sample by sample as it
+will be sent, against position, velocity, acceleration and jerk limits, the cap on the tool's speed,
+and contact. Where a rounded motion does not pass, the corners are rounded less; at last the arm
+stops at each corner, which keeps it exactly on the lines that were proven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from so101_motion.errors import InCollision, OutsideLimits, PlanningError
+from so101_motion.geometry import Array
+from so101_motion.planning import verify
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.departure import is_harmless
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.online import point_to_point
+from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.retime import retime
+from so101_motion.planning.trajectory import Trajectory
+
+_WHEN = {"start": "leaving the start", "goal": "at the goal", "way": "on the way"}
+_ADVICE = {
+    "start": "move the arm by hand (manual mode) and try again",
+    "goal": "choose another goal, or lower floor_z if the floor is not there",
+    "way": "choose waypoints further away from it",
+}
+
+Pieces = list[Trajectory]
+"""A motion in parts, with the arm at rest between them."""
+
+DEPARTURE_SPEED = 0.25
+"""Fastest joint on the way out of a start in contact or beyond a limit [rad/s]. Chosen: slow enough
+to be watched; the way is seldom longer than 0.3 rad."""
+
+SMOOTHING_SHARE = 0.25
+"""Share of a corner tolerance left to the smoothing of acceleration. Chosen."""
+
+SMOOTHING_MOST = 0.02
+"""Most that smoothing may leave the path [rad], which is what ``retime`` takes by default."""
+
+NARROWEST, WIDEST = 0.002, 0.5
+"""Corner tolerances below the first are kept by stopping, which is then faster than rounding
+(seen: at 0.001 rad by a tenth); above the second no corner gets any rounder [rad]. Chosen."""
+
+_ROUNDER = 0.25
+"""By how much smaller the second attempt to round corners is."""
+
+_PER_PIECE = 16
+"""Points of each piece of a rounded path that are looked at before time is spent on it."""
+
+SAME = 1e-6
+"""Postures whose joints all agree this well are the same [rad]. Chosen: a servo tick is 1.5e-3."""
+
+_TOOL_POINTS = 65
+_TOOL_SLACK = 1e-3
+"""Relative excess of tool speed that a motion may show between the points looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MoveMaker:
+    """Makes motions for one request.
+
+    Attributes:
+        model: The arm.
+        collision: What is in the way.
+        q_jaw: Jaw angle during the motion [rad].
+        limits: Caps the motion keeps.
+        dt: Time between samples [s].
+    """
+
+    model: RobotModel
+    collision: CollisionModel
+    q_jaw: float
+    limits: MotionLimits
+    dt: float
+
+    def straight(self, q_from: Array, q_to: Array) -> Trajectory:
+        """Along the straight joint line, from rest to rest; none if the two are the same."""
+        if np.abs(q_to - q_from).max() <= SAME:
+            q_to = q_from
+        limits = self.limits
+        if limits.tool_speed is not None:
+            limits = self._within_tool_speed(q_from, q_to, limits, limits.tool_speed)
+        return point_to_point(q_from, q_to, limits, self.dt)
+
+    def departing(self, q_from: Array, q_to: Array) -> Trajectory:
+        """Along a way out of a bad start, slowly.
+
+        Raises:
+            InCollision: The motion is not as harmless as the way was.
+        """
+        slow = self.limits.scaled_to(np.full(5, DEPARTURE_SPEED), np.inf)
+        trajectory = replace(self, limits=slow).straight(q_from, q_to)
+        if not is_harmless(self.collision, trajectory.q, self.q_jaw):
+            raise self.in_collision(q_from, "start")
+        return trajectory
+
+    def motions(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
+        """Motions along a polyline, the swiftest first; none has been checked.
+
+        The last ones stop at every corner and stay on the polyline. A motion of several pieces
+        rests between them.
+
+        Args:
+            waypoints: A polyline proven free, shape (m, 5), m >= 2, [rad].
+            tolerance: How far each joint may leave it [rad].
+            spline: Whether to try the curve through all waypoints before rounded corners.
+        """
+        tolerance = min(tolerance, WIDEST)
+        if len(waypoints) > 2 and tolerance >= NARROWEST:
+            for path, smoothing in self._rounded(waypoints, tolerance, spline=spline):
+                # Most of what would be refused after timing is refused here, at once.
+                if self._is_blocked(_dense(path)):
+                    continue
+                try:
+                    trajectory = self._retimed(path, smoothing)
+                except PlanningError:
+                    continue
+                yield [trajectory]
+        yield [self.straight(a, b) for a, b in pairwise(waypoints)]
+
+    def _retimed(self, path: JointPath, smoothing: float) -> Trajectory:
+        tool_speed = self.tool_speed if self.limits.tool_speed else None
+        return retime(path, self.limits, self.dt, tool_speed_fn=tool_speed, deviation=smoothing)
+
+    def check(self, trajectory: Trajectory) -> verify.LimitReport:
+        """Refuse a motion that breaks a limit or touches something.
+
+        Raises:
+            OutsideLimits: A limit is broken.
+            InCollision: Something is too close.
+        """
+        report = self.check_limits(trajectory)
+        blocked = self.collision.blocked_posture(trajectory.q, self.q_jaw)
+        if blocked is not None:
+            raise self.in_collision(blocked, "way")
+        return report
+
+    def check_limits(self, trajectory: Trajectory) -> verify.LimitReport:
+        """Refuse a motion that breaks a limit; one that starts outside may come in from there.
+
+        Raises:
+            OutsideLimits: Names the joint and the limit, or the tool and its speed.
+        """
+        lower = np.minimum(self.model.lower, trajectory.q[0])
+        upper = np.maximum(self.model.upper, trajectory.q[0])
+        report = verify.check(trajectory, self.limits, lower, upper)
+        cap = self.limits.tool_speed
+        if cap is not None:
+            fastest = float(self.tool_speed(trajectory.q, trajectory.qd).max())
+            if fastest > cap * (1.0 + _TOOL_SLACK):
+                raise OutsideLimits(
+                    f"the tool would move at {fastest * 1e3:.0f} mm/s, its limit is"
+                    f" {cap * 1e3:.0f} mm/s; move more slowly",
+                    joint="tool",
+                    value=fastest,
+                    lower=0.0,
+                    upper=cap,
+                )
+        return report
+
+    def tool_speed(self, q: Array, qd: Array) -> Array:
+        """How fast the tool point moves [m/s], shape (m,), for q and qd of shape (m, 5)."""
+        jacobian = self.model.frame_jacobian
+        velocity = [jacobian(here)[:3] @ rate for here, rate in zip(q, qd, strict=True)]
+        return np.asarray(np.linalg.norm(velocity, axis=1))
+
+    def in_collision(self, q: Array, where: str, when: str | None = None) -> InCollision:
+        """The error for a posture that is too close to something.
+
+        Args:
+            q: The posture, shape (5,), [rad].
+            where: ``"start"``, ``"goal"`` or ``"way"``.
+            when: How the sentence begins; such as ``"at the goal"`` if not given.
+        """
+        closest = self.collision.clearance(q, self.q_jaw)
+        return InCollision(
+            f"{when or _WHEN[where]} {closest.told()} ({self.collision.margin * 1e3:.0f} mm must"
+            f" stay free); {_ADVICE[where]}",
+            first=closest.first,
+            second=closest.second,
+            where=where,
+        )
+
+    def _within_tool_speed(
+        self, q_from: Array, q_to: Array, limits: MotionLimits, cap: float
+    ) -> MotionLimits:
+        """Limits under which the tool keeps its cap anywhere on a straight joint line."""
+        way = q_to - q_from
+        share = np.linspace(0.0, 1.0, _TOOL_POINTS)[:, None]
+        per_way = float(
+            self.tool_speed(q_from + share * way, np.broadcast_to(way, (len(share), 5))).max()
+        )
+        if per_way == 0.0:
+            return limits
+        with np.errstate(divide="ignore"):
+            fastest = np.where(way == 0.0, np.inf, np.abs(way) * (cap / per_way))
+        return limits.scaled_to(fastest, np.inf)
+
+    def _rounded(
+        self, waypoints: Array, tolerance: float, *, spline: bool
+    ) -> Iterator[tuple[JointPath, float]]:
+        """Paths that stay near a polyline, the smoothest first, and what smoothing may add."""
+        smoothing = min(SMOOTHING_SHARE * tolerance, SMOOTHING_MOST)
+        if spline:
+            path = spline_path(waypoints)
+            if _deviation(path, waypoints) <= tolerance - smoothing:
+                yield path, smoothing
+        for factor in (1.0, _ROUNDER):
+            yield blended_path(waypoints, factor * (tolerance - smoothing)), factor * smoothing
+
+    def _is_blocked(self, points: Array) -> bool:
+        return self.collision.blocked_posture(points, self.q_jaw) is not None
+
+
+def joined(pieces: Sequence[Trajectory]) -> Trajectory:
+    """One motion of several that each start at rest where the one before ended at rest."""
+    first, *others = pieces
+    lengths = [len(piece) - 1 for piece in pieces[:-1]]
+    q, qd, qdd = (
+        np.concatenate([getattr(first, name), *(getattr(piece, name)[1:] for piece in others)])
+        for name in ("q", "qd", "qdd")
+    )
+    duration = sum(lengths) * first.dt + pieces[-1].duration
+    return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _dense(path: JointPath) -> Array:
+    """Points on every piece of a path, ends included, shape (m, n)."""
+    pieces = np.arange(len(path.knots) - 1)
+    offsets = np.diff(path.knots)[:, None] * np.linspace(0.0, 1.0, _PER_PIECE + 1)[:-1]
+    q = path.on_pieces(pieces[:, None], offsets).q.reshape(-1, path.n)
+    return np.concatenate([q, path.evaluate([path.length]).q])
+
+
+def _deviation(path: JointPath, waypoints: Array) -> float:
+    """How far any joint of a curve through waypoints is from the line between its neighbours."""
+    pieces = np.arange(len(waypoints) - 1)
+    share = np.linspace(0.0, 1.0, _PER_PIECE + 1)[None, :, None]
+    q = path.on_pieces(pieces[:, None], np.diff(path.knots)[:, None] * share[0, :, 0]).q
+    start, way = waypoints[:-1, None], np.diff(waypoints, axis=0)[:, None]
+    along = np.clip(np.sum((q - start) * way, axis=2) / np.sum(way * way, axis=2), 0.0, 1.0)
+    return float(np.abs(q - start - along[..., None] * way).max())

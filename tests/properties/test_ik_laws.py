@@ -1,0 +1,118 @@
+"""Laws of kinematics and inverse kinematics, for any configuration inside the limits."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from so101_motion.errors import Unreachable
+from so101_motion.geometry import SE3, rotation_angle
+from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.ik import IkSolver
+from so101_motion.planning.model import RobotModel
+
+MODEL = RobotModel.load()
+SOLVER = IkSolver(MODEL)
+
+frames = st.sampled_from(["tool", "jaw_tip"])
+metrics = st.sampled_from(GoalMetric)
+# Hypothesis likes the ends of an interval: joints at their limits come up often.
+inside = st.tuples(*(st.floats(low, high) for low, high in MODEL.limits)).map(np.array)
+anywhere = st.tuples(*(st.floats(-7.0, 7.0) for _ in range(5))).map(np.array)
+points = st.tuples(*(st.floats(-0.7, 0.7) for _ in range(3)))
+rotations = st.tuples(*(st.floats(-math.pi, math.pi) for _ in range(3)))
+
+
+def miss(goal, q):
+    """How far a configuration is from a goal: position [m] and what counts of the turn [rad]."""
+    reached = MODEL.frame(q, goal.frame)
+    off = np.linalg.norm(reached.p - goal.T_base_tool.p)
+    if goal.metric is GoalMetric.POSITION_ONLY:
+        return off, 0.0
+    turn = goal.T_base_tool.R.T @ reached.R
+    if goal.metric is GoalMetric.FULL_POSE:
+        return off, rotation_angle(turn)
+    # For the arm's own frames the approach is the frame's z axis.
+    return off, math.atan2(math.hypot(turn[0, 2], turn[1, 2]), turn[2, 2])
+
+
+def answer(goal, q_seed):
+    """The solution or the refusal."""
+    try:
+        return SOLVER.solve(goal, q_seed)
+    except Unreachable as error:
+        return error
+
+
+def assert_inside(q):
+    assert np.all(q >= MODEL.lower)
+    assert np.all(q <= MODEL.upper)
+
+
+@settings(max_examples=300)
+@given(q=inside, q_seed=anywhere, frame=frames, metric=metrics)
+def test_ik_undoes_fk(q, q_seed, frame, metric):
+    goal = PoseGoal(T_base_tool=MODEL.frame(q, frame), metric=metric, frame=frame)
+    solution = SOLVER.solve(goal, q_seed)
+    assert_inside(solution.q)
+    off, turn = miss(goal, solution.q)
+    assert off <= goal.position_tolerance
+    assert turn <= goal.approach_tolerance + 1e-9
+    assert solution.error_position == pytest.approx(off, abs=1e-9)
+    assert solution.error_angle == pytest.approx(turn, abs=1e-7)
+
+
+@settings(max_examples=300)
+@given(p_base=points, rpy=rotations, q_seed=anywhere, frame=frames, metric=metrics)
+def test_whatever_is_asked_the_answer_is_inside_and_true(p_base, rpy, q_seed, frame, metric):
+    goal = PoseGoal(T_base_tool=SE3.from_rpy(rpy, p_base), metric=metric, frame=frame)
+    found = answer(goal, q_seed)
+    q = found.q_nearest if isinstance(found, Unreachable) else found.q
+    assert_inside(q)
+    off, turn = miss(goal, q)
+    assert found.error_position == pytest.approx(off, abs=1e-9)
+    assert found.error_angle == pytest.approx(turn, abs=1e-7)
+    arrived = off <= goal.position_tolerance and turn <= goal.approach_tolerance + 1e-9
+    assert arrived != isinstance(found, Unreachable)
+
+
+@settings(max_examples=60)
+@given(q=inside, q_seed=anywhere, frame=frames, metric=metrics)
+def test_candidates_all_arrive_and_differ(q, q_seed, frame, metric):
+    goal = PoseGoal(T_base_tool=MODEL.frame(q, frame), metric=metric, frame=frame)
+    found = list(SOLVER.candidates(goal, q_seed))
+    for solution in found:
+        assert_inside(solution.q)
+        off, turn = miss(goal, solution.q)
+        assert off <= goal.position_tolerance
+        assert turn <= goal.approach_tolerance + 1e-9
+    qs = np.array([solution.q for solution in found])
+    apart = np.linalg.norm(qs[:, None] - qs[None], axis=2)
+    assert np.all(apart[~np.eye(len(qs), dtype=bool)] > 1e-6)
+
+
+@settings(max_examples=100)
+@given(q=inside, other=inside, frame=frames)
+def test_a_refused_point_is_farther_from_no_posture_than_said(q, other, frame):
+    p_far = MODEL.frame(q, frame).p * 1.5
+    found = answer(PoseGoal.at_point(p_far, frame=frame), np.zeros(5))
+    for posture in (q, other):
+        away = np.linalg.norm(MODEL.frame(posture, frame).p - p_far)
+        assert found.error_position <= max(away, 1e-4) + 1e-7
+
+
+@settings(max_examples=100)
+@given(q=anywhere, frame=st.sampled_from(["tool", "jaw_tip", "wrist_link", "upper_arm_link"]))
+def test_the_jacobian_is_the_derivative_of_the_pose(q, frame):
+    J = MODEL.frame_jacobian(q, frame)
+    R = MODEL.frame(q, frame).R
+    h = 1e-6
+    for i in range(5):
+        step = h * np.eye(5)[i]
+        ahead, behind = MODEL.frame(q + step, frame), MODEL.frame(q - step, frame)
+        np.testing.assert_allclose(J[:3, i], (ahead.p - behind.p) / (2 * h), atol=1e-8)
+        spin = (ahead.R - behind.R) / (2 * h) @ R.T
+        turning = [spin[2, 1], spin[0, 2], spin[1, 0]]
+        np.testing.assert_allclose(J[3:, i], turning, atol=1e-8)

@@ -1,0 +1,162 @@
+"""What holds for every plan, whatever is asked."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from so101_motion.errors import InCollision, PlanningError
+from so101_motion.geometry import SE3
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.verify import violations
+
+MODEL = RobotModel.load()
+COLLISION = CollisionModel(MODEL)
+PLANNER = Planner(MODEL)
+
+seeds = st.integers(min_value=0, max_value=2**32 - 1)
+jaws = st.sampled_from([0.0, 0.5, 1.7])
+
+
+@st.composite
+def motion_limits(draw):
+    velocity = draw(st.floats(0.3, 4.0))
+    acceleration = draw(st.floats(1.0, 15.0))
+    return MotionLimits.uniform(
+        velocity=velocity, acceleration=acceleration, jerk=draw(st.floats(50.0, 1000.0))
+    )
+
+
+def free_posture(rng, q_jaw):
+    while True:
+        q = rng.uniform(MODEL.lower, MODEL.upper)
+        if COLLISION.is_free(q, q_jaw):
+            return q
+
+
+def plan_or_refusal(request):
+    try:
+        return PLANNER.plan(request), None
+    except PlanningError as error:
+        return None, error
+
+
+def assert_verified(plan, limits, q_jaw):
+    motion = plan.trajectory
+    report = violations(motion, limits, MODEL.lower, MODEL.upper)
+    assert report.worst <= 1.002
+    assert report.outside.max() <= 1e-6
+    assert min(COLLISION.clearance(q, q_jaw).distance for q in motion.q) > 0.0
+    assert not np.any(motion.qd[[0, -1]])
+
+
+@given(seed=seeds, q_jaw=jaws, limits=motion_limits())
+@settings(max_examples=40)
+def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
+    rng = np.random.default_rng(seed)
+    start, goal = free_posture(rng, q_jaw), free_posture(rng, q_jaw)
+    plan = PLANNER.plan(
+        PlanRequest(q_start=start, goal=JointGoal(q=goal), limits=limits, q_jaw=q_jaw)
+    )
+    assert_verified(plan, limits, q_jaw)
+    assert np.array_equal(plan.trajectory.q[0], start)
+    assert np.array_equal(plan.trajectory.q[-1], goal)
+
+
+@given(seed=seeds, q_jaw=jaws, frame=st.sampled_from(["tool", "jaw_tip"]))
+@settings(max_examples=40)
+def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
+    rng = np.random.default_rng(seed)
+    start, there = free_posture(rng, q_jaw), free_posture(rng, q_jaw)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    T = MODEL.frame(there, frame)
+    goal = PoseGoal(T_base_tool=T, frame=frame)
+    plan = PLANNER.plan(PlanRequest(q_start=start, goal=goal, limits=limits, q_jaw=q_jaw))
+    assert_verified(plan, limits, q_jaw)
+    assert np.linalg.norm(MODEL.frame(plan.q_goal, frame).p - T.p) <= 1e-4
+
+
+@given(seed=seeds, count=st.integers(2, 6), tolerance=st.floats(0.0, 0.2))
+@settings(max_examples=25)
+def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance):
+    rng = np.random.default_rng(seed)
+    start = free_posture(rng, 0.0)
+    waypoints = np.array([free_posture(rng, 0.0) for _ in range(count)])
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    goal = PathGoal(waypoints=waypoints, tolerance=tolerance)
+    plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits))
+    if refusal:
+        assert isinstance(refusal, InCollision)
+        assert refusal.where == "way"
+        corners = np.array([start, *waypoints])
+        assert COLLISION.blocked_posture(corners) is not None
+        return
+    assert_verified(plan, limits, 0.0)
+    # A corner is cut by the tolerance; in between two samples the arm moves on by up to 0.03 rad.
+    for waypoint in waypoints:
+        nearest = np.abs(plan.trajectory.q - waypoint).max(axis=1).min()
+        assert nearest <= tolerance + 0.04
+
+
+@given(seed=seeds)
+@settings(max_examples=40)
+def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
+    rng = np.random.default_rng(seed)
+    beyond = 0.1
+    start = rng.uniform(MODEL.lower - beyond, MODEL.upper + beyond)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    request = PlanRequest(q_start=start, goal=JointGoal(q=np.zeros(5)), limits=limits)
+    plan, refusal = plan_or_refusal(request)
+    if refusal:
+        assert isinstance(refusal, InCollision)
+        assert refusal.where == "start"
+        assert not COLLISION.is_free(start)
+        return
+    distances = np.array([COLLISION.distances(q) for q in plan.trajectory.q])
+    # Pairs in contact only part, by more and more; and no other pair comes into contact.
+    kept = np.maximum.accumulate(np.minimum(distances, 0.0), axis=0)
+    assert np.all(distances >= kept - 1e-3)
+    outside = np.maximum(MODEL.lower - plan.trajectory.q, plan.trajectory.q - MODEL.upper)
+    excess = np.maximum(outside, 0.0)
+    assert np.all(np.diff(excess, axis=0) <= 1e-9)
+    assert not np.any(excess[-1])
+
+
+@given(seed=seeds, length=st.floats(0.005, 0.15))
+@settings(max_examples=40)
+def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, length):
+    rng = np.random.default_rng(seed)
+    start = free_posture(rng, 0.0)
+    direction = rng.standard_normal(3)
+    way = length * direction / np.linalg.norm(direction)
+    T = MODEL.frame(start)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    goal = LineGoal(T_base_tool=SE3(T.R, T.p + way))
+    plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits))
+    if refusal:
+        assert f"of the {length * 1e3:.0f} mm of the line" in str(refusal)
+        return
+    assert_verified(plan, limits, 0.0)
+    offset = np.array([MODEL.frame(q).p for q in plan.trajectory.q]) - T.p
+    along = offset @ way / (way @ way)
+    assert np.linalg.norm(offset - np.outer(along, way), axis=1).max() <= 1e-4
+    assert along[-1] == pytest.approx(1.0, abs=1e-4)
+
+
+@given(seed=seeds)
+@settings(max_examples=15)
+def test_the_same_request_gives_the_same_bytes(seed):
+    rng = np.random.default_rng(seed)
+    start, goal = free_posture(rng, 0.0), free_posture(rng, 0.0)
+    assume(COLLISION.blocked_posture(np.array([start, goal])) is None or seed % 4 == 0)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+    request = PlanRequest(
+        q_start=start, goal=PoseGoal(T_base_tool=MODEL.frame(goal)), limits=limits, seed=seed
+    )
+    first, second = Planner(RobotModel.load()).plan(request), PLANNER.plan(request)
+    assert first.trajectory.q.tobytes() == second.trajectory.q.tobytes()
+    assert first.trajectory.qd.tobytes() == second.trajectory.qd.tobytes()

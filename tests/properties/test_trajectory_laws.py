@@ -1,0 +1,189 @@
+"""What holds for every trajectory, whoever made it and whatever was asked."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from so101_motion.planning import online, verify
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.retime import retime
+from so101_motion.planning.trajectory import Trajectory
+
+FINE = 1e-3
+
+
+def vectors(n: int, low: float, high: float) -> st.SearchStrategy[np.ndarray]:
+    return st.lists(st.floats(low, high), min_size=n, max_size=n).map(np.array)
+
+
+@st.composite
+def limits_for(draw, n: int) -> MotionLimits:
+    """Limits from a sleepy to a lively arm, equal for all joints or not."""
+    ranges = {"velocity": (0.3, 6.0), "acceleration": (1.0, 40.0), "jerk": (20.0, 2000.0)}
+    if draw(st.booleans()):
+        return MotionLimits.uniform(n=n, **{k: draw(st.floats(*v)) for k, v in ranges.items()})
+    return MotionLimits(**{k: draw(vectors(n, *v)) for k, v in ranges.items()})
+
+
+@dataclass(frozen=True)
+class Request:
+    """A path, its ends, and the limits for it."""
+
+    path: JointPath
+    start: np.ndarray
+    goal: np.ndarray
+    limits: MotionLimits
+
+
+@st.composite
+def requests(draw) -> Request:
+    n = draw(st.sampled_from([1, 2, 5]))
+    points = np.array(draw(st.lists(vectors(n, -2.0, 2.0), min_size=2, max_size=6)))
+    assume(np.abs(points - points[0]).max() > 1e-3)
+    tolerance = draw(st.floats(1e-3, 0.1))
+    make = draw(st.sampled_from([spline_path, lambda p: blended_path(p, tolerance)]))
+    return Request(make(points), points[0], points[-1], draw(limits_for(n)))
+
+
+@dataclass(frozen=True)
+class Moving:
+    """A state inside its limits, from which they can be kept."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    limits: MotionLimits
+
+
+@st.composite
+def states(draw) -> Moving:
+    n = draw(st.sampled_from([1, 5]))
+    limits = draw(limits_for(n))
+    q, share_v, share_a = (draw(vectors(n, -1.0, 1.0)) for _ in range(3))
+    qd, qdd = share_v * limits.velocity, share_a * limits.acceleration
+    # Taking an acceleration back takes time, in which the speed still grows.
+    peak = qd + qdd * np.abs(qdd) / (2.0 * limits.jerk)
+    return Moving(q, qd, np.where(np.abs(peak) > limits.velocity, 0.0, qdd), limits)
+
+
+def assert_at_rest_at(trajectory: Trajectory, q: np.ndarray) -> None:
+    assert np.allclose(trajectory.q[-1], q, rtol=0.0, atol=1e-12)
+    assert not trajectory.qd[-1].any()
+    assert not trajectory.qdd[-1].any()
+
+
+def assert_within(trajectory: Trajectory, limits: MotionLimits) -> None:
+    report = verify.violations(trajectory, limits)
+    assert report.velocity.max() <= 1.0 + 1e-6
+    assert report.worst <= 1.0 + verify.TOLERANCE
+
+
+def assert_continuous(trajectory: Trajectory) -> None:
+    """No jump across a sample: both sides of it agree to what an instant of motion explains."""
+    inner = trajectory.t[1:-1]
+    before, after = trajectory.at(inner - 1e-7), trajectory.at(inner + 1e-7)
+    for left, right, rate in zip(before, after, (50.0, 500.0, 1e5), strict=True):
+        assert np.allclose(left, right, rtol=0.0, atol=1e-7 * rate)
+
+
+@settings(max_examples=40)
+@given(requests())
+def test_a_timed_path_goes_from_end_to_end_at_rest_within_every_limit(request: Request) -> None:
+    trajectory = retime(request.path, request.limits, FINE)
+    assert np.allclose(trajectory.q[0], request.start, rtol=0.0, atol=1e-12)
+    assert not trajectory.qd[0].any()
+    assert_at_rest_at(trajectory, request.goal)
+    assert_within(trajectory, request.limits)
+    assert_continuous(trajectory)
+
+
+@settings(max_examples=20)
+@given(requests(), st.floats(1.05, 3.0))
+def test_a_timed_path_is_never_longer_when_limits_are_loosened(
+    request: Request, factor: float
+) -> None:
+    limits = request.limits
+    looser = MotionLimits(
+        velocity=factor * limits.velocity,
+        acceleration=factor * limits.acceleration,
+        jerk=factor * limits.jerk,
+    )
+    strict, loose = (retime(request.path, these, 0.01).duration for these in (limits, looser))
+    assert loose <= 1.01 * strict
+
+
+@settings(max_examples=20)
+@given(requests())
+def test_a_timed_path_leaves_its_path_by_no_more_than_the_deviation(request: Request) -> None:
+    trajectory = retime(request.path, request.limits, 0.02, deviation=0.01)
+    dense = request.path.evaluate(np.linspace(0.0, request.path.length, 4000)).q
+    gap = request.path.length / 4000
+    for q in trajectory.q[:: max(1, len(trajectory) // 50)]:
+        assert np.abs(dense - q).max(axis=1).min() <= 0.01 + 2.0 * gap
+
+
+@settings(max_examples=60)
+@given(states(), st.data())
+def test_point_to_point_keeps_every_limit_and_to_the_line(moving: Moving, data) -> None:
+    goal = data.draw(vectors(len(moving.q), -1.0, 1.0))
+    trajectory = online.point_to_point(moving.q, goal, moving.limits, FINE)
+    assert_at_rest_at(trajectory, goal)
+    assert_within(trajectory, moving.limits)
+    way = goal - moving.q
+    i = int(np.argmax(np.abs(way)))
+    if way[i] != 0.0:
+        done = (trajectory.q[:, i] - moving.q[i]) / way[i]
+        assert np.allclose(trajectory.q, moving.q + np.outer(done, way), rtol=0.0, atol=1e-9)
+        assert np.all(np.diff(done) >= -1e-9)
+
+
+@settings(max_examples=60)
+@given(states(), st.data())
+def test_a_new_goal_is_reached_from_any_state_within_every_limit(moving: Moving, data) -> None:
+    goal = data.draw(vectors(len(moving.q), -1.0, 1.0))
+    trajectory = online.from_state(moving.q, moving.qd, moving.qdd, goal, moving.limits, FINE)
+    assert np.allclose(trajectory.q[0], moving.q, rtol=0.0, atol=1e-12)
+    assert np.allclose(trajectory.qd[0], moving.qd, rtol=0.0, atol=1e-9)
+    assert_at_rest_at(trajectory, goal)
+    assert_within(trajectory, moving.limits)
+    assert_continuous(trajectory)
+
+
+@settings(max_examples=60)
+@given(states())
+def test_a_stop_comes_to_rest_from_any_state_within_every_limit(moving: Moving) -> None:
+    trajectory = online.stop(moving.q, moving.qd, moving.qdd, moving.limits, FINE)
+    assert np.allclose(trajectory.qd[0], moving.qd, rtol=0.0, atol=1e-9)
+    assert_at_rest_at(trajectory, trajectory.q[-1])
+    assert_within(trajectory, moving.limits)
+
+
+@settings(max_examples=30)
+@given(requests(), st.floats(0.0, 1.05))
+def test_a_stop_on_the_path_visits_only_what_the_motion_would_have(
+    request: Request, share: float
+) -> None:
+    motion = retime(request.path, request.limits, 0.01)
+    harder = MotionLimits(
+        velocity=request.limits.velocity,
+        acceleration=1.2 * request.limits.acceleration,
+        jerk=1.5 * request.limits.jerk,
+    )
+    t = share * motion.duration
+    stopped = online.stop_on_path(motion, t, harder, 0.01)
+    assert_at_rest_at(stopped, stopped.q[-1])
+    assert np.allclose(stopped.q[0], motion.sample(t).q, rtol=0.0, atol=1e-9)
+    report = verify.violations(stopped, harder)
+    assert report.velocity.max() <= 1.001
+    assert report.acceleration.max() <= 1.01
+    assert report.jerk.max() <= 1.02
+    # Follow the motion's own clock along: it never runs backwards and never faster than true.
+    tau = t
+    for q in stopped.q:
+        ahead = tau + np.linspace(0.0, 0.0101, 400)
+        distances = np.abs(motion.at(ahead)[0] - q).max(axis=1)
+        assert distances.min() <= 6.0 * 0.0101 / 400
+        tau = float(ahead[np.argmin(distances)])

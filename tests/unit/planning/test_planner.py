@@ -1,0 +1,331 @@
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from so101_motion.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
+from so101_motion.geometry import SE3
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PathGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.verify import violations
+
+LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+HOME = np.zeros(5)
+GOAL = np.radians([40, -20, 30, 10, 0])
+BELOW = np.radians([0, 60, 20, 40, 0])
+RESTING = np.radians([0, -105, 91, 77, 0])
+WAYPOINTS = np.radians(
+    [[10, 5, 0, 0, 0], [20, -5, 10, 5, 0], [30, 10, 20, 0, 10], [40, -20, 30, 10, 0]]
+)
+OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 50, 10]])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+@pytest.fixture(scope="module")
+def collision(model):
+    return CollisionModel(model)
+
+
+@pytest.fixture(scope="module")
+def planner(model):
+    return Planner(model)
+
+
+@pytest.fixture(scope="module")
+def plan(planner):
+    def plan(goal, q_start=HOME, limits=LIMITS, **options):
+        return planner.plan(PlanRequest(q_start=q_start, goal=goal, limits=limits, **options))
+
+    return plan
+
+
+def assert_sound(model, collision, made, limits=LIMITS):
+    """The motion begins and ends at rest where it should, keeps limits and touches nothing."""
+    motion = made.trajectory
+    assert np.array_equal(motion.q[0], made.q_start)
+    assert np.array_equal(motion.q[-1], made.q_goal)
+    assert not np.any(motion.qd[[0, -1]])
+    report = violations(motion, limits, model.lower, model.upper)
+    assert report.worst <= 1.002
+    assert report.outside.max() <= 1e-6
+    assert min(collision.clearance(q).distance for q in motion.q) > 0.0
+
+
+def test_a_joint_goal_is_one_straight_line(model, collision, plan):
+    made = plan(JointGoal(q=GOAL))
+    assert_sound(model, collision, made)
+    assert np.array_equal(made.q_goal, GOAL)
+    assert np.array_equal(made.path, [HOME, GOAL])
+    assert made.report.straight
+    share = made.trajectory.q[:, 0] / GOAL[0]
+    assert made.trajectory.q == pytest.approx(np.outer(share, GOAL), abs=1e-9)
+
+
+def test_a_pose_goal_is_reached_within_its_tolerance(model, collision, plan):
+    T = model.frame(GOAL)
+    for metric in GoalMetric:
+        made = plan(PoseGoal(T_base_tool=T, metric=metric))
+        assert_sound(model, collision, made)
+        assert model.frame(made.q_goal).p == pytest.approx(T.p, abs=1e-4)
+        assert made.report.branch == "front, elbow up"
+
+
+def test_a_pose_that_only_another_posture_reaches_freely_is_reached_so(model, collision, plan):
+    # Close above the table: with the hand as it is now, it would touch.
+    made = plan(PoseGoal.at_point((0.22, 0.0, 0.06)), np.radians([0, 30, -20, -40, 0]))
+    assert_sound(model, collision, made)
+    assert model.frame(made.q_goal).p == pytest.approx([0.22, 0.0, 0.06], abs=1e-4)
+
+
+def test_a_point_that_only_a_narrow_range_of_postures_reaches_freely_is_reached(
+    model, collision, plan
+):
+    # A little above the table; all candidates of the inverse kinematics are too close to it.
+    q = np.radians([22.04, 54.68, -29.32, 10.51, -81.2])
+    p_base = model.frame(q, "jaw_tip").p + np.array([0.0, 0.0, 2e-4])
+    made = plan(PoseGoal.at_point(p_base, frame="jaw_tip"))
+    assert_sound(model, collision, made)
+    assert model.frame(made.q_goal, "jaw_tip").p == pytest.approx(p_base, abs=1e-4)
+
+
+def test_a_blocked_line_is_gone_around_without_stopping(model, collision, plan):
+    start, goal = OVER_THE_TABLE
+    made = plan(JointGoal(q=goal), start)
+    assert_sound(model, collision, made)
+    assert not made.report.straight
+    assert len(made.path) > 2
+    moving = np.abs(made.trajectory.qd[2:-2]).max(axis=1)
+    assert moving.min() > 0.0
+
+
+def test_the_tool_path_is_that_of_the_motion(model, plan):
+    made = plan(JointGoal(q=GOAL))
+    assert made.tool_path[0] == pytest.approx(model.frame(HOME).p)
+    assert made.tool_path[-1] == pytest.approx(model.frame(GOAL).p)
+    assert 2 < len(made.tool_path) <= 64
+
+
+def test_the_report_says_how_the_plan_came_about(plan):
+    report = plan(JointGoal(q=GOAL)).report
+    assert set(report.stages_ms) == {"path", "retime", "verify", "total"}
+    assert sum(report.stages_ms.values()) <= 2.0 * report.stages_ms["total"]
+    assert 0.9 < report.load <= 1.002
+    assert 0.003 < report.clearance < 0.2
+    assert len(report.closest) == 2
+    assert not report.departure
+
+
+def test_waypoints_are_followed_without_stopping_and_within_the_tolerance(model, collision, plan):
+    made = plan(PathGoal(waypoints=WAYPOINTS))
+    assert_sound(model, collision, made)
+    assert np.abs(made.trajectory.qd[3:-3]).max(axis=1).min() > 0.0
+    for waypoint in WAYPOINTS:
+        assert np.abs(made.trajectory.q - waypoint).max(axis=1).min() < np.radians(2.0) + 0.02
+
+
+def test_without_tolerance_the_arm_stops_at_the_waypoints(model, collision, plan):
+    made = plan(PathGoal(waypoints=WAYPOINTS, tolerance=0.0))
+    assert_sound(model, collision, made)
+    for waypoint in WAYPOINTS:
+        nearest = np.abs(made.trajectory.q - waypoint).max(axis=1).argmin()
+        assert made.trajectory.q[nearest] == pytest.approx(waypoint, abs=1e-9)
+        assert made.trajectory.qd[nearest] == pytest.approx(np.zeros(5), abs=1e-9)
+
+
+def test_waypoints_on_one_line_are_one_straight_move(plan):
+    steps = np.linspace(0.0, 1.0, 30)[:, None] * GOAL
+    made = plan(PathGoal(waypoints=np.repeat(steps, 2, axis=0)))
+    assert made.report.straight
+    assert made.duration == pytest.approx(plan(JointGoal(q=GOAL)).duration)
+
+
+def test_a_line_goal_moves_the_tool_straight(model, collision, plan):
+    start, way = np.radians([0, -45, 45, 60, 0]), np.array([0.0, 0.08, 0.02])
+    T = model.frame(start)
+    made = plan(LineGoal(T_base_tool=SE3(T.R, T.p + way)), start)
+    assert_sound(model, collision, made)
+    offset = np.array([model.frame(q).p for q in made.trajectory.q]) - T.p
+    along = offset @ way / (way @ way)
+    assert offset == pytest.approx(np.outer(along, way), abs=1e-4)
+    assert along[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        JointGoal(q=GOAL),
+        PathGoal(waypoints=WAYPOINTS),
+        LineGoal(T_base_tool=SE3.from_translation((0.30, 0.05, 0.20))),
+    ],
+    ids=["joints", "waypoints", "line"],
+)
+def test_the_cap_on_tool_speed_is_kept(model, plan, goal):
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.08)
+    made = plan(goal, limits=limits)
+    points = np.array([model.frame(q).p for q in made.trajectory.q])
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / made.trajectory.dt
+    assert 0.07 < speed.max() < 0.08 * 1.002
+
+
+@pytest.mark.parametrize("what", ["joints", "pose", "waypoints", "line"])
+def test_a_goal_that_is_where_the_arm_stands_takes_no_time(model, plan, what):
+    goal = {
+        "joints": JointGoal(q=GOAL),
+        "pose": PoseGoal(T_base_tool=model.frame(GOAL)),
+        "waypoints": PathGoal(waypoints=np.array([GOAL, GOAL])),
+        "line": LineGoal(T_base_tool=model.frame(GOAL)),
+    }[what]
+    made = plan(goal, GOAL)
+    assert made.duration == 0.0
+    assert np.array_equal(made.trajectory.q, [GOAL])
+
+
+def test_the_same_request_gives_the_same_bytes(model, plan):
+    start, goal = OVER_THE_TABLE
+    requests = (
+        lambda: plan(JointGoal(q=goal), start, seed=5),
+        lambda: plan(PoseGoal(T_base_tool=model.frame(GOAL))),
+        lambda: plan(PathGoal(waypoints=WAYPOINTS)),
+        lambda: plan(JointGoal(q=GOAL), RESTING),
+    )
+    for make in requests:
+        first, second = make().trajectory, make().trajectory
+        for name in ("q", "qd", "qdd"):
+            assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
+
+
+def test_requests_and_plans_survive_a_process_boundary(plan):
+    request = PlanRequest(q_start=HOME, goal=PathGoal(waypoints=WAYPOINTS), limits=LIMITS)
+    made = plan(pickle.loads(pickle.dumps(request)).goal)
+    again = pickle.loads(pickle.dumps(made))
+    assert np.array_equal(again.trajectory.q, made.trajectory.q)
+    assert again.report == made.report
+    assert len(pickle.dumps(made)) < 100_000
+
+
+def test_toppra_is_loaded_by_the_warm_up_and_matplotlib_never():
+    code = (
+        "import sys\n"
+        "from so101_motion.planning.model import RobotModel\n"
+        "from so101_motion.planning.planner import Planner\n"
+        "planner = Planner(RobotModel.load())\n"
+        "assert 'toppra' not in sys.modules\n"
+        "planner.warm_up()\n"
+        "assert 'toppra' in sys.modules\n"
+        "assert not any(name.startswith('matplotlib') for name in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_resting_arm_leaves_slowly_and_then_moves(model, collision, plan):
+    made = plan(JointGoal(q=HOME), RESTING)
+    assert made.report.departure
+    assert not made.report.straight
+    assert np.array_equal(made.path[0], RESTING)
+    q_exit = made.path[1]
+    assert model.outside(q_exit) is None
+    outside = np.any((made.trajectory.q < model.lower) | (made.trajectory.q > model.upper), axis=1)
+    last_outside = int(np.flatnonzero(outside)[-1])
+    assert np.abs(made.trajectory.qd[: last_outside + 1]).max() <= 0.2501
+    assert np.all(np.diff(outside.astype(int)) <= 0)
+    assert violations(made.trajectory, LIMITS).worst <= 1.002
+    assert np.array_equal(made.q_goal, HOME)
+
+
+def test_a_start_too_deep_in_contact_is_refused(plan):
+    with pytest.raises(
+        InCollision, match=r"at the start the jaw is .* mm into the floor"
+    ) as caught:
+        plan(JointGoal(q=HOME), BELOW)
+    assert caught.value.where == "start"
+
+
+def test_a_goal_in_contact_is_refused_with_the_pair_and_the_depth(plan):
+    with pytest.raises(InCollision, match=r"at the goal the jaw would be .* mm into the") as caught:
+        plan(JointGoal(q=BELOW))
+    assert caught.value.where == "goal"
+    assert (caught.value.first, caught.value.second) == ("jaw", "floor")
+
+
+def test_a_point_under_the_table_is_refused_after_trying_every_posture(plan):
+    with pytest.raises(InCollision, match=r"in the best of \d+ postures, .* the floor") as caught:
+        plan(PoseGoal.at_point((0.25, 0.0, -0.05)))
+    assert caught.value.where == "goal"
+
+
+def test_without_a_table_the_same_point_is_reached(model, plan):
+    made = plan(PoseGoal.at_point((0.25, 0.0, -0.05)), floor_z=None)
+    assert model.frame(made.q_goal).p == pytest.approx([0.25, 0.0, -0.05], abs=1e-4)
+
+
+def test_a_joint_goal_outside_the_limits_is_refused_in_degrees(plan):
+    with pytest.raises(OutsideLimits, match=r"elbow_flex = 95\.00 deg .* -96\.83 to 90\.80 deg"):
+        plan(JointGoal(q=np.radians([0, 0, 95, 0, 0])))
+
+
+def test_a_point_out_of_reach_is_refused_in_millimetres(plan):
+    with pytest.raises(Unreachable, match=r"mm out of reach; the nearest reachable point"):
+        plan(PoseGoal.at_point((0.6, 0.0, 0.2)))
+
+
+def test_a_waypoint_outside_the_limits_is_named(plan):
+    outside = np.vstack([WAYPOINTS, np.radians([0, 0, 95, 0, 0])])
+    with pytest.raises(OutsideLimits, match="waypoint 5 of 5: elbow_flex = 95"):
+        plan(PathGoal(waypoints=outside))
+
+
+def test_a_waypoint_in_contact_is_named(plan):
+    with pytest.raises(InCollision, match="at waypoint 1 of 2 the jaw would be") as caught:
+        plan(PathGoal(waypoints=np.array([BELOW, HOME])))
+    assert caught.value.where == "way"
+
+
+def test_a_path_without_waypoints_is_refused(plan):
+    with pytest.raises(ConfigError, match="at least one waypoint"):
+        plan(PathGoal(waypoints=np.empty((0, 5))))
+
+
+def test_a_prescribed_way_through_the_table_is_refused_where_it_is(plan):
+    start, goal = OVER_THE_TABLE
+    with pytest.raises(InCollision, match="between the start and waypoint 1 the "):
+        plan(PathGoal(waypoints=goal[None]), start)
+    with pytest.raises(InCollision, match="between waypoint 1 and waypoint 2 the "):
+        plan(PathGoal(waypoints=np.array([start + 1e-3, goal])), start)
+
+
+def test_giving_up_says_what_was_tried(plan):
+    start, goal = OVER_THE_TABLE
+    with pytest.raises(NoPath, match=r"no path found in 0\.0 s"):
+        plan(JointGoal(q=goal), start, time_budget=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("q_start", np.full(5, np.nan)),
+        ("q_jaw", float("inf")),
+        ("floor_z", float("nan")),
+        ("dt", 0.0),
+        ("time_budget", -1.0),
+    ],
+)
+def test_a_request_that_cannot_be_meant_names_the_key(key, value):
+    with pytest.raises(ConfigError, match=f'"{key}"'):
+        PlanRequest(**{"q_start": HOME, "goal": JointGoal(q=GOAL), "limits": LIMITS, key: value})
+
+
+def test_an_open_gripper_is_planned_with_its_true_width(model, plan):
+    wide = CollisionModel(model)
+    start, goal = OVER_THE_TABLE
+    made = plan(JointGoal(q=goal), start, q_jaw=1.0)
+    assert min(wide.clearance(q, 1.0).distance for q in made.trajectory.q) > 0.0
