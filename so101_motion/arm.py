@@ -26,7 +26,7 @@ from so101_motion.planning.goals import Goal
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.plan import Plan, PlanRequest
 from so101_motion.state import JointState
-from so101_motion.units import to_deg, to_rad
+from so101_motion.units import to_deg
 
 if TYPE_CHECKING:
     from so101_motion.planning.model import RobotModel
@@ -69,6 +69,7 @@ class Arm:
         self.set_speed(speed)
         self.set_acceleration(acceleration)
         self._lock = threading.Lock()
+        self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
         self._current = Motion()
         self._current.future.set_result(None)
         self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
@@ -92,7 +93,14 @@ class Arm:
 
     def T_base(self, frame: str = "tool") -> SE3:
         """Where ``frame`` is now, from the measured joints; maps to the base frame."""
-        return self.model.frame(self.state.q, frame)
+        with self._kinematics:
+            return self.model.frame(self.state.q, frame)
+
+    def T_base_links(self) -> dict[str, SE3]:
+        """Where all seven links are now, by name, the jaw included."""
+        state = self.state
+        with self._kinematics:
+            return self.model.link_placements(state.q, state.q_jaw)
 
     # How fast it may go
 

@@ -36,18 +36,19 @@ def main() -> None:
 @click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address the page listens on.")
 @click.option("--web-port", default=8080, show_default=True, help="Port the page listens on.")
-def demo(text: bool, host: str, web_port: int) -> None:
+@click.option("--allow-remote", is_flag=True, help="Let --host be more than this machine alone.")
+def demo(text: bool, host: str, web_port: int, allow_remote: bool) -> None:
     """Run the simulated arm with the preview in the browser; needs no hardware."""
     try:
         if text:
             _demo_in_text()
         else:
-            _demo_in_browser(host, web_port)
+            _demo_in_browser(host, web_port, allow_remote)
     except So101Error as error:
         _fail(error)
 
 
-def _demo_in_browser(host: str, web_port: int) -> None:
+def _demo_in_browser(host: str, web_port: int, allow_remote: bool) -> None:
     from so101_motion.rig import open_simulated
 
     try:
@@ -61,10 +62,13 @@ def _demo_in_browser(host: str, web_port: int) -> None:
     done = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: done.set())
-    with open_simulated() as rig, serve(rig, host=host, port=web_port) as page:
+    with (
+        open_simulated() as rig,
+        serve(rig, host=host, port=web_port, allow_remote=allow_remote) as page,
+    ):
         click.echo("so101: simulated arm ready", err=True)
         click.echo(f"open   {page.url}")
-        click.echo("       (only for this machine; Ctrl-C to quit)", err=True)
+        click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
         done.wait()
         click.echo("\nso101: stopping", err=True)
 

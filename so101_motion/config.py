@@ -134,9 +134,18 @@ def checked_number(
 def suggest(word: str, known: Iterable[str]) -> str:
     """Which known word was meant, if one is near, and all that could have been."""
     names = tuple(known)
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    hint = f'did you mean "{near[0]}"? ' if near else ""
+    near = max(names, key=lambda name: _likeness(word, name), default="")
+    hint = f'did you mean "{near}"? ' if near and _likeness(word, near) >= 0.6 else ""
     return hint + ("known: " + ", ".join(names) if names else "none is known here")
+
+
+def _likeness(word: str, name: str) -> float:
+    """How near two words are, 0 to 1; "speed" is near "speed_degs_per_sec" by its first part."""
+
+    def ratio(other: str) -> float:
+        return difflib.SequenceMatcher(None, word.lower(), other).ratio()
+
+    return max(ratio(name.lower()), 0.8 * max(ratio(part) for part in name.lower().split("_")))
 
 
 def _range(lower: float, upper: float, unit: str) -> str:

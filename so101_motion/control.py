@@ -30,9 +30,9 @@ T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
-STANDSTILL = 0.25
-"""After how long without a setpoint a motion is given up [s]. The joints stand by then, and going on
-at speed from there would jerk them; chosen, rides out a busy machine."""
+STANDSTILL = 1.0
+"""After how long without a setpoint a motion is given up [s]. It could go on from where the joints
+stand, but nobody expects that any more; chosen, rides out a busy machine."""
 
 _RECENT = 1.0
 """How much of the past an error carries [s]."""

@@ -112,6 +112,57 @@ class BusError(So101Error):
     """The servos cannot be reached or answer nonsense."""
 
 
+class PortUnavailable(BusError):
+    """A serial port cannot be opened, or went away.
+
+    Attributes:
+        port: The port as it was asked for.
+        reason: What is wrong and what to do about it.
+    """
+
+    def __init__(self, port: str, reason: str) -> None:
+        self.port, self.reason = port, reason
+        super().__init__(f"{port}: {reason}")
+
+
+class NoReply(BusError, TimeoutError):
+    """A servo stayed silent, however often it was asked.
+
+    Attributes:
+        servo_id: Which servo, by its id on the bus.
+        register: What it was asked for, by name.
+    """
+
+    def __init__(self, message: str, *, servo_id: int, register: str) -> None:
+        self.servo_id, self.register = servo_id, register
+        super().__init__(message)
+
+
+class CorruptReply(BusError):
+    """A servo answered, but no try brought an answer that can be trusted.
+
+    Attributes:
+        raw: The bytes that came last.
+    """
+
+    def __init__(self, message: str, *, raw: bytes) -> None:
+        self.raw = raw
+        super().__init__(message)
+
+
+class ServoFault(BusError):
+    """A servo is there but does not do what it was told.
+
+    Attributes:
+        servo_id: Which servo, by its id on the bus.
+        flags: Its status byte; 0 when that shows nothing.
+    """
+
+    def __init__(self, message: str, *, servo_id: int, flags: int = 0) -> None:
+        self.servo_id, self.flags = servo_id, flags
+        super().__init__(message)
+
+
 class MotionError(So101Error):
     """A motion did not end where it was meant to."""
 
@@ -144,6 +195,20 @@ class FollowingError(MotionError):
     def __init__(self, message: str, *, joint: str, error: float, recent: tuple[JointState, ...]):
         self.joint, self.error, self.recent = joint, error, recent
         super().__init__(message)
+
+
+class CalibrationError(So101Error):
+    """A calibration cannot be used, read or made.
+
+    Attributes:
+        joint: Which joint; None when it is not about one.
+        reason: What is wrong.
+        next_step: What to do about it.
+    """
+
+    def __init__(self, joint: str | None, reason: str, next_step: str) -> None:
+        self.joint, self.reason, self.next_step = joint, reason, next_step
+        super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
 
 
 class WorkerError(So101Error):

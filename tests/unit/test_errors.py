@@ -20,9 +20,14 @@ ONE_OF_EACH = [
     errors.InCollision("hits", first="gripper", second="floor", where="goal"),
     errors.NoPath("no way"),
     errors.BusError("no reply"),
+    errors.PortUnavailable("/dev/ttyACM0", "in use by another program; end it first"),
+    errors.NoReply("silent", servo_id=3, register="present_position"),
+    errors.CorruptReply("garbled", raw=b"\xff\xff\x03"),
+    errors.ServoFault("overloaded", servo_id=3, flags=0x20),
     errors.Interrupted("stop"),
     errors.NotHolding("limp"),
     errors.FollowingError("stuck", joint="elbow_flex", error=0.2, recent=()),
+    errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"),
     errors.WorkerError("died"),
 ]
 

@@ -51,21 +51,35 @@ def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(
     np.testing.assert_array_equal(sim.arm.goals, trajectory.q[np.minimum(k, 300)])
 
 
-def test_a_long_standstill_ends_the_motion_without_a_jump(make_sim, taped_arm, clock):
+def freezing(taped_arm, clock, pause):
     class FreezingArm(taped_arm):
-        """The hundredth exchange takes half a second."""
+        """The hundredth exchange takes ``pause`` seconds."""
 
         def write(self, q_cmd, q_jaw_cmd):
             super().write(q_cmd, q_jaw_cmd)
             if len(self.tape) == 100:
-                clock.wait(clock.now() + 0.5, threading.Event())
+                clock.wait(clock.now() + pause, threading.Event())
 
-    sim = make_sim(FreezingArm(clock))
+    return FreezingArm(clock)
+
+
+def test_a_pause_is_made_up_for_by_arriving_later(make_sim, taped_arm, clock):
+    sim = make_sim(freezing(taped_arm, clock, 0.5))
+    sim.executor.start()
+    trajectory = sim.slow_move(3.0)
+    sim.after(5.0, sim.executor.execute(trajectory))
+    step = np.max(np.abs(np.diff(sim.arm.goals, axis=0)))
+    assert step <= np.max(np.abs(np.diff(trajectory.q, axis=0))) + 1e-12
+    assert sim.state.late_ticks == 50
+
+
+def test_a_long_standstill_ends_the_motion_without_a_jump(make_sim, taped_arm, clock):
+    sim = make_sim(freezing(taped_arm, clock, 2.0))
     sim.executor.start()
     future = sim.executor.execute(sim.slow_move(3.0))
-    error = sim.error_after(3.0, future)
+    error = sim.error_after(5.0, future)
     assert isinstance(error, MotionError)
-    assert "no setpoint could be sent for 0.50 s" in str(error)
+    assert "no setpoint could be sent for 2.00 s" in str(error)
     assert np.max(np.abs(np.diff(sim.arm.goals, axis=0))) < 0.03
     assert sim.state.mode is Mode.HOLDING
 
