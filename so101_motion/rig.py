@@ -25,9 +25,10 @@ from so101_motion.worker import PlanningWorker
 TICK = 0.01
 """Period of the control loop [s]."""
 
-HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(500.0), jerk=200.0)
-"""Caps of a stop, whatever the motion's own: 500 deg/s^2 is what the servos can do (measured by
-the published module's authors); the jerk is chosen so that full braking builds up in 45 ms."""
+HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(600.0), jerk=200.0)
+"""Caps of a stop, whatever the motion's own: 600 deg/s^2 is where the servos level off (460 to 620
+measured by the published module's authors); the jerk is chosen, braking builds up in 50 ms. A fifth
+more than any motion may have, so that a stop nearly always finds a way along the path."""
 
 _numbers = itertools.count(1)
 

@@ -227,12 +227,15 @@ class ArmStructure:
         x, y = p_base[0] - m.pan[0], p_base[1] - m.pan[1]
         return y * cos(azimuth) - x * sin(azimuth)
 
+    def azimuth(self, pan: float) -> float:
+        """The azimuth of the arm's plane at a pan angle [rad]."""
+        return self.measures.azimuth + self.measures.pan_sign * pan
+
     def pitch_towards(self, pan: float, axis: Point) -> float:
         """The pitch [rad] that brings the approach nearest to an axis, given as a unit vector."""
-        m = self.measures
-        azimuth = m.azimuth + m.pan_sign * pan
+        azimuth = self.azimuth(pan)
         ahead = axis[0] * cos(azimuth) + axis[1] * sin(azimuth)
-        return m.approach_elevation - atan2(axis[2], ahead)
+        return self.measures.approach_elevation - atan2(axis[2], ahead)
 
     def clip_roll(self, roll: float) -> float:
         """A roll [rad], turned by whole turns or else pulled into its limits."""

@@ -9,7 +9,7 @@ possible, the pitch is the one whose posture is nearest.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import atan2, dist, hypot, inf
+from math import atan2, cos, dist, hypot, inf, pi, sin
 
 import numpy as np
 
@@ -35,7 +35,7 @@ PITCH_STEP = 0.2
 """How far apart alternatives are in pitch [rad]. Chosen: 11 degrees."""
 
 _SETTLED = 1e-10
-_ROUNDS = 20
+_ROUNDS = 10
 
 
 class ClosedForms:
@@ -45,20 +45,36 @@ class ClosedForms:
         self._structure = structure
         self._workspaces: dict[str, Workspace] = {}
 
-    def nearest(self, task: Task, seed: Joints) -> list[Posture]:
-        """Postures at the task's point, the one nearest to the seed first; few or none."""
+    def nearest(self, task: Task, seed: Joints) -> Iterator[Posture]:
+        """Postures at the task's point, the one nearest to the seed first; few or none.
+
+        Those that cannot have the wanted approach come last, as evidence.
+        """
         structure = self._structure
         if task.metric is GoalMetric.POSITION_ONLY:
             found = nearest_position(structure, task, seed)
-            return [found] if found else []
-        return _by_distance(_oriented(structure, task, seed, []), seed)
+            if found:
+                yield found
+            return
+        roll = structure.clip_roll(seed[4])
+        rolls = approach_rolls(structure, task)
+        if task.metric is GoalMetric.FULL_POSE:
+            yield from _by_distance(full_pose(structure, task, rolls or [roll]), seed)
+            return
+        for sides in sides_by_approach(structure, task, [roll, *rolls]):
+            yield from _by_distance(approach(structure, task, sides), seed)
 
-    def spread(self, task: Task, seed: Joints) -> list[Posture]:
+    def spread(self, task: Task, seed: Joints) -> Iterable[Posture]:
         """Postures at the task's point, spread over what it leaves open, nearest first."""
         structure = self._structure
+        if task.metric is GoalMetric.FULL_POSE:
+            return self.nearest(task, seed)
         if task.metric is GoalMetric.POSITION_ONLY:
             return _by_distance(all_positions(structure, task, seed), seed)
-        return _by_distance(_oriented(structure, task, seed, spread_rolls(structure)), seed)
+        roll = structure.clip_roll(seed[4])
+        rolls = [roll, *approach_rolls(structure, task), *spread_rolls(structure)]
+        sides, _ = sides_by_approach(structure, task, rolls)
+        return _by_distance(approach(structure, task, sides), seed)
 
     def edge(self, task: Task, seed: Joints) -> list[Array]:
         """Where to go downhill from to a point out of reach, each of shape (5,), [rad].
@@ -72,16 +88,6 @@ class ClosedForms:
     def branch(self, q: Array, frame: str) -> str:
         """The name of the branch that joint angles belong to."""
         return self._structure.branch(to_joints(q), frame)
-
-
-def _oriented(
-    structure: ArmStructure, task: Task, seed: Joints, more_rolls: list[float]
-) -> list[Posture]:
-    roll = structure.clip_roll(seed[4])
-    rolls = approach_rolls(structure, task)
-    if task.metric is GoalMetric.FULL_POSE:
-        return full_pose(structure, task, rolls or [roll])
-    return approach(structure, task, [roll, *rolls, *more_rolls])
 
 
 def _by_distance(postures: list[Posture], seed: Joints) -> list[Posture]:
@@ -139,15 +145,36 @@ def all_positions(structure: ArmStructure, task: Task, q_seed: Joints) -> list[P
     return found
 
 
-def approach(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> list[Posture]:
-    """Postures at the point with the approach as near to the wanted one as each roll allows."""
-    x, y, z = task.R_base_tool[:, 2].tolist()
-    found = []
+RolledSide = tuple[float, Side]
+"""A roll [rad] and one of the sides it leaves."""
+
+
+def sides_by_approach(
+    structure: ArmStructure, task: Task, rolls: Iterable[float]
+) -> tuple[list[RolledSide], list[RolledSide]]:
+    """The sides whose plane holds the wanted approach within its tolerance, and the others."""
+    x, y, _ = task.R_base_tool[:, 2].tolist()
+    out_of_plane = sin(min(task.angle_tolerance, 0.5 * pi))
+    near: list[RolledSide] = []
+    others: list[RolledSide] = []
     for roll in rolls:
         for side in structure.sides(task.point, structure.rolled(task.frame, roll)):
-            pitch = structure.pitch_towards(side.pan, (x, y, z))
-            found += _postures(structure, side, pitch, roll)
-    return found
+            azimuth = structure.azimuth(side.pan)
+            aside = y * cos(azimuth) - x * sin(azimuth)
+            (near if abs(aside) <= out_of_plane else others).append((roll, side))
+    return near, others
+
+
+def approach(structure: ArmStructure, task: Task, sides: Iterable[RolledSide]) -> list[Posture]:
+    """Postures at the point with the approach as near to the wanted one as each side allows."""
+    x, y, z = task.R_base_tool[:, 2].tolist()
+    return [
+        posture
+        for roll, side in sides
+        for posture in _postures(
+            structure, side, structure.pitch_towards(side.pan, (x, y, z)), roll
+        )
+    ]
 
 
 def approach_rolls(structure: ArmStructure, task: Task) -> list[float]:

@@ -16,13 +16,12 @@ arcs for every roll; they are laid out for a set of rolls, and the model settles
 from __future__ import annotations
 
 from itertools import product
-from math import atan2, cos, hypot, inf, pi, remainder, sin
+from math import atan2, cos, hypot, inf, pi, remainder, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.geometry import Array
-from so101_motion.planning.arm_nearest import nearest_bend
 from so101_motion.planning.arm_plane import TAU, Angles, Hand, Target, ThreeBars
 from so101_motion.planning.arm_structure import ArmStructure, Joints, Point
 
@@ -68,6 +67,7 @@ class Workspace:
         self._angles = np.array([arc.angles for _, arc in rows])
         self._circle = np.array([(arc.x, arc.z, arc.radius, arc.elevation) for _, arc in rows]).T
         self._lateral = np.array([each.lateral for each, _ in rows])
+        self._widest = float(np.abs(self._lateral).max())
         self._roll = np.array([each.roll for each, _ in rows])
         low, high = np.array(lower[1:4])[self._joint], np.array(upper[1:4])[self._joint]
         self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
@@ -92,35 +92,41 @@ class Workspace:
             pan = m.pan_sign * _wrap(heading - np.arctan2(self._lateral, along))
             found += self._best(along - m.shoulder[0], z, 0.0 * along, pan)
         for limit in (m.lower[0], m.upper[0]):
-            azimuth = m.azimuth + m.pan_sign * limit
+            azimuth = self._structure.azimuth(limit)
             along = x * cos(azimuth) + y * sin(azimuth) + 0.0 * ahead
             beside = y * cos(azimuth) - x * sin(azimuth) - self._lateral
             found += self._best(along - m.shoulder[0], z, beside, limit + 0.0 * ahead)
         found.sort()
         roll = self._structure.clip_roll(seed[4])
         nearest = [(*q[:4], roll) if self._on_axis else q for _, q in found[:_STARTS]]
-        return [*nearest, *self._beside(p_base, seed)]
+        away = sqrt(found[0][0]) if found else inf
+        return [*nearest, *self._beside(p_base, seed, away)]
 
-    def _beside(self, p_base: Point, seed: Joints) -> list[Joints]:
-        """Postures that miss a point only sideways, because the pan cannot turn far enough."""
+    def _beside(self, p_base: Point, seed: Joints, closest: float) -> list[Joints]:
+        """Postures that miss a point only sideways, by less than ``closest`` [m].
+
+        The plane cannot be turned to the point, because of the pan's limits or because the frame
+        passes beside the pan axis.
+        """
         structure, m = self._structure, self._structure.measures
         x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
-        found = []
         pans = [m.lower[0], m.upper[0]]
-        if hypot(x, y) < np.abs(self._lateral).max():
-            # Nearer to the pan axis than the frame's lateral distance: pass it sideways.
-            heading = m.pan_sign * (atan2(y, x) - m.azimuth)
-            quarters = [remainder(heading + quarter, TAU) for quarter in (0.5 * pi, -0.5 * pi)]
+        if hypot(x, y) < self._widest:
+            ahead = m.pan_sign * (atan2(y, x) - m.azimuth)
+            quarters = [remainder(ahead + quarter, TAU) for quarter in (0.5 * pi, -0.5 * pi)]
             pans += [pan for pan in quarters if m.lower[0] <= pan <= m.upper[0]]
+        found = []
         for pan in pans:
-            azimuth = m.azimuth + m.pan_sign * pan
-            along = x * cos(azimuth) + y * sin(azimuth) - m.shoulder[0]
+            azimuth = structure.azimuth(pan)
             lateral = structure.lateral_for(p_base, azimuth)
+            if abs(lateral) - self._widest > closest:
+                continue
+            along = x * cos(azimuth) + y * sin(azimuth) - m.shoulder[0]
             for roll in (seed[4], *m.offsets[self._frame].rolls_with_lateral(lateral)):
                 rolled = structure.rolled(self._frame, structure.clip_roll(roll))
-                bend = nearest_bend(structure.bars, Target(along, z, rolled.hand), seed[1:4], inf)
-                if bend:
-                    found.append((pan, *bend[1].angles, rolled.roll))
+                target = Target(along, z, rolled.hand)
+                bends = structure.bars.nearest_pitch(target, sum(seed[1:4]))
+                found += [(pan, *bend.angles, rolled.roll) for bend in bends[:1]]
         return found
 
     def _best(self, x: Array, z: float, beside: Array, pan: Array) -> list[tuple[float, Joints]]:

@@ -54,7 +54,12 @@ class Bench:
         return self.world.servo(servo).memory.value(row)
 
     def connect(self, maps=None, **settings):
-        settings = {"gravity": no_gravity, "speed": math.radians(180), "acceleration": 10.0, **settings}
+        settings = {
+            "gravity": no_gravity,
+            "speed": math.radians(180),
+            "acceleration": 10.0,
+            **settings,
+        }
         self.arm = FeetechArm(
             PortOpener(self.emulator.port),
             self.clock,
