@@ -1,7 +1,7 @@
 """The composition root: from settings to a live arm and gripper.
 
 Nothing else chooses an implementation. All rigs of a process share one planning process, which
-starts with the first rig and ends with the last.
+ends with the last of them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from so101_motion.clock import Clock, MonotonicClock
 from so101_motion.drivers.sim_arm import SimArm
 from so101_motion.executor import Executor, JointDriver
 from so101_motion.geometry import Array
-from so101_motion.gripper import JAW_CLOSED, Gripper
+from so101_motion.gripper import JAW_CLOSED, JAW_LIMITS, Gripper
 from so101_motion.planning.collision import FLOOR_Z
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
@@ -29,6 +29,14 @@ HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(600
 """Caps of a stop, whatever the motion's own: 600 deg/s^2 is where the servos level off (460 to 620
 measured by the published module's authors); the jerk is chosen, braking builds up in 50 ms. A fifth
 more than any motion may have, so that a stop nearly always finds a way along the path."""
+
+JAW_HARD_STOP = MotionLimits.uniform(
+    velocity=JAW_LIMITS.velocity[0],
+    acceleration=1.2 * JAW_LIMITS.acceleration[0],
+    jerk=1.5 * JAW_LIMITS.jerk[0],
+    n=1,
+)
+"""The same for the jaw, which is light and moves faster than the arm."""
 
 _numbers = itertools.count(1)
 
@@ -49,29 +57,43 @@ class Rig:
         floor_z: float | None,
     ) -> None:
         self.clock = clock
-        self._worker = _acquire_worker()
         self.executor = Executor(
-            driver, clock, dt=TICK, stop_limits=HARD_STOP, name=f"so101-io-{next(_numbers)}"
+            driver,
+            clock,
+            dt=TICK,
+            stop_limits=HARD_STOP,
+            jaw_stop_limits=JAW_HARD_STOP,
+            name=f"so101-io-{next(_numbers)}",
         )
-        self.arm = Arm(
-            model=RobotModel.load(),
-            executor=self.executor,
-            planner=self._worker.plan,
-            speed=speed,
-            acceleration=acceleration,
-            floor_z=floor_z,
-        )
-        self.gripper = Gripper(executor=self.executor)
+        self._worker = _acquire_worker()
         self._closed = False
-        self.executor.start()
+        try:
+            self.arm = Arm(
+                model=RobotModel.load(),
+                executor=self.executor,
+                planner=self._worker.plan,
+                speed=speed,
+                acceleration=acceleration,
+                floor_z=floor_z,
+            )
+            self.gripper = Gripper(executor=self.executor)
+            self.executor.start()
+        except BaseException:
+            driver.close()
+            _release_worker()
+            raise
+
+    def warm_up(self) -> None:
+        """Start the planning process in the background, so that the first plan comes quickly."""
+        self._worker.start()
 
     def close(self) -> None:
         """Stop, end all threads, close the driver. May be called twice."""
         if self._closed:
             return
         self._closed = True
+        self.executor.close()  # first: it lets pass the time that its motions need to come to rest
         self.arm.close()
-        self.executor.close()
         _release_worker()
 
     def __enter__(self) -> Rig:
@@ -95,7 +117,7 @@ def open_simulated(
     q_jaw_start: float = JAW_CLOSED,
     clock: Clock | None = None,
 ) -> Rig:
-    """A simulated arm and gripper, ready to move.
+    """A simulated arm and gripper, ready to move; the planning process is warming up.
 
     Args:
         speed: Joint speed cap [rad/s].
@@ -110,7 +132,25 @@ def open_simulated(
     """
     clock = clock or MonotonicClock()
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
-    return Rig(driver, clock=clock, speed=speed, acceleration=acceleration, floor_z=floor_z)
+    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, floor_z=floor_z)
+    rig.warm_up()
+    return rig
+
+
+def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED) -> Rig:
+    """A simulated gripper; the arm it is on stands still, and no planning process is started.
+
+    Args:
+        q_jaw_start: Where the jaw stands [rad].
+    """
+    clock = MonotonicClock()
+    return Rig(
+        SimArm(clock, q_jaw=q_jaw_start),
+        clock=clock,
+        speed=to_rad(90.0),
+        acceleration=to_rad(100.0),
+        floor_z=None,
+    )
 
 
 _worker_lock = threading.Lock()
@@ -123,7 +163,6 @@ def _acquire_worker() -> PlanningWorker:
     with _worker_lock:
         if _worker is None:
             _worker = PlanningWorker()
-            _worker.start()
         _worker_users += 1
         return _worker
 

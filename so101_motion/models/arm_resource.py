@@ -1,0 +1,299 @@
+"""What every arm component does, real or simulated: Viam's methods over a rig.
+
+Each method converts, calls, converts back. What blocks (stopping, letting go) runs in a thread;
+what moves returns a ``Motion`` that is awaited with ``arrival``, so that a client that goes away
+takes its motion with it. Forward kinematics is a matter of microseconds and is done right here, in
+the event loop's thread, for the kinematic model belongs to one thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import aclosing
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh, MoveOptions, Pose
+from viam.proto.common import Geometry, PoseInFrame
+from viam.services.motion import Motion as MotionService
+
+from so101_motion.errors import ConfigError, MotionError
+from so101_motion.geometry import Array
+from so101_motion.models import convert, kinematics, meshes
+from so101_motion.models.awaiting import arrival, left_alone, rest
+from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.manual import ManualMode
+from so101_motion.models.streaming import played
+from so101_motion.motion import Motion
+from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.rig import Rig
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg, to_rad
+
+AT_START = to_rad(0.5)
+"""How near a first waypoint must be to where the arm is to be taken for its start [rad]. Motion
+services send the present joints as the first waypoint; an arm rests up to this far off; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSettings:
+    """How an arm component behaves, beyond what its rig was built with.
+
+    Attributes:
+        motion: The motion service that plans MoveToPosition; None when we plan it.
+        visualize_ee_frame: Whether the tool frame is drawn.
+        use_urdf: Whether kinematics are served as URDF instead of SVA.
+        position_tolerance: Largest position error that counts as arrived [m]; None for ours.
+        approach_tolerance: Largest error of the approach direction [rad]; None for ours.
+    """
+
+    motion: MotionService | None
+    visualize_ee_frame: bool
+    use_urdf: bool
+    position_tolerance: float | None
+    approach_tolerance: float | None
+
+
+class ArmResource(Arm):
+    """An arm component.
+
+    Args:
+        name: The component's name.
+        rig: What it moves; closed with the component.
+        settings: How it behaves.
+    """
+
+    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
+        super().__init__(name)
+        self._rig = rig
+        self._arm = rig.arm
+        self._settings = settings
+        self._manual = ManualMode(rig.arm, self.logger)
+        self._latest: Motion | None = None
+
+    # Where it is
+
+    async def get_end_position(self, **kwargs: Any) -> Pose:
+        """Pose of the tool frame in the arm's base frame, from the measured joints."""
+        return convert.to_pose(self._arm.T_base("tool"))
+
+    async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
+        """Measured joint angles."""
+        return convert.to_joint_positions(self._arm.state.q)
+
+    async def is_moving(self) -> bool:
+        """Whether a motion is being planned or is under way."""
+        latest = self._latest
+        return self._arm.is_moving or (latest is not None and not latest.future.done())
+
+    # Moving
+
+    async def move_to_position(
+        self, pose: Pose, *, extra: dict[str, Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Bring the tool to a pose, along a way that is planned; returns on arrival."""
+        extra = extra or {}
+        with grpc_statuses():
+            if self._settings.motion is not None:
+                await self._move_by_service(self._settings.motion, pose, extra, **kwargs)
+                return
+            if "pose_cloud" in extra:
+                raise ConfigError(
+                    "pose_cloud",
+                    extra["pose_cloud"],
+                    "is not understood by our planner; use goal_metric_type, "
+                    "or name another motion service in the configuration",
+                )
+            goal = self._pose_goal(pose, extra)
+            await self._arrival(self._watched(self._arm.start_move(goal)))
+
+    def _pose_goal(self, pose: Pose, extra: Mapping[str, object]) -> PoseGoal:
+        goal = PoseGoal(T_base_tool=convert.from_pose(pose), metric=convert.from_goal_metric(extra))
+        return replace(
+            goal,
+            position_tolerance=self._settings.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self._settings.approach_tolerance or goal.approach_tolerance,
+        )
+
+    async def _move_by_service(
+        self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
+    ) -> None:
+        convert.from_pose(pose)  # refuses what is not finite before the service sees it
+        short_name = self.name.rpartition(":")[2]
+        try:
+            moved = await service.move(
+                component_name=short_name,
+                destination=PoseInFrame(reference_frame=f"{short_name}_origin", pose=pose),
+                extra={"goal_metric_type": "position_only", **extra},
+                timeout=kwargs.get("timeout"),
+            )
+        except asyncio.CancelledError:
+            await self._stop()
+            raise
+        if not moved:
+            raise MotionError(f'the motion service "{service.name}" reports that it did not move')
+
+    async def move_to_joint_positions(
+        self, positions: JointPositions, *, extra: dict[str, Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Bring the joints to angles, along a way that is planned; returns on arrival.
+
+        With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
+        angles from whatever it is doing: the form for a stream of targets.
+        """
+        with grpc_statuses():
+            q_goal = self._checked(convert.from_joint_values(positions.values))
+            if convert.flag(extra or {}, "wait", True):
+                await self._arrival(self._watched(self._arm.start_move(JointGoal(q=q_goal))))
+            else:
+                left_alone(await self._retarget(q_goal, self._arm.limits), self.logger)
+
+    async def move_through_joint_positions(
+        self,
+        positions: list[JointPositions],
+        options: MoveOptions | None = None,
+        *,
+        extra: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Follow joint waypoints without stopping at each; returns on arrival at the last.
+
+        ``extra`` of Viam's teleoperation is honoured: ``interpolate`` false turns straight towards
+        the last waypoint from whatever the arm is doing, ``waitAtEnd`` false returns at once.
+        """
+        extra = extra or {}
+        with grpc_statuses():
+            interpolate = convert.flag(extra, "interpolate", True)
+            waits = convert.flag(extra, "waitAtEnd", True)
+            limits = convert.from_move_options(options, self._arm.limits)
+            waypoints = self._waypoints(positions)
+            if len(waypoints) == 0:
+                return
+            if interpolate:
+                goal = PathGoal(waypoints=waypoints)
+                motion = self._watched(self._arm.start_move(goal, limits=limits))
+            else:
+                motion = await self._retarget(waypoints[-1], limits)
+            if waits:
+                await self._arrival(motion)
+            else:
+                left_alone(motion, self.logger)
+
+    # The SDK declares its async generator as a coroutine that returns one.
+    async def move_through_joint_positions_streamed(  # type: ignore[override]
+        self,
+        batches: AsyncIterator[list[Arm.TrajectoryPoint]],
+        *,
+        extra: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> AsyncIterator[Arm.TrajectoryUpdate]:
+        """Play time-stamped points while they come in, an acknowledgement for each batch."""
+        with grpc_statuses():
+            stream = await asyncio.to_thread(self._arm.open_stream)
+            interrupt = self._rig.executor.interrupt
+            playing = played(stream, interrupt, batches, self._point, self._come_to_rest)
+            async with aclosing(playing) as updates:
+                async for update in updates:
+                    yield update
+
+    def _point(self, point: Arm.TrajectoryPoint) -> Array:
+        q = convert.from_joint_values(point.positions)
+        return q if self._is_here(q) else self._checked(q)
+
+    async def _retarget(self, q_goal: Array, limits: MotionLimits) -> Motion:
+        if self._arm.in_manual:  # holding again waits for the control loop
+            await asyncio.to_thread(self._arm.set_manual, False)
+        return self._watched(self._arm.start_retarget(q_goal, limits=limits))
+
+    def _waypoints(self, positions: list[JointPositions]) -> Array:
+        """Waypoints without the start, shape (n, 5), [rad], every one within the limits."""
+        rows = [
+            convert.from_joint_values(entry.values, what=f"positions[{i}]")
+            for i, entry in enumerate(positions)
+        ]
+        if len(rows) > 1 and self._is_here(rows[0]):
+            del rows[0]  # the start, perhaps just outside the limits: an arm may rest there
+        return np.array([self._checked(q) for q in rows]).reshape(-1, len(ARM_JOINTS))
+
+    def _is_here(self, q: Array) -> bool:
+        return bool(np.max(np.abs(q - self._arm.state.q)) <= AT_START)
+
+    def _checked(self, q: Array) -> Array:
+        self._arm.model.check_limits(q)
+        return q
+
+    def _watched(self, motion: Motion) -> Motion:
+        self._latest = motion
+        return motion
+
+    async def stop(self, **kwargs: Any) -> None:
+        """Slow to rest and hold; returns when the arm is at rest."""
+        with grpc_statuses():
+            await self._stop()
+
+    async def _stop(self) -> None:
+        stopping = asyncio.ensure_future(asyncio.to_thread(self._arm.stop))
+        await self._come_to_rest(stopping)
+        stopping.result()
+
+    async def _arrival(self, motion: Motion) -> None:
+        await arrival(motion, self._come_to_rest)
+
+    async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
+        """Wait until a motion that is being ended is over, well or not."""
+        await rest(over)
+
+    # Manual mode
+
+    async def set_manual_mode(self, manual_mode: bool, enabled_for: int = 0, **kwargs: Any) -> None:
+        """Let go of the joints, for ``enabled_for`` seconds or until told otherwise; or hold."""
+        with grpc_statuses():
+            await self._manual.set(manual_mode, enabled_for)
+
+    async def get_manual_mode(self, **kwargs: Any) -> bool:
+        """Whether the joints are limp."""
+        return self._arm.in_manual
+
+    # What it is
+
+    async def get_properties(self, **kwargs: Any) -> Arm.Properties:
+        """What this arm can do."""
+        return Arm.Properties(support_manual_mode=True, support_cartesian_commands=True)
+
+    async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
+        """The five-joint chain, as SVA or, if configured, as URDF."""
+        name = self.name.rpartition(":")[2]
+        if self._settings.use_urdf:
+            return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF, kinematics.arm_urdf(name)
+        return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
+
+    async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
+        """What the parts look like, keyed as in the labels of the geometries."""
+        return meshes.arm_models(with_tool=self._settings.visualize_ee_frame)
+
+    async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
+        """The parts as boxes where they are now, labelled ``<name>:<part>``."""
+        marker = self._arm.T_base("tool") if self._settings.visualize_ee_frame else None
+        links = self._arm.T_base_links()
+        return meshes.arm_geometries(self.name.rpartition(":")[2], links, marker)
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """Mode, joints and how the control loop is doing."""
+        state = self._arm.state
+        status = {
+            "mode": "manual" if self._arm.in_manual else "auto",
+            "state": state.mode.value,
+            "is_moving": await self.is_moving(),
+            "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),
+            "late_ticks": state.late_ticks,
+            "fault": state.fault,
+        }
+        return convert.to_result(status)
+
+    async def close(self) -> None:
+        """Stop and let go of everything; may be called twice."""
+        self._manual.forget()
+        await asyncio.to_thread(self._rig.close)

@@ -1,0 +1,59 @@
+"""Manual mode: the joints are limp, to be moved by hand, for a while or until told otherwise."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+from so101_motion.arm import Arm
+from so101_motion.config import checked_number
+from so101_motion.errors import So101Error
+
+LONGEST = 86400.0
+"""Longest time manual mode can be limited to [s]; chosen, a day."""
+
+
+class ManualMode:
+    """Switches an arm between holding and being moved by hand. Lives in the event loop.
+
+    Args:
+        arm: The arm.
+        logger: Where to say that holding again failed when the time was up.
+    """
+
+    def __init__(self, arm: Arm, logger: logging.Logger) -> None:
+        self._arm = arm
+        self._logger = logger
+        self._timer: asyncio.Task[None] | None = None
+
+    async def set(self, enabled: bool, enabled_for: float = 0.0) -> None:
+        """Let go, or hold again.
+
+        Args:
+            enabled: Whether the joints shall be limp.
+            enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time: they
+                are a person's.
+
+        Raises:
+            ConfigError: ``enabled_for`` is negative or absurdly long.
+            So101Error: The joints could not be switched.
+        """
+        checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
+        self.forget()
+        await asyncio.to_thread(self._arm.set_manual, enabled)
+        if enabled and enabled_for > 0.0:
+            self._timer = asyncio.create_task(self._hold_after(enabled_for))
+
+    def forget(self) -> None:
+        """No longer hold by itself when the time is up."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    async def _hold_after(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        try:
+            if self._arm.in_manual:
+                await asyncio.to_thread(self._arm.set_manual, False)
+        except So101Error as error:
+            self._logger.warning("the time for manual mode is up, but: %s", error)

@@ -1,0 +1,165 @@
+"""``devrel:so101:simulated``: the arm without hardware, moved by the same planner and executor."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, cast
+
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+from viam.services.motion import Motion as MotionService
+
+from so101_motion.clock import ManualClock, MonotonicClock
+from so101_motion.config import SimulatedArmConfig
+from so101_motion.errors import ConfigError
+from so101_motion.models import convert
+from so101_motion.models.arm_resource import ArmResource, ArmSettings
+from so101_motion.models.commands import (
+    KEYS,
+    Command,
+    Request,
+    answer,
+    arguments,
+    in_deg,
+    motion_params,
+)
+from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.manual import LONGEST
+from so101_motion.rig import TICK, Rig, open_simulated
+
+LONGEST_STEP = 3600.0
+"""How much simulated time may pass in one request [s]; chosen."""
+
+
+COMPLIANCE = {"pos_deadband_deg": 45.0, "loop_hz": 200.0, "p_gain": 255.0, "torque_limit": 1000.0}
+"""How a real arm can be told to yield in manual mode, and the published largest values."""
+
+
+class SimulatedArm(ArmResource):
+    """A simulated SO-101 arm.
+
+    Args:
+        name: The component's name.
+        rig: A simulated arm and its clock.
+        settings: How it behaves.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
+
+    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
+        super().__init__(name, rig, settings)
+        self._commands: dict[str, Command] = {
+            "get_motion_params": self._get_motion_params,
+            "enter_manual_mode": self._enter_manual_mode,
+            "exit_manual_mode": self._exit_manual_mode,
+            "advance_time": self._advance_time,
+        }
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; a motion service named in them is a required dependency.
+
+        Raises:
+            ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
+        """
+        settings = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
+        return ([_motion_name(settings.motion)] if settings.motion else []), []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> SimulatedArm:
+        """Build the component from its configuration."""
+        with grpc_statuses():
+            wanted = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
+            settings = ArmSettings(
+                motion=_motion_service(wanted.motion, dependencies),
+                visualize_ee_frame=wanted.visualize_ee_frame,
+                use_urdf=wanted.use_urdf,
+                position_tolerance=wanted.position_tolerance,
+                approach_tolerance=wanted.approach_tolerance,
+            )
+            rig = open_simulated(
+                speed=wanted.speed,
+                acceleration=wanted.acceleration,
+                floor_z=wanted.floor_z,
+                clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
+            )
+        arm = cls(config.name, rig, settings)
+        if wanted.mesh_ratios_given:
+            arm.logger.info("mesh_decimation_ratios has no effect: these meshes are light as is")
+        return arm
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer the published module's requests, and ``advance_time``."""
+        with grpc_statuses():
+            return await answer(command, self._commands, self._motion_params, KEYS)
+
+    async def _motion_params(self, request: Request) -> dict[str, Any]:
+        return motion_params(self._arm, request)
+
+    async def _get_motion_params(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {"speed_degs_per_sec": in_deg(self._arm.speed)}
+
+    async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "enabled_for", *COMPLIANCE)
+        for key, upper in COMPLIANCE.items():  # checked as on the real arm; here they do nothing
+            given.number(key, 0.0, lower=0.0, upper=upper)
+        seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
+        await self._manual.set(True, seconds)
+        return {"mode": "manual"}
+
+    async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        await self._manual.set(False)
+        return {"mode": "auto"}
+
+    async def _advance_time(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "seconds")
+        seconds = given.number("seconds", 0.0, lower=0.0, upper=LONGEST_STEP, unit="s")
+        clock = self._rig.clock
+        if not isinstance(clock, ManualClock):
+            raise ConfigError(
+                "command", "advance_time", 'time passes by itself; set "simulate_time": false'
+            )
+        await asyncio.to_thread(clock.advance, seconds)
+        return {"time": clock.now()}
+
+    async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
+        """As for every arm; where time stands still, what the arm needs to stop is let pass.
+
+        Otherwise a stop, a cancelled call and the end of the process would wait for a request to
+        advance the time that nobody may send.
+        """
+        passing = asyncio.create_task(self._let_time_pass(over))
+        try:
+            await super()._come_to_rest(over)
+        finally:
+            passing.cancel()
+
+    async def _let_time_pass(self, over: asyncio.Future[None]) -> None:
+        clock = self._rig.clock
+        while isinstance(clock, ManualClock) and not over.done():
+            if self._arm.is_moving:
+                await asyncio.to_thread(clock.advance, TICK)
+            await asyncio.sleep(0.001)
+
+
+def _motion_name(service: str) -> str:
+    return service if "/" in service else f"rdk:service:motion/{service}"
+
+
+def _motion_service(
+    name: str | None, dependencies: Mapping[ResourceName, ResourceBase]
+) -> MotionService | None:
+    if name is None:
+        return None
+    short_name = name.rpartition("/")[2]
+    for resource, client in dependencies.items():
+        if resource.subtype == "motion" and resource.name == short_name:
+            return cast("MotionService", client)
+    raise ConfigError("motion", name, "there is no such motion service on this machine")

@@ -1,0 +1,177 @@
+"""``devrel:so101:simulated-gripper``: a jaw without hardware that is seen to open and close."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from grpclib import GRPCError, Status
+from viam.components.gripper import Gripper
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import Geometry, KinematicsFileFormat, ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.config import SimulatedGripperConfig, checked_number
+from so101_motion.errors import ConfigError
+from so101_motion.gripper import JAW_CLOSED
+from so101_motion.models import convert, kinematics, meshes
+from so101_motion.models.awaiting import arrival, left_alone
+from so101_motion.models.commands import Command, Request, answer, arguments
+from so101_motion.models.convert import grpc_statuses
+from so101_motion.motion import Motion
+from so101_motion.rig import Rig, open_simulated_gripper
+
+
+class SimulatedGripper(Gripper):
+    """A simulated SO-101 gripper; it never holds anything.
+
+    Args:
+        name: The component's name.
+        rig: A simulated arm and gripper; only the gripper is used.
+        config: How it looks.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
+
+    def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
+        super().__init__(name)
+        self._rig = rig
+        self._gripper = rig.gripper
+        self._config = config
+        self._target = self._gripper.aperture
+        self._latest: Motion | None = None
+        self._commands: dict[str, Command] = {
+            "set_position": self._set_position,
+            "get_position": self._get_position,
+        }
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; there are no dependencies.
+
+        Raises:
+            ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
+        """
+        SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
+        return [], []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> SimulatedGripper:
+        """Build the component from its configuration."""
+        with grpc_statuses():
+            wanted = SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
+            return cls(config.name, open_simulated_gripper(), wanted)
+
+    # Moving
+
+    async def open(self, **kwargs: Any) -> None:
+        """Open fully; returns when it is open."""
+        with grpc_statuses():
+            await arrival(self._start(1.0))
+
+    async def grab(self, **kwargs: Any) -> bool:
+        """Close fully; returns when it is closed. Nothing is ever held: False."""
+        with grpc_statuses():
+            await arrival(self._start(0.0))
+        return False
+
+    def _start(self, aperture: float) -> Motion:
+        self._latest = self._gripper.start_move(aperture)
+        self._target = aperture
+        return self._latest
+
+    async def stop(self, **kwargs: Any) -> None:
+        """Slow to rest and stay there; returns when the jaw is at rest."""
+        with grpc_statuses():
+            await asyncio.to_thread(self._gripper.stop)
+            self._target = self._gripper.aperture
+
+    # What it is doing
+
+    async def is_moving(self) -> bool:
+        """Whether the jaw is under way, or about to be."""
+        latest = self._latest
+        return self._gripper.is_moving or (latest is not None and not latest.future.done())
+
+    async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
+        """A simulated gripper holds nothing."""
+        return Gripper.HoldingStatus(is_holding_something=False)
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """How far it is open, and whether it moves."""
+        return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer ``set_position``, ``get_position`` and the short forms ``set`` and ``get``."""
+        with grpc_statuses():
+            return await answer(command, self._commands, self._short_form, ("get", "set"))
+
+    async def _set_position(self, request: Request) -> dict[str, Any]:
+        arguments(request, "percentage", "position_percentage")
+        for key in ("percentage", "position_percentage"):
+            if key in request:
+                return {"target_percentage": self._begin(key, request[key])}
+        raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
+
+    async def _get_position(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return self._position()
+
+    async def _short_form(self, request: Request) -> dict[str, Any]:
+        if "set" in request:
+            return {"position": self._begin("set", request["set"])}
+        return {"position": self._position()["position_percentage"]}
+
+    def _begin(self, key: str, value: object) -> float:
+        """Start moving to a percentage, clamped to 0..100 as the published module does."""
+        percentage = min(max(checked_number(key, value, unit="%"), 0.0), 100.0)
+        left_alone(self._start(percentage / 100.0), self.logger)
+        return percentage
+
+    def _position(self) -> dict[str, Any]:
+        aperture = min(max(self._gripper.aperture, 0.0), 1.0)
+        return {
+            "position_percentage": round(100.0 * aperture, 3),
+            "target_percentage": round(100.0 * self._target, 3),
+        }
+
+    # What it is
+
+    async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
+        """The parts as meshes, the jaw where it is now, in the arm's tool frame."""
+        body, moving = meshes.gripper_placements(self._rig.arm.model, self._gripper.q_jaw)
+        return meshes.gripper_geometries(
+            self._config.gripper_type, self._config.mesh_detail, body, moving
+        )
+
+    async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
+        """Boxes around the closed gripper, and the tool centre point as the leaf; no joints."""
+        kind = self._config.gripper_type
+        body, moving = meshes.gripper_placements(self._rig.arm.model, JAW_CLOSED)
+        parts = [
+            (label, moving if label.startswith("gripper_moving") else body, box)
+            for label, box in meshes.gripper_boxes(kind)
+        ]
+        sva = kinematics.gripper_sva(self.name.rpartition(":")[2], kind, parts)
+        return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
+
+    async def get_current_inputs(self, **kwargs: Any) -> list[float]:
+        """None: its kinematics have no joints."""
+        return []
+
+    async def go_to_inputs(self, values: list[float], **kwargs: Any) -> None:
+        """Its kinematics have no joints, so there is nowhere to go to."""
+        if len(values) > 0:
+            raise GRPCError(
+                Status.OUT_OF_RANGE,
+                f"got {len(values)} inputs, but this gripper's kinematics have no joints; "
+                'use open, grab or {"command": "set_position", "percentage": ...}',
+            )
+
+    async def close(self) -> None:
+        """Stop and let go of everything; may be called twice."""
+        await asyncio.to_thread(self._rig.close)

@@ -1,0 +1,75 @@
+"""A trajectory that a client sends while it is being played.
+
+Each batch is acknowledged once its points are taken. What ends the motion meanwhile (a stop, a
+newer motion, a joint left behind) reaches the client at once, not with its next batch; and whatever
+ends the call brings this motion to rest before the call is over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from concurrent.futures import Future
+from typing import Any
+
+from viam.components.arm import Arm
+
+from so101_motion.executor import Stream, TimedPoint
+from so101_motion.geometry import Array
+from so101_motion.models.awaiting import Rest
+
+Batch = Sequence[Arm.TrajectoryPoint]
+
+
+async def played(
+    stream: Stream,
+    interrupt: Callable[[Future[Any], str], Future[None]],
+    batches: AsyncIterator[Batch],
+    read: Callable[[Arm.TrajectoryPoint], Array],
+    come_to_rest: Rest,
+) -> AsyncGenerator[Arm.TrajectoryUpdate, None]:
+    """Push batches into ``stream`` as they come, and wait until the arm has arrived.
+
+    Args:
+        stream: Takes the points; it has none yet.
+        interrupt: Ends the motion whose future it is given, and only that.
+        batches: What the client sends.
+        read: Joint angles, shape (5,), [rad], of a point.
+        come_to_rest: Waits until an interrupted motion is over.
+
+    Yields:
+        An acknowledgement for each batch.
+
+    Raises:
+        So101Error: Why the arm did not arrive.
+    """
+    over = asyncio.wrap_future(stream.future)
+    empty = True
+    try:
+        while (batch := await _next(batches, over)) is not None:
+            stream.push(
+                [TimedPoint(t=point.time.total_seconds(), q=read(point)) for point in batch]
+            )
+            empty = False
+            yield Arm.TrajectoryUpdate()
+        if not empty:
+            stream.finish()
+            await asyncio.shield(over)
+    finally:
+        interrupt(stream.future, "cancelled")
+        await come_to_rest(over)
+
+
+async def _next(batches: AsyncIterator[Batch], over: asyncio.Future[None]) -> Batch | None:
+    """The next batch, or None after the last; what ends the motion first is raised instead."""
+    coming = asyncio.ensure_future(anext(batches, None))
+    either: tuple[asyncio.Future[Any], ...] = (coming, over)
+    try:
+        await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+    except asyncio.CancelledError:
+        coming.cancel()
+        raise
+    if over.done():
+        coming.cancel()
+        over.result()
+    return await coming

@@ -1,0 +1,230 @@
+"""The real executable on a real socket; the test plays viam-server."""
+
+import asyncio
+import os
+import signal
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from fake_parent import (
+    ARM,
+    GRIPPER,
+    ROOT,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    is_listening,
+    running_module,
+    until,
+)
+from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
+from viam.components.arm import JointPositions, Pose
+from viam.resource.manager import ResourceManager
+from viam.services.motion import Motion
+from viam.services.motion.service import MotionRPCService
+
+from so101_motion.models.module import MODELS
+
+SWEEP = [90.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def children_of(pid):
+    threads = Path(f"/proc/{pid}/task").iterdir()
+    return [int(word) for thread in threads for word in (thread / "children").read_text().split()]
+
+
+def is_alive(pid):
+    try:
+        return read(pid, "stat").rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+async def gone(pid):
+    await until(lambda: not is_alive(pid))
+
+
+def read(pid, name):
+    return Path(f"/proc/{pid}/{name}").read_text()
+
+
+async def begin_sweep(arm, seconds=0.0):
+    """A long move of the pan joint, under way; simulated time is helped along."""
+    move = asyncio.ensure_future(arm.move_to_joint_positions(JointPositions(values=SWEEP)))
+
+    async def has_begun():
+        if seconds:
+            await arm.do_command({"command": "advance_time", "seconds": seconds})
+        return (await arm.get_joint_positions()).values[0] > 1.0
+
+    await until(has_begun)
+    return move
+
+
+async def test_a_session_from_the_handshake_to_the_end():
+    async with running_module() as (module, models, _):
+        assert models == {"arm": [SIMULATED], "gripper": [SIMULATED_GRIPPER]}
+        assert len(MODELS) == 2
+
+        answer = await module.validate(ARM, SIMULATED, {})
+        assert (list(answer.dependencies), list(answer.optional_dependencies)) == ([], [])
+        arm = await module.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
+        gripper = await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "gripper")
+        await asyncio.gather(arm.move_to_position(Pose(x=250, y=30, z=150, o_z=1)), gripper.open())
+        pose = await arm.get_end_position()
+        assert (pose.x, pose.y, pose.z) == pytest.approx((250, 30, 150), abs=0.2)
+
+        maps = read(module.process.pid, "maps")
+        assert "toppra" not in maps
+        assert "matplotlib" not in maps
+        (worker,) = children_of(module.process.pid)
+
+        await module.remove(ARM, "arm")
+        with pytest.raises(GRPCError) as caught:
+            await arm.is_moving()
+        assert caught.value.status is Status.NOT_FOUND
+        again = await module.add(ARM, SIMULATED, {}, "arm")
+        assert list((await again.get_joint_positions()).values) == pytest.approx([0] * 5)
+
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+        await gone(worker)
+
+
+async def test_configurations_that_cannot_be_used_are_refused_before_anything_is_built():
+    async with running_module() as (module, _, _):
+        for api, model, attributes, says in [
+            (ARM, SIMULATED, {"sped": 1.0}, 'did you mean "speed_degs_per_sec"?'),
+            (ARM, SIMULATED, {"speed_degs_per_sec": 1000.0}, "from 3 to 180"),
+            (GRIPPER, SIMULATED_GRIPPER, {"gripper_type": "leeder"}, 'did you mean "leader"?'),
+        ]:
+            for ask in (module.validate, module.add):
+                with pytest.raises(GRPCError) as caught:
+                    await ask(api, model, attributes)
+                assert caught.value.status is Status.INVALID_ARGUMENT
+                assert says in caught.value.message, caught.value.message
+                assert "GRPCError" not in caught.value.message
+                assert "line_num" not in caught.value.message
+
+
+async def test_what_it_logs_reaches_the_parent():
+    async with running_module() as (module, _, _):
+        await module.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "arm")
+        await module.add(ARM, SIMULATED, {}, "other")
+
+        def lines():
+            return [text for _, text in module.parent.lines if "mesh_decimation_ratios" in text]
+
+        await until(lines)
+        assert len(lines()) == 1
+
+
+async def test_ending_while_the_arm_moves_is_clean():
+    async with running_module(arguments=("--log-level=debug",)) as (module, _, _):
+        arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 10.0}, "arm")
+        move = await begin_sweep(arm)
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+        with pytest.raises((GRPCError, StreamTerminatedError)):
+            await move
+
+
+async def test_frozen_time_does_not_hold_up_the_end_of_the_process():
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, SIMULATED, {"simulate_time": False}, "arm")
+        move = await begin_sweep(arm, seconds=0.05)
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+        with pytest.raises((GRPCError, StreamTerminatedError)):
+            await move
+
+
+async def test_frozen_time_does_not_hold_up_the_end_of_the_arm():
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, SIMULATED, {"simulate_time": False}, "arm")
+        move = await begin_sweep(arm, seconds=0.05)
+        await module.remove(ARM, "arm")
+        with pytest.raises(GRPCError):
+            await move
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+
+
+class FakeMotion(Motion):
+    """A motion service on the parent's side."""
+
+    def __init__(self):
+        super().__init__("mine")
+        self.asked = []
+
+    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
+        self.asked.append((component_name, destination.reference_frame, dict(kwargs["extra"])))
+        return True
+
+    move_on_globe = move_on_map = get_pose = None
+    stop_plan = get_plan = list_plan_statuses = None
+
+
+async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent():
+    service = FakeMotion()
+    rpc = MotionRPCService(ResourceManager([service]))
+    resources = [Motion.get_resource_name("mine")]
+    async with running_module(services=[rpc], resources=resources) as (module, _, _):
+        answer = await module.validate(ARM, SIMULATED, {"motion": "mine"})
+        assert list(answer.dependencies) == ["rdk:service:motion/mine"]
+        arm = await module.add(ARM, SIMULATED, {"motion": "mine"}, "arm", answer.dependencies)
+        await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
+
+    assert service.asked == [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
+
+
+PARENT = """
+import asyncio, sys
+async def main():
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "so101_motion", sys.argv[1], stdout=asyncio.subprocess.DEVNULL
+    )
+    print(process.pid, flush=True)
+    await asyncio.sleep(60)
+asyncio.run(main())
+"""
+
+
+async def test_a_killed_parent_takes_the_module_and_its_worker_with_it():
+    socket = Path(tempfile.gettempdir()) / f"so101-{os.getpid()}.sock"
+    parent = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", PARENT, str(socket), cwd=ROOT, stdout=asyncio.subprocess.PIPE
+    )
+    pid = int(await parent.stdout.readline())
+    await until(lambda: is_listening(socket))
+    parent.kill()
+    await parent.wait()
+
+    await gone(pid)
+    socket.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize("cwd", ["/", str(ROOT)])
+async def test_run_sh_starts_the_module_wherever_it_is_called_from(cwd):
+    command = (str(ROOT / "run.sh"),)
+    async with running_module(command=command, arguments=("--log-level=info",), cwd=cwd) as (
+        module,
+        models,
+        _,
+    ):
+        assert set(models) == {"arm", "gripper"}
+        command_line = read(module.process.pid, "cmdline").split("\0")
+        assert "so101_motion" in command_line, "it became the module, so signals reach it"
+        assert "--log-level=info" in command_line
+
+
+async def test_without_a_socket_it_says_how_it_is_meant():
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "so101_motion", stderr=asyncio.subprocess.PIPE, cwd=ROOT
+    )
+    _, complaint = await process.communicate()
+
+    assert process.returncode != 0
+    assert b"usage: python -m so101_motion SOCKET" in complaint

@@ -1,0 +1,603 @@
+import asyncio
+import json
+import math
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from fake_parent import until
+from grpclib import GRPCError, Status
+from harness import advance, arm_client, duration_of, in_time, new_arm
+from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, MoveOptions, Pose
+from viam.services.motion import Motion
+
+HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
+ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
+
+
+@pytest.fixture
+def arm():
+    """An arm whose time moves only when told to."""
+    arm = new_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0)
+    yield arm
+    arm._rig.close()
+
+
+@pytest.fixture
+async def client(arm):
+    async with arm_client(arm) as client:
+        yield client
+
+
+def joints(*degrees):
+    return JointPositions(values=[float(value) for value in degrees])
+
+
+async def positions(client):
+    return list((await client.get_joint_positions()).values)
+
+
+async def start(client, call):
+    """``call`` under way: planned, and visibly moving."""
+    task = asyncio.ensure_future(call)
+    begin = await positions(client)
+    while np.max(np.abs(np.subtract(await positions(client), begin))) < 0.5:
+        assert not task.done(), await task
+        await advance(client, 0.02)
+    return task
+
+
+async def test_joint_moves_arrive_and_report_where_they_are(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+    assert not await client.is_moving()
+
+
+async def test_a_joint_move_takes_as_long_as_its_speed_says(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    fast = await duration_of(client, client.move_to_joint_positions(joints(60, *HOME[1:])))
+    await client.do_command({"set_speed": 30.0})
+    slow = await duration_of(client, client.move_to_joint_positions(joints(*HOME)))
+
+    assert 60.0 / 90.0 < fast < 60.0 / 90.0 + 1.0
+    assert 60.0 / 30.0 < slow < 60.0 / 30.0 + 1.0
+
+
+async def test_the_tool_is_brought_to_a_point(client):
+    await in_time(client, client.move_to_position(Pose(x=250, y=60, z=150, o_z=1)))
+    pose = await client.get_end_position()
+
+    assert (pose.x, pose.y, pose.z) == pytest.approx((250, 60, 150), abs=0.2)
+
+
+async def test_the_tool_is_brought_to_a_point_and_a_direction(client):
+    goal = Pose(x=220, y=0, z=150, o_z=-1)
+    extra = {"goal_metric_type": "position_and_approach"}
+    await in_time(client, client.move_to_position(goal, extra=extra))
+    pose = await client.get_end_position()
+
+    assert (pose.x, pose.y, pose.z) == pytest.approx((220, 0, 150), abs=0.2)
+    assert pose.o_z < -math.cos(math.radians(1.1))
+
+
+async def test_a_full_pose_that_was_reached_before_is_reached_again(client):
+    await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    goal = await client.get_end_position()
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    extra = {"goal_metric_type": "full_pose"}
+    await in_time(client, client.move_to_position(goal, extra=extra))
+    pose = await client.get_end_position()
+
+    assert (pose.x, pose.y, pose.z) == pytest.approx((goal.x, goal.y, goal.z), abs=0.2)
+    assert pose.theta == pytest.approx(goal.theta, abs=1.0)
+
+
+async def test_a_point_out_of_reach_is_refused_with_how_far_and_where_to_go_instead(client):
+    with pytest.raises(GRPCError) as caught:
+        await in_time(client, client.move_to_position(Pose(x=600, y=0, z=200, o_z=1)))
+
+    assert caught.value.status is Status.FAILED_PRECONDITION
+    assert "mm" in caught.value.message
+    assert "nearest" in caught.value.message.lower()
+
+
+async def test_a_full_pose_that_five_joints_cannot_reach_is_refused(client):
+    goal = Pose(x=250, y=0, z=150, o_x=0, o_y=1, o_z=0, theta=45)
+    with pytest.raises(GRPCError) as caught:
+        await in_time(
+            client, client.move_to_position(goal, extra={"goal_metric_type": "squared_norm"})
+        )
+
+    assert caught.value.status is Status.FAILED_PRECONDITION
+
+
+@pytest.mark.parametrize(
+    ("extra", "says"),
+    [
+        ({"goal_metric_type": "position_onli"}, 'did you mean "position_only"?'),
+        ({"pose_cloud": {"x": 1.0}}, "pose_cloud"),
+    ],
+)
+async def test_a_request_that_is_not_understood_moves_nothing(client, extra, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.move_to_position(Pose(x=250, y=0, z=150, o_z=1), extra=extra)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message
+    assert not await client.is_moving()
+
+
+async def test_a_pose_that_is_no_number_is_an_invalid_argument(client):
+    with pytest.raises(GRPCError) as caught:
+        await client.move_to_position(Pose(x=math.nan, o_z=1))
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "pose.x" in caught.value.message
+
+
+@pytest.mark.parametrize(
+    ("values", "status", "says"),
+    [
+        ([0, 0, 95, 0, 0], Status.OUT_OF_RANGE, ("elbow_flex", "95", "90.8")),
+        ([-111, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("shoulder_pan", "-111", "-110")),
+        ([0, 0, 0, 0], Status.OUT_OF_RANGE, ("got 4 joint values",)),
+        ([0, 0, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("got 6 joint values",)),
+        ([0, math.nan, 0, 0, 0], Status.INVALID_ARGUMENT, ("shoulder_lift", "finite")),
+    ],
+)
+async def test_joint_values_that_cannot_be_are_refused_by_name(client, values, status, says):
+    for call in (
+        client.move_to_joint_positions(joints(*values)),
+        client.move_to_joint_positions(joints(*values), extra={"wait": False}),
+        client.move_through_joint_positions([joints(*HOME), joints(*values)]),
+    ):
+        with pytest.raises(GRPCError) as caught:
+            await call
+        assert caught.value.status is status
+        assert all(word in caught.value.message for word in says), caught.value.message
+
+
+async def test_no_waypoints_are_no_motion(client):
+    await client.move_through_joint_positions([])
+
+    assert not await client.is_moving()
+
+
+async def test_waypoints_are_passed_without_stopping_at_each(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    between = [a + (b - a) * 0.5 for a, b in zip(HOME, ELSEWHERE, strict=True)]
+    task = await start(
+        client,
+        client.move_through_joint_positions([joints(*HOME), joints(*between), joints(*ELSEWHERE)]),
+    )
+    speeds = []
+    while not task.done():
+        before = np.array(await positions(client))
+        await advance(client, 0.02)
+        speeds.append(np.max(np.abs(np.array(await positions(client)) - before)) / 0.02)
+    await task
+
+    assert await positions(client) == pytest.approx(ELSEWHERE, abs=0.01)
+    moving = [speed for speed in speeds if speed > 1.0]
+    first_rest = next(i for i, speed in enumerate(speeds) if speed <= 1.0)
+    assert len(moving) == first_rest, "no rest before the end"
+
+
+async def test_options_bind_the_move(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    goal = [joints(60, *HOME[1:])]
+    options = MoveOptions(max_vel_degs_per_sec=20.0)
+    slow = await duration_of(client, client.move_through_joint_positions(goal, options))
+    nothing = MoveOptions(max_vel_degs_per_sec=0.0, max_acc_degs_per_sec2=0.0, max_tcp_speed=0.0)
+    home = [joints(*HOME)]
+    normal = await duration_of(client, client.move_through_joint_positions(home, nothing))
+
+    assert slow > 60.0 / 20.0
+    assert normal < 60.0 / 90.0 + 1.0
+
+
+async def test_the_speed_of_the_tool_can_be_bound(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    options = MoveOptions(max_tcp_speed=0.05)
+    before = await client.get_end_position()
+    task = await start(
+        client, client.move_through_joint_positions([joints(60, *HOME[1:])], options)
+    )
+    fastest, last = 0.0, await client.get_end_position()
+    while not task.done():
+        await advance(client, 0.05)
+        now = await client.get_end_position()
+        fastest = max(fastest, math.dist((now.x, now.y, now.z), (last.x, last.y, last.z)) / 0.05)
+        last = now
+    await task
+
+    assert math.dist((last.x, last.y), (before.x, before.y)) > 100.0
+    assert fastest < 50.0 * 1.05, "millimetres a second"
+
+
+async def test_a_list_of_caps_for_the_wrong_number_of_joints_is_refused(client):
+    options = MoveOptions(max_vel_degs_per_sec_joints=[10.0] * 4)
+    with pytest.raises(GRPCError) as caught:
+        await client.move_through_joint_positions([joints(*HOME)], options)
+
+    assert caught.value.status is Status.OUT_OF_RANGE
+
+
+async def test_a_stop_ends_the_move_with_an_error_that_says_so(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    move = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    await client.stop()
+
+    with pytest.raises(GRPCError) as caught:
+        await move
+    assert caught.value.status is Status.CANCELLED
+    assert "stop" in caught.value.message
+    await at_rest(client)
+
+
+async def ended(client):
+    """Nothing moves any more; the time for that passes by itself."""
+
+    async def rests():
+        return not await client.is_moving()
+
+    await until(rests)
+
+
+async def at_rest(client):
+    assert not await client.is_moving()
+    before = await positions(client)
+    await advance(client, 0.5)
+    assert await positions(client) == pytest.approx(before, abs=0.01)
+
+
+async def test_a_newer_move_ends_the_old_one_with_aborted(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    old = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    with pytest.raises(GRPCError) as caught:
+        await old
+    assert caught.value.status is Status.ABORTED
+    assert "newer motion" in caught.value.message
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+
+
+async def test_cancelling_a_call_brings_the_arm_to_rest(client, arm):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    move = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    move.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await move
+    await ended(client)
+
+    await at_rest(client)
+    assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
+
+
+async def test_a_deadline_brings_the_arm_to_rest(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    call = client.move_to_joint_positions(joints(*ELSEWHERE), timeout=0.3)
+    move = await start(client, call)
+    with pytest.raises((GRPCError, asyncio.TimeoutError)):
+        await move
+    await ended(client)
+
+    await at_rest(client)
+    assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
+
+
+async def test_cancelling_an_old_call_leaves_the_newer_motion_alone(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    old = await start(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    new = asyncio.ensure_future(client.move_to_joint_positions(joints(*HOME)))
+    await advance(client, 0.05)
+    old.cancel()
+    await in_time(client, new)
+
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+
+
+async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    await client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
+    assert await client.is_moving()
+    await advance(client, 5.0)
+
+    assert await positions(client) == pytest.approx(ELSEWHERE, abs=0.01)
+    assert not await client.is_moving()
+
+
+async def test_a_stream_of_teleoperated_targets_is_followed_without_stopping(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    extra = {"interpolate": False, "waitAtEnd": False}
+    path = []
+    for i in range(60):
+        goal = joints(0.5 * i, *HOME[1:])
+        await client.move_through_joint_positions([goal], extra=extra)
+        await advance(client, 0.03)
+        path.append((await positions(client))[0])
+    await advance(client, 2.0)
+    steps = np.diff(path)[15:]
+
+    assert (await positions(client))[0] == pytest.approx(29.5, abs=0.01)
+    assert steps.min() > 0.2, "never stops on the way"
+
+
+@pytest.mark.parametrize("key", ["wait", "interpolate", "waitAtEnd"])
+async def test_a_flag_that_is_neither_true_nor_false_is_refused(client, key):
+    extra = {key: "no"}
+    call = (
+        client.move_to_joint_positions(joints(*HOME), extra=extra)
+        if key == "wait"
+        else client.move_through_joint_positions([joints(*HOME)], extra=extra)
+    )
+    with pytest.raises(GRPCError) as caught:
+        await call
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert key in caught.value.message
+
+
+async def stream_of(*batches, first=0.0):
+    for batch in batches:
+        yield [
+            Arm.TrajectoryPoint(time=timedelta(seconds=t), positions=list(values))
+            for t, values in batch
+        ]
+
+
+def sweep(n, dt=0.05, step=1.0):
+    return [(dt * i, [step * i, *HOME[1:]]) for i in range(n)]
+
+
+async def test_a_streamed_trajectory_is_played_and_acknowledged_batch_by_batch(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    points = sweep(40)
+
+    async def play():
+        batches = stream_of(points[:15], points[15:30], points[30:])
+        return [update async for update in client.move_through_joint_positions_streamed(batches)]
+
+    updates = await in_time(client, play())
+
+    assert len(updates) == 3
+    assert (await positions(client))[0] == pytest.approx(39.0, abs=0.05)
+
+
+async def test_a_streamed_trajectory_out_of_the_limits_is_refused_and_the_arm_rests(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    async def play():
+        bad = [(2.0, [0.0, *HOME[1:]]), (6.0, [111.0, *HOME[1:]])]
+        async for _ in client.move_through_joint_positions_streamed(stream_of(sweep(20), bad)):
+            pass
+
+    with pytest.raises(GRPCError) as caught:
+        await in_time(client, play())
+
+    assert caught.value.status is Status.OUT_OF_RANGE
+    assert "shoulder_pan" in caught.value.message
+    await at_rest(client)
+
+
+async def test_a_stop_ends_a_streamed_trajectory(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    async def play():
+        async def endless():
+            yield [Arm.TrajectoryPoint(timedelta(seconds=t), v) for t, v in sweep(100)]
+            await asyncio.Event().wait()
+
+        async for _ in client.move_through_joint_positions_streamed(endless()):
+            pass
+
+    playing = await start(client, play())
+    await client.stop()
+
+    with pytest.raises(GRPCError) as caught:
+        await playing
+    assert caught.value.status is Status.CANCELLED
+    await at_rest(client)
+
+
+async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
+    await client.set_manual_mode(True)
+    assert await client.get_manual_mode()
+    assert (await client.get_status())["mode"] == "manual"
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    assert not await client.get_manual_mode()
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+
+
+async def test_manual_mode_ends_by_itself_when_it_was_given_a_time(client):
+    await client.set_manual_mode(True, enabled_for=1)
+    assert await client.get_manual_mode()
+    async with asyncio.timeout(5):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+
+
+async def test_manual_mode_for_less_than_no_time_is_refused(client):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command({"command": "enter_manual_mode", "enabled_for": -1})
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert not await client.get_manual_mode()
+
+
+async def test_manual_mode_is_mirrored_for_servers_that_do_not_know_it(client):
+    assert await client.do_command({"command": "enter_manual_mode"}) == {"mode": "manual"}
+    assert await client.get_manual_mode()
+    assert await client.do_command({"command": "exit_manual_mode"}) == {"mode": "auto"}
+    assert not await client.get_manual_mode()
+
+
+async def test_the_motion_parameters_are_answered_in_both_styles(client):
+    assert await client.do_command({"command": "get_motion_params"}) == {"speed_degs_per_sec": 90.0}
+    assert await client.do_command({"get_motion_params": True}) == {
+        "current_speed_degs_per_sec": 90.0,
+        "current_acceleration_degs_per_sec_per_sec": 500.0,
+    }
+    request = {"set_speed": 60.0, "set_acceleration": 150.0, "get_motion_params": True}
+    assert await client.do_command(request) == {
+        "speed_set": 60.0,
+        "acceleration_set": 150.0,
+        "current_speed_degs_per_sec": 60.0,
+        "current_acceleration_degs_per_sec_per_sec": 150.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"set_speed": 60.0, "set_acceleration": 5.0}, ("set_acceleration", "10", "500")),
+        ({"set_speed": 2.9}, ("set_speed", "3", "180")),
+        ({"set_speed": 60.0, "get_motion_params": 1.0}, ("get_motion_params", "true or false")),
+        ({"set_speed": "fast"}, ("set_speed", "a number")),
+        ({"set_speed": 60.0, "set_sped": 60.0}, ("set_sped", 'did you mean "set_speed"?')),
+    ],
+)
+async def test_a_refused_request_has_changed_nothing(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert all(word in caught.value.message for word in says), caught.value.message
+    params = await client.do_command({"get_motion_params": True})
+    assert params["current_speed_degs_per_sec"] == 90.0
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "get_motion_parms"}, 'did you mean "get_motion_params"?'),
+        ({"command": "set_speed", "speed": 3.0}, "is a key, not a command"),
+        ({"command": "advance_time", "second": 1.0}, 'did you mean "seconds"?'),
+        ({"command": 3.0}, "known: "),
+        ({"set_sped": 3.0}, 'did you mean "set_speed"?'),
+        ({}, "known: "),
+    ],
+)
+async def test_an_unknown_request_is_answered_with_the_known_ones(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message, caught.value.message
+
+
+@pytest.mark.parametrize("seconds", [-1.0, math.nan, 1e9, "soon"])
+async def test_time_does_not_run_backwards_or_away(client, seconds):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command({"command": "advance_time", "seconds": seconds})
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+
+
+async def test_geometries_and_models_go_together_and_follow_the_joints(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    before = {g.label: g.center for g in await client.get_geometries()}
+    await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    after = {g.label: g.center for g in await client.get_geometries()}
+    models = await client.get_3d_models()
+
+    assert set(before) == {f"arm:{part}" for part in models}
+    assert set(models) == {"base", "shoulder", "upper_arm", "lower_arm", "wrist"}
+    assert after["arm:base"].x == pytest.approx(before["arm:base"].x)
+    assert (
+        math.hypot(
+            after["arm:wrist"].x - before["arm:wrist"].x,
+            after["arm:wrist"].y - before["arm:wrist"].y,
+        )
+        > 30.0
+    )
+    assert sum(len(mesh.mesh) for mesh in models.values()) < 2_000_000
+
+
+async def test_the_kinematics_are_served_as_sva(client):
+    kind, data, *_ = await client.get_kinematics()
+
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA
+    assert json.loads(data)["name"] == "arm"
+
+
+async def test_it_says_what_it_can_do(client):
+    properties = await client.get_properties()
+
+    assert properties.support_manual_mode
+    assert properties.support_cartesian_commands
+
+
+async def test_the_status_tells_mode_and_joints(client):
+    status = await client.get_status()
+
+    assert status["mode"] == "auto"
+    assert status["is_moving"] is False
+    assert set(status["joint_positions_deg"]) >= {"shoulder_pan", "wrist_roll"}
+    assert "fault" not in status, "absent, for a null would read as 0"
+
+
+async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
+    arm = new_arm(visualize_ee_frame=True, use_urdf=True, simulate_time=False)
+    try:
+        async with arm_client(arm) as client:
+            kind, data, *_ = await client.get_kinematics()
+            models = await client.get_3d_models()
+            labels = [geometry.label for geometry in await client.get_geometries()]
+    finally:
+        await arm.close()
+        await arm.close()
+
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF
+    assert b"<robot" in data
+    assert "tool" in models
+    assert labels[-1] == "arm:tool"
+
+
+class FakeMotion(Motion):
+    """A motion service that remembers what it was asked."""
+
+    def __init__(self, answer=True):
+        super().__init__("mine")
+        self.answer, self.calls = answer, []
+
+    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
+        self.calls.append((component_name, destination, kwargs["extra"]))
+        return self.answer
+
+    move_on_globe = move_on_map = get_pose = None
+    stop_plan = get_plan = list_plan_statuses = None
+
+
+async def test_a_named_motion_service_plans_instead():
+    service = FakeMotion()
+    arm = new_arm({Motion.get_resource_name("mine"): service}, motion="mine", simulate_time=False)
+    try:
+        async with arm_client(arm) as client:
+            extra = {"max_ik_solutions": 5.0}
+            await client.move_to_position(Pose(x=1, y=2, z=3, o_z=1), extra=extra)
+            await client.move_to_position(Pose(x=1, o_z=1), extra={"goal_metric_type": "own"})
+            service.answer = False
+            with pytest.raises(GRPCError) as caught:
+                await client.move_to_position(Pose(x=1, o_z=1))
+    finally:
+        await arm.close()
+
+    component, destination, sent = service.calls[0]
+    assert component == "arm"
+    assert destination.reference_frame == "arm_origin"
+    assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
+    assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
+    assert service.calls[1][2] == {"goal_metric_type": "own"}
+    assert caught.value.status is Status.ABORTED
+
+
+def test_a_motion_service_that_is_not_there_is_named():
+    with pytest.raises(GRPCError) as caught:
+        new_arm(motion="mine")
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "mine" in caught.value.message

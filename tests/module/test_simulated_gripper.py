@@ -1,0 +1,181 @@
+import asyncio
+import json
+import math
+
+import pytest
+from fake_parent import until
+from grpclib import GRPCError, Status
+from harness import gripper_client, new_gripper
+from viam.components.arm import KinematicsFileFormat
+
+
+@pytest.fixture
+def gripper():
+    gripper = new_gripper()
+    yield gripper
+    gripper._rig.close()
+
+
+@pytest.fixture
+async def client(gripper):
+    async with gripper_client(gripper) as client:
+        yield client
+
+
+async def opening(client):
+    return (await client.do_command({"command": "get_position"}))["position_percentage"]
+
+
+async def at_rest(client):
+    async def rests():
+        return not await client.is_moving()
+
+    await until(rests)
+
+
+async def begun(client):
+    async def opens():
+        return await opening(client) > 10.0
+
+    await until(opens)
+
+
+async def test_it_opens_and_closes_and_never_grabs_anything(client):
+    await client.open()
+    assert await opening(client) == pytest.approx(100.0, abs=0.1)
+    assert not await client.is_moving()
+    assert await client.grab() is False
+    assert await opening(client) == pytest.approx(0.0, abs=0.1)
+    assert not (await client.is_holding_something()).is_holding_something
+
+
+async def test_opening_takes_as_long_as_the_published_gripper_does(client):
+    await client.grab()
+    begin = asyncio.get_running_loop().time()
+    await client.open()
+    took = asyncio.get_running_loop().time() - begin
+
+    assert took == pytest.approx(0.5, abs=0.6), "200 % a second, and a moment to start and settle"
+    assert took > 0.5
+
+
+async def test_a_position_is_set_without_waiting_for_it(client):
+    await client.grab()
+    answer = await client.do_command({"command": "set_position", "percentage": 50.0})
+
+    assert answer == {"target_percentage": 50.0}
+    assert await client.is_moving()
+    await at_rest(client)
+    position = await client.do_command({"command": "get_position"})
+    assert position["target_percentage"] == pytest.approx(50.0)
+    assert position["position_percentage"] == pytest.approx(50.0, abs=0.1)
+
+
+async def test_the_short_forms_work_and_are_clamped(client):
+    assert await client.do_command({"set": 150.0}) == {"position": 100.0}
+    assert await client.do_command({"set": -5.0}) == {"position": 0.0}
+    await at_rest(client)
+    assert (await client.do_command({"get": True}))["position"] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "set_position"}, "percentage"),
+        ({"command": "set_position", "percentage": math.nan}, "finite"),
+        ({"command": "set_position", "percentage": "half"}, "a number"),
+        ({"command": "set_position", "percentag": 50.0}, 'did you mean "percentage"?'),
+        ({"command": "set_positon"}, 'did you mean "set_position"?'),
+        ({"sett": 5.0}, 'did you mean "set"?'),
+        ({}, "known: "),
+    ],
+)
+async def test_a_request_that_is_not_understood_is_answered_with_the_known_ones(
+    client, request_, says
+):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message, caught.value.message
+
+
+async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client):
+    await client.grab()
+    call = asyncio.ensure_future(client.open())
+    await begun(client)
+    await client.stop()
+
+    with pytest.raises(GRPCError) as caught:
+        await call
+    assert caught.value.status is Status.CANCELLED
+    assert not await client.is_moving()
+    position = await client.do_command({"command": "get_position"})
+    assert 10.0 < position["position_percentage"] < 95.0
+    assert position["target_percentage"] == pytest.approx(position["position_percentage"], abs=0.1)
+
+
+async def test_a_second_command_ends_the_first_with_aborted(client):
+    await client.grab()
+    first = asyncio.ensure_future(client.open())
+    await begun(client)
+    assert await client.grab() is False
+
+    with pytest.raises(GRPCError) as caught:
+        await first
+    assert caught.value.status is Status.ABORTED
+
+
+async def test_cancelling_a_call_brings_the_jaw_to_rest(client):
+    await client.grab()
+    call = asyncio.ensure_future(client.open())
+    await begun(client)
+    call.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    await at_rest(client)
+
+    assert await opening(client) < 95.0
+
+
+async def test_the_jaw_is_seen_to_move(client):
+    await client.grab()
+    closed = {g.label: g.center for g in await client.get_geometries()}
+    await client.open()
+    opened = {g.label: g.center for g in await client.get_geometries()}
+
+    assert set(closed) == {"gripper_body_0", "gripper_moving"}
+    assert opened["gripper_body_0"] == closed["gripper_body_0"]
+    assert abs(opened["gripper_moving"].theta - closed["gripper_moving"].theta) > 30.0
+
+
+async def test_its_kinematics_have_no_joints_and_so_no_inputs(client):
+    kind, data, *_ = await client.get_kinematics()
+
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA
+    assert json.loads(data)["joints"] == []
+    assert await client.get_current_inputs() == []
+    await client.go_to_inputs([])
+    with pytest.raises(GRPCError) as caught:
+        await client.go_to_inputs([0.5])
+    assert caught.value.status is Status.OUT_OF_RANGE
+
+
+async def test_the_status_tells_the_opening(client):
+    await client.grab()
+    status = await client.get_status()
+
+    assert status["is_moving"] is False
+    assert status["position_percentage"] == pytest.approx(0.0, abs=0.1)
+
+
+async def test_a_leader_has_a_handle_and_a_trigger():
+    gripper = new_gripper(gripper_type="leader", mesh_detail="high")
+    try:
+        async with gripper_client(gripper) as client:
+            labels = [g.label for g in await client.get_geometries()]
+    finally:
+        await gripper.close()
+        await gripper.close()
+
+    assert labels == ["gripper_body_0", "gripper_body_1", "gripper_moving"]

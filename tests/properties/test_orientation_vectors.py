@@ -1,0 +1,76 @@
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
+from so101_motion.models import convert
+from so101_motion.models.orientation import POLE, OrientationVector, from_rotation, to_rotation
+
+angles = st.floats(-math.pi, math.pi)
+components = st.floats(-1.0, 1.0, allow_subnormal=False)
+poles = st.sampled_from([0.0, math.pi])
+cone = math.acos(1.0 - POLE)
+
+
+@given(angles, st.floats(cone * 1.001, math.pi - cone * 1.001), angles)
+def test_away_from_the_poles_a_rotation_survives_the_round_trip(longitude, latitude, turn):
+    R = rot_z(longitude) @ rot_y(latitude) @ rot_z(turn)
+
+    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) < 1e-7
+
+
+@given(poles, angles)
+def test_at_the_poles_a_rotation_survives_the_round_trip(latitude, turn):
+    R = rot_y(latitude) @ rot_z(turn)
+
+    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) < 1e-7
+
+
+@given(poles, angles, st.floats(0.0, cone * 0.99), angles)
+def test_near_the_poles_at_most_the_direction_of_the_tilt_is_lost(latitude, longitude, tilt, turn):
+    R = rot_z(longitude) @ rot_y(latitude + tilt) @ rot_z(turn)
+
+    assert rotation_angle(to_rotation(from_rotation(R)).T @ R) <= 2.0 * tilt + 1e-7
+
+
+@given(components, components, components, angles)
+def test_the_third_axis_is_the_vector_outside_the_cone(x, y, z, theta):
+    length = math.sqrt(x * x + y * y + z * z)
+    if length < 1e-3 or 1.0 - abs(z) / length <= POLE:
+        return
+    R = to_rotation(OrientationVector(o=(x, y, z), theta=theta))
+
+    assert np.allclose(R[:, 2], np.array([x, y, z]) / length, atol=1e-9)
+    assert np.allclose(R @ R.T, np.eye(3), atol=1e-12)
+
+
+@given(angles)
+def test_no_vector_stands_for_up(theta):
+    R = to_rotation(OrientationVector(o=(0.0, 0.0, 0.0), theta=theta))
+
+    assert np.allclose(R, rot_z(theta))
+
+
+def test_the_direction_of_a_small_tilt_is_taken_as_along_x():
+    R = to_rotation(OrientationVector(o=(0.0, 0.001, 1.0), theta=0.0))
+
+    assert np.allclose(R[:, 2], [0.001, 0.0, 1.0], atol=1e-6)
+
+
+def test_known_vectors_are_read_as_viam_server_does():
+    down = OrientationVector(o=(0.0, 0.0, -1.0), theta=0.0)
+    ahead = OrientationVector(o=(1.0, 0.0, 0.0), theta=0.0)
+
+    assert np.allclose(to_rotation(down), rot_y(math.pi))
+    assert np.allclose(to_rotation(ahead), rot_y(math.pi / 2))
+
+
+@given(angles, angles, angles, st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array))
+def test_a_pose_survives_the_wire(roll, pitch, yaw, p):
+    T = SE3(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), p)
+    back = convert.from_pose(convert.to_pose(T))
+
+    assert np.allclose(back.p, T.p, atol=1e-12)
+    assert rotation_angle(back.R.T @ T.R) < 0.03  # inside the pole cone the tilt may be lost
