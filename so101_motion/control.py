@@ -67,9 +67,10 @@ class Control:
     Args:
         driver: The joints.
         dt: Period of the setpoints [s].
-        stop_limits: Caps of a stop for the five arm joints; the jaw has the same kind of servo and
-            takes the smallest of them.
-        tolerances: When a motion has arrived, and when it is lost.
+        stop_limits: Caps of a stop for the five arm joints.
+        jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
+        tolerances: When a motion of the arm has arrived, and when it is lost.
+        jaw_tolerances: The same for the jaw.
 
     Attributes:
         mode: What the arm is doing.
@@ -83,6 +84,8 @@ class Control:
         dt: float,
         stop_limits: MotionLimits,
         tolerances: Tolerances,
+        jaw_stop_limits: MotionLimits | None = None,
+        jaw_tolerances: Tolerances | None = None,
     ) -> None:
         self.mode = Mode.LIMP
         self.state: JointState | None = None
@@ -92,7 +95,7 @@ class Control:
         self._outcomes: list[tuple[Future[Any], object, BaseException | None]] = []
         self._awaited: dict[Future[None], int] = {}  # a stop of both channels ends with the last
 
-        def player(channel: Channel, limits: MotionLimits) -> Player:
+        def player(channel: Channel, limits: MotionLimits, tolerances: Tolerances) -> Player:
             return Player(
                 channel,
                 dt=dt,
@@ -102,8 +105,12 @@ class Control:
                 recent=self._last_second,
             )
 
-        self._arm = player(Channel.ARM, stop_limits)
-        self._jaw = player(Channel.JAW, _smallest(stop_limits))
+        self._arm = player(Channel.ARM, stop_limits, tolerances)
+        self._jaw = player(
+            Channel.JAW,
+            jaw_stop_limits or _smallest(stop_limits),
+            jaw_tolerances or tolerances,
+        )
 
     @property
     def is_moving(self) -> bool:
@@ -191,6 +198,18 @@ class Control:
             raise MotionError("the bus is busy with a motion; stop it or wait for its end")
         return job(self._driver)
 
+    def renew(self, job: Callable[[JointDriver], T]) -> T:
+        """Let ``job`` change what the driver's angles mean; joints that are held stay put.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        result = self.call(job)
+        if self.mode is Mode.HOLDING:
+            with self._failing():
+                self._seed()
+        return result
+
     def close(self) -> None:
         """Release the driver."""
         self._driver.close()
@@ -218,8 +237,8 @@ class Control:
             self._seat(reading)
         self.state = self._snapshot(reading, now, late)
         self._recent.append(self.state)
-        self._arm.check(reading.q, reading.qd)
-        self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]))
+        self._arm.check(reading.q, reading.qd, reading.alarms)
+        self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]), reading.alarms)
         self._follow_players()
         self._republish()
 

@@ -197,6 +197,20 @@ class FollowingError(MotionError):
         super().__init__(message)
 
 
+class ServoAlarm(MotionError):
+    """A servo reports trouble, so the motion was ended; the joint was told to stay where it is.
+
+    Attributes:
+        joint: Which joint.
+        reason: What it reports, with figures.
+        recent: The last second of states, oldest first.
+    """
+
+    def __init__(self, joint: str, reason: str, *, recent: tuple[JointState, ...]) -> None:
+        self.joint, self.reason, self.recent = joint, reason, recent
+        super().__init__(f"{joint}: {reason}")
+
+
 class CalibrationError(So101Error):
     """A calibration cannot be used, read or made.
 

@@ -86,8 +86,10 @@ class Executor:
         clock: What time it is.
         dt: Period of the setpoints [s]; every trajectory must have the same.
         stop_limits: Caps of a stop for the five arm joints, whatever the motion's own.
+        jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
         tolerances: When a motion has arrived, and when it is lost; by default those of the
             simulated arm.
+        jaw_tolerances: The same for the jaw; by default as for the arm.
         name: Name of the thread.
     """
 
@@ -98,13 +100,20 @@ class Executor:
         *,
         dt: float,
         stop_limits: MotionLimits,
+        jaw_stop_limits: MotionLimits | None = None,
         tolerances: Tolerances | None = None,
+        jaw_tolerances: Tolerances | None = None,
         name: str = "so101-io",
     ) -> None:
         self.dt = dt
         self._clock = clock
         self._control = Control(
-            driver, dt=dt, stop_limits=stop_limits, tolerances=tolerances or Tolerances()
+            driver,
+            dt=dt,
+            stop_limits=stop_limits,
+            jaw_stop_limits=jaw_stop_limits,
+            tolerances=tolerances or Tolerances(),
+            jaw_tolerances=jaw_tolerances,
         )
         self._beat = Metronome(dt)
         self._wake = threading.Event()
@@ -273,6 +282,13 @@ class Executor:
         The future holds what ``job`` returned or raised; a failed job is not a fault of the arm.
         """
         return self._ask(lambda: self._control.call(job))
+
+    def renew(self, job: Callable[[JointDriver], T]) -> Future[T]:
+        """Like ``call``, for a job after which the driver's angles mean something else.
+
+        Joints that are held stay where they are, under their new angles.
+        """
+        return self._ask(lambda: self._control.renew(job))
 
     # How
 

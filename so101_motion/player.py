@@ -20,15 +20,16 @@ snapshot that shows their effect has been published.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from so101_motion.errors import FollowingError, Interrupted, MotionError
+from so101_motion.errors import FollowingError, Interrupted, MotionError, ServoAlarm
 from so101_motion.geometry import Array
 from so101_motion.planning import online
 from so101_motion.planning.limits import MotionLimits
@@ -79,6 +80,9 @@ class Tolerances:
 _JUMP = 1e-4
 """How far the first setpoint of a motion may be from the reference [rad], and how much faster
 [rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
+
+
+_NO_ALARMS: Mapping[str, str] = {}
 
 
 @dataclass(slots=True, kw_only=True)
@@ -249,17 +253,25 @@ class Player:
                 ),
             )
 
-    def check(self, q: Array, qd: Array) -> None:
-        """Compare what was measured in this tick with what is wanted; may end the motion."""
+    def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
+        """Compare what was measured in this tick with what is wanted; may end the motion.
+
+        Args:
+            q: Measured angles, shape (n,), [rad].
+            qd: Measured velocities, shape (n,), [rad/s].
+            alarms: What is wrong with a joint, by name.
+        """
         motion = self._motion
         if motion is None:
             return
         if motion.ending is None:
+            if alarms and self._obey(motion, alarms, q):
+                return
             wanted = np.array(self._wanted)
             # A servo lags behind, so it is measured against all it was told lately.
             off = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
             if np.max(off) > self._tolerances.following_error:
-                self._give_way(motion, off, q)
+                self._give_way(motion, off > self._tolerances.following_error, q, self._lost(off))
                 return
         if motion.last is not None:
             self._settle(motion, motion.last, q, qd)
@@ -284,14 +296,18 @@ class Player:
             motion.source = online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt)
         motion.start = self._k
 
-    def _give_way(self, motion: _Motion, off: Array, q: Array) -> None:
-        """Stop because joints were left behind; those are told to stay where they are.
+    def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
+        """End the motion if one of its joints is in trouble."""
+        joints = self._channel.joints
+        troubled = [joint for joint in joints if joint in alarms]
+        if troubled:
+            error = ServoAlarm(troubled[0], alarms[troubled[0]], recent=self._recent())
+            self._give_way(motion, np.isin(joints, troubled), q, error)
+        return bool(troubled)
 
-        Their goal would otherwise press on, with all the servo's force, against what holds them.
-        """
+    def _lost(self, off: Array) -> FollowingError:
         i = int(np.argmax(off))
-        lost = off > self._tolerances.following_error
-        error = FollowingError(
+        return FollowingError(
             f"{self._channel.joints[i]} is {to_deg(float(off[i])):.1f} deg from where it should be;"
             f" the {self._channel.value} stopped and holds. Check that nothing blocks the joint and"
             " that its servo has power, then move again",
@@ -299,6 +315,14 @@ class Player:
             error=float(off[i]),
             recent=self._recent(),
         )
+
+    def _give_way(
+        self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
+    ) -> None:
+        """Stop because of some joints; those are told to stay where they are.
+
+        Their goal would otherwise press on, with all the servo's force, against what holds them.
+        """
         now = self.reference
         self.reference = Setpoint(
             q=np.where(lost, q, now.q),

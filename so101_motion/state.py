@@ -5,7 +5,8 @@ The I/O thread replaces the snapshot whole; readers take the reference and never
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from so101_motion.geometry import Array, frozen_array
 from so101_motion.modes import Mode
@@ -26,12 +27,15 @@ class JointReading:
         qd: Arm joint velocities, shape (5,), [rad/s].
         q_jaw: Jaw angle [rad].
         qd_jaw: Jaw velocity [rad/s].
+        alarms: What is wrong with a joint, by name, and what to do about it; a motion of that joint
+            is ended. Empty when all is well.
     """
 
     q: Array
     qd: Array
     q_jaw: float
     qd_jaw: float
+    alarms: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))

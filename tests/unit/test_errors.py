@@ -27,6 +27,7 @@ ONE_OF_EACH = [
     errors.Interrupted("stop"),
     errors.NotHolding("limp"),
     errors.FollowingError("stuck", joint="elbow_flex", error=0.2, recent=()),
+    errors.ServoAlarm("elbow_flex", "71 degC; let it cool", recent=()),
     errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"),
     errors.WorkerError("died"),
 ]
