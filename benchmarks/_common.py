@@ -10,6 +10,7 @@ which. JSON values are SI (seconds); only the printed table scales them.
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import platform
@@ -49,14 +50,27 @@ def single_thread() -> None:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, memory [bytes], system and Python."""
+    """Processor, cores, memory [bytes], system, Python, and how fast it is at the moment.
+
+    ``loop`` is the time of a fixed loop in plain Python [s]. On a virtual machine it doubles and
+    halves with what the neighbours do, and every other figure with it.
+    """
     return {
         "cpu": _first_value("/proc/cpuinfo", "model name") or platform.processor() or "unknown",
         "cores": os.cpu_count(),
         "memory": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
+        "loop": float(np.median([_loop() for _ in range(20)])),
     }
+
+
+def _loop() -> float:
+    begin = time.thread_time_ns()
+    total = 0.0
+    for i in range(100_000):
+        total += 0.5 * i
+    return (time.thread_time_ns() - begin) * 1e-9
 
 
 def versions(*more: str) -> dict[str, str]:
@@ -78,6 +92,8 @@ def measure(
 ) -> tuple[list[Output], list[float]]:
     """Call once for each input; what came back and how long each took [s].
 
+    Garbage collection stays on, but what lives already is kept out of it.
+
     Args:
         call: What is timed.
         inputs: Its arguments, one for each call.
@@ -85,11 +101,14 @@ def measure(
     """
     outputs: list[Output] = []
     times: list[float] = []
+    gc.collect()
+    gc.freeze()
     for value in inputs:
         begin = clock()
         output = call(value)
         times.append((clock() - begin) * 1e-9)
         outputs.append(output)
+    gc.unfreeze()
     return outputs, times
 
 

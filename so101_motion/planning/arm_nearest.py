@@ -12,12 +12,10 @@ from the interval's middle, which is nearly always the least (the tests count ho
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import acos, atan2, cos, hypot, inf, nan, remainder, sin
+from math import acos, atan2, cos, inf, nan, remainder, sin
 
 from so101_motion.planning.arm_plane import (
     INSIDE,
-    JOINT_SLACK,
-    REACH_SLACK,
     TAU,
     Angles,
     Bend,
@@ -56,30 +54,27 @@ def nearest_bend(
         The squared distance [rad^2] and the posture, or None.
     """
     best = None
-    measures, home = bars.bars, sum(seed)
-    if hypot(target.x, target.z) > measures.reach + target.hand.length + REACH_SLACK:
-        return None
     look = _look_from(bars, target, seed)
-    lowest_elbow = measures.lower[1] - JOINT_SLACK
-    for away, low, high in bars.intervals(target, home):
-        # The three angles add up to the pitch: off by d, they are off by d^2 / 3 at least.
-        if away * away >= 3.0 * ceiling:
-            break
-        pitch = 0.5 * (low + high)
-        margin = INSIDE * (high - low)
-        low, high = low + margin, high - margin
-        if away == 0.0:
-            pitch = min(max(pitch + remainder(home - pitch, TAU), low), high)
-        starts = [(True, look(pitch, True))]
-        # The elbow bends down as far as it bends up, if its limit allows it.
-        if lowest_elbow <= 2.0 * bars.straight - starts[0][1][3][1]:
-            starts.append((False, look(pitch, False)))
-        for elbow_up, start in starts:
-            if not bars.allows(start[3]):
-                continue
-            _, square, _, angles = _descend(look, elbow_up, start, low, high)
-            if square < ceiling:
-                best, ceiling = (square, Bend(angles, elbow_up)), square
+    home = sum(seed)
+    for elbow_up in (True, False):
+        # On either branch the elbow is on its side of the straight arm.
+        gap = bars.straight - seed[1] if elbow_up else seed[1] - bars.straight
+        if gap > 0.0 and gap * gap >= ceiling:
+            continue
+        for away, low, high in bars.intervals(target, home, elbow_up):
+            # The three angles add up to the pitch: off by d, they are off by d^2 / 3 at least.
+            if away * away >= 3.0 * ceiling:
+                break
+            pitch = 0.5 * (low + high)
+            margin = INSIDE * (high - low)
+            low, high = low + margin, high - margin
+            if away == 0.0:
+                pitch = min(max(pitch + remainder(home - pitch, TAU), low), high)
+            start = look(pitch, elbow_up)
+            if start[1] < inf:
+                _, square, _, angles = _descend(look, elbow_up, start, low, high)
+                if square < ceiling:
+                    best, ceiling = (square, Bend(angles, elbow_up)), square
     return best
 
 
@@ -89,7 +84,7 @@ def _look_from(bars: ThreeBars, target: Target, seed: Angles) -> Look:
     The joint velocities that keep the hand's end in place are in the proportion of the cross
     products of the vectors from two of the hinges to that end.
 
-    The function ignores joint limits: within an interval they cannot be crossed. It is a closure
+    Where there is no posture inside the limits the distance is infinite. The function is a closure
     over plain names because this is the innermost loop.
     """
     x, z, (hand, hand_elevation) = target
@@ -97,6 +92,7 @@ def _look_from(bars: ThreeBars, target: Target, seed: Angles) -> Look:
     a, elevation_a, b, elevation_b = bars.bars[:4]
     straight, squares, twice = bars.straight, a * a + b * b, 2.0 * a * b
     cos_max = bars.cos_max
+    (lift_low, elbow_low, wrist_low), (lift_high, elbow_high, wrist_high) = bars.low, bars.high
 
     def look(pitch: float, elbow_up: bool) -> Place:
         elevation = hand_elevation - pitch
@@ -109,9 +105,13 @@ def _look_from(bars: ThreeBars, target: Target, seed: Angles) -> Look:
         if not elbow_up:
             fold = -fold
         q_elbow = straight + fold
+        if not elbow_low <= q_elbow <= elbow_high:
+            return 0.0, inf, pitch, _NOWHERE
         lean = atan2(b * sin(fold), a + b * cosine)
         q_lift = remainder(elevation_a - atan2(wrist_z, wrist_x) - lean, TAU)
         q_wrist = remainder(pitch - q_lift - q_elbow, TAU)
+        if not (lift_low <= q_lift <= lift_high and wrist_low <= q_wrist <= wrist_high):
+            return 0.0, inf, pitch, _NOWHERE
 
         elevation = elevation_b - q_lift - q_elbow
         outer_x, outer_z = b * cos(elevation) + hand_x, b * sin(elevation) + hand_z

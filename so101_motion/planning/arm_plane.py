@@ -9,12 +9,13 @@ For a given pitch everything is elementary: the wrist is where the hand begins, 
 and wrist form a triangle with three known sides, hence two postures, elbow up and elbow down
 (:meth:`ThreeBars.bends`).
 
-Which pitches are possible? A posture can cease to exist, as the pitch changes, only where the arm
-is straight or a joint is at a limit. Each of these fixes the lengths of a triangle too, so all such
-pitches can be written down (:meth:`ThreeBars.critical_pitches`, at most 14). Between neighbours
-nothing changes; one try in the middle decides for the whole interval. So whether a point can be
-reached is decided exactly, without a grid that might step over a narrow gap. Which of all postures
-is nearest to a seed is found in ``arm_nearest.py``.
+Which pitches are possible? The distance from shoulder to wrist depends on the angle between the
+hand and the line from shoulder to target alone, so what the elbow can do is one or two bands of
+pitch. Within them a posture can cease to exist only where the lift or the wrist is at a limit, and
+each of these fixes the lengths of a triangle too: at most eight pitches that can be written down.
+Between neighbours nothing changes (:meth:`ThreeBars.intervals`); one try in the middle decides for
+the whole interval. So whether a point can be reached is decided exactly, without a grid that might
+step over a narrow gap. Which of all postures is nearest to a seed is found in ``arm_nearest.py``.
 
 Angles. Joint angles are positive downwards (they turn x towards -z), elevations upwards. The pitch
 is ``q_lift + q_elbow + q_wrist``; the hand, a vector of given length from the wrist to the target,
@@ -39,6 +40,12 @@ REACH_SLACK = 1e-5
 """A wrist this far beyond the straight arm [m] is met with a straight arm. Chosen: a tenth of the
 tolerance that goals have, and every solution is judged afterwards."""
 
+_TINY = 1e-12
+"""Lengths below this are this [m], so that no direction is undefined."""
+
+_NEARLY = 1e-6
+"""How far beyond 1 a cosine may be that should not be. Chosen; what follows looks more closely."""
+
 INSIDE = 1e-6
 """How far inside an interval of pitches its ends are tried, as a share of the interval. Chosen."""
 
@@ -61,11 +68,6 @@ class Bars(NamedTuple):
     forearm_elevation: float
     lower: tuple[float, float, float]
     upper: tuple[float, float, float]
-
-    @property
-    def reach(self) -> float:
-        """Shoulder to wrist with a straight elbow [m]."""
-        return self.upper_arm + self.forearm
 
 
 class Hand(NamedTuple):
@@ -114,15 +116,17 @@ class ThreeBars:
         """The elbow angle at which upper arm and forearm are in line [rad]."""
         a, b = self._a, self._b
         self._squares, self._twice = a * a + b * b, 2.0 * a * b
+        self._slack = (a + b + REACH_SLACK) ** 2 - (a + b) ** 2
         self.cos_max = ((a + b + REACH_SLACK) ** 2 - self._squares) / self._twice
         """Cosine of the elbow's bend above which the wrist is out of reach."""
-        self._low = [limit - JOINT_SLACK for limit in bars.lower]
-        self._high = [limit + JOINT_SLACK for limit in bars.upper]
-        # Distances shoulder-wrist, squared, at which the elbow is straight or at a limit.
-        self._wrist_squares = [(a + b) ** 2] + [
-            self._squares + self._twice * cos(self.straight - limit)
-            for limit in (bars.lower[1], bars.upper[1])
-        ]
+        self.low = [limit - JOINT_SLACK for limit in bars.lower]
+        self.high = [limit + JOINT_SLACK for limit in bars.upper]
+        """Limits of lift, elbow and wrist with their slack [rad]."""
+        # Distance from shoulder to wrist, squared, with the elbow as far up or down as it bends.
+        self._shortest = {
+            elbow_up: self._squares + self._twice * cos(self.straight - limit)
+            for elbow_up, limit in ((True, bars.upper[1]), (False, bars.lower[1]))
+        }
         self._wrist_limits = (bars.lower[2], bars.upper[2])
         # Where the elbow is, from the shoulder, with the lift at a limit.
         elevations = [self._elevation_a - limit for limit in (bars.lower[0], bars.upper[0])]
@@ -163,69 +167,88 @@ class ThreeBars:
                 found.append(Bend(angles, elbow_up))
         return found[:1] if fold == 0.0 else found
 
-    def critical_pitches(self, target: Target) -> list[float]:
-        """Pitches at which postures may appear or vanish, ascending, in -pi to pi [rad]."""
-        x, z, (hand, hand_elevation) = target
-        a, b = self._a, self._b
-        distance = hypot(x, z)
-        if hand == 0.0 or distance == 0.0:
-            return []
-        # Each fixes a triangle's sides. Noted are the cosine of the angle that decides the pitch,
-        # and the pitch if that angle were zero.
-        square, twice = distance * distance, 2.0 * distance
-        aligned = hand_elevation - atan2(z, x)
-        triangles = [
-            (aligned, (square + hand * hand - wrist_square) / (twice * hand))
-            for wrist_square in self._wrist_squares
-        ]
-        for limit in self._wrist_limits:
-            bend = hand_elevation - self._elevation_b - limit
-            outer_x, outer_z = b + hand * cos(bend), hand * sin(bend)
-            outer = hypot(outer_x, outer_z)
-            if outer > 0.0:
-                cosine = (square + outer * outer - a * a) / (twice * outer)
-                triangles.append((aligned - bend + atan2(outer_z, outer_x), cosine))
-        for elbow_x, elbow_z in self._elbows:
-            dx, dz = x - elbow_x, z - elbow_z
-            d = hypot(dx, dz)
-            if d > 0.0:
-                cosine = (d * d + hand * hand - b * b) / (2.0 * d * hand)
-                triangles.append((hand_elevation - atan2(dz, dx), cosine))
-        found = []
-        for pitch, cosine in triangles:
-            if -1.0 < cosine < 1.0:
-                angle = acos(cosine)
-                found.append(remainder(pitch + angle, TAU))
-                found.append(remainder(pitch - angle, TAU))
-        found.sort()
-        return found
-
-    def intervals(self, target: Target, pitch: float) -> list[tuple[float, float, float]]:
+    def intervals(
+        self, target: Target, pitch: float, elbow_up: bool
+    ) -> list[tuple[float, float, float]]:
         """Intervals of pitch within which no posture appears or vanishes, nearest first.
 
         Args:
             target: What to reach.
             pitch: What they shall be near to [rad].
+            elbow_up: Which postures. Pitches that the elbow forbids are in no interval.
 
         Returns:
             For each its distance from ``pitch``, its lower and its upper end [rad]. Ends may lie
-            beyond pi; together the intervals cover one turn.
+            beyond pi.
         """
-        ends = self.critical_pitches(target)
-        if not ends:
-            return [(0.0, pitch - pi, pitch + pi)]
-        found = []
-        low = ends[-1] - TAU
-        for high in ends:
-            away = abs(remainder(pitch - 0.5 * (low + high), TAU)) - 0.5 * (high - low)
-            found.append((away if away > 0.0 else 0.0, low, high))
-            low = high
+        found: list[tuple[float, float, float]] = []
+        bands = self._bands(target, elbow_up)
+        if not bands:
+            return found
+        aligned = target.hand.elevation - atan2(target.z, target.x)
+        splits = self._splits(target)
+        home = pitch - aligned
+        for low, high in bands:
+            ends = [high]
+            for split in splits:
+                inside = (split - low) % TAU + low
+                if inside < high:
+                    ends.append(inside)
+            ends.sort()
+            for end in ends:
+                away = abs(remainder(home - 0.5 * (low + end), TAU)) - 0.5 * (end - low)
+                found.append((away if away > 0.0 else 0.0, aligned + low, aligned + end))
+                low = end
         found.sort()
+        return found
+
+    def _bands(self, target: Target, elbow_up: bool) -> list[tuple[float, float]]:
+        """Where the elbow can bend as it must, as angles of the hand below the line to the target.
+
+        The wrist is the farther from the shoulder, the more the hand is turned out of that line,
+        to either side.
+        """
+        x, z, (hand, _) = target
+        square = x * x + z * z + hand * hand
+        twice = 2.0 * max(hypot(x, z), _TINY) * max(hand, _TINY)
+        bent = (square - self._shortest[elbow_up]) / twice
+        straight = (square - self._squares - self._twice) / twice
+        if bent < -1.0 - _NEARLY or straight > 1.0 + self._slack / twice:
+            return []
+        inner = acos(max(bent, -1.0)) if bent < 1.0 else 0.0
+        outer = pi if straight <= -1.0 else acos(min(straight, 1.0))
+        if inner == 0.0:
+            return [(-outer, outer)]
+        if outer == pi:
+            return [(inner, TAU - inner)]
+        return [(inner, outer), (-outer, -inner)]
+
+    def _splits(self, target: Target) -> list[float]:
+        """The same angles where lift or wrist is at a limit."""
+        x, z, (hand, hand_elevation) = target
+        a, b = self._a, self._b
+        hand, distance, elevation = max(hand, _TINY), max(hypot(x, z), _TINY), atan2(z, x)
+        found: list[float] = []
+        for limit in self._wrist_limits:
+            bend = hand_elevation - self._elevation_b - limit
+            outer_x, outer_z = b + hand * cos(bend), hand * sin(bend)
+            outer = max(hypot(outer_x, outer_z), _TINY)
+            cosine = (distance * distance + outer * outer - a * a) / (2.0 * distance * outer)
+            if -1.0 < cosine < 1.0:
+                angle, middle = acos(cosine), atan2(outer_z, outer_x) - bend
+                found += (middle - angle, middle + angle)
+        for elbow_x, elbow_z in self._elbows:
+            dx, dz = x - elbow_x, z - elbow_z
+            d = max(hypot(dx, dz), _TINY)
+            cosine = (d * d + hand * hand - b * b) / (2.0 * d * hand)
+            if -1.0 < cosine < 1.0:
+                angle, middle = acos(cosine), elevation - atan2(dz, dx)
+                found += (middle - angle, middle + angle)
         return found
 
     def allows(self, angles: Angles) -> bool:
         """Whether joint angles are inside their limits, to within ``JOINT_SLACK``."""
-        (lift, elbow, wrist), low, high = angles, self._low, self._high
+        (lift, elbow, wrist), low, high = angles, self.low, self.high
         return (
             low[1] <= elbow <= high[1] and low[2] <= wrist <= high[2] and low[0] <= lift <= high[0]
         )
@@ -235,9 +258,14 @@ class ThreeBars:
         bends = self.bends(target, pitch)
         if bends:
             return bends
-        for _, low, high in self.intervals(target, pitch):
+        intervals = [
+            (*interval, elbow_up)
+            for elbow_up in (True, False)
+            for interval in self.intervals(target, pitch, elbow_up)
+        ]
+        for _, low, high, elbow_up in sorted(intervals):
             middle = 0.5 * (low + high)
-            if self.bends(target, middle):
+            if any(bend.elbow_up == elbow_up for bend in self.bends(target, middle)):
                 half = (0.5 - INSIDE) * (high - low)
                 ahead = remainder(pitch - middle, TAU)
                 return self.bends(target, middle + min(max(ahead, -half), half))

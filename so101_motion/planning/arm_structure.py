@@ -29,6 +29,9 @@ from so101_motion.planning.arm_plane import (
     ThreeBars,
 )
 
+_ON_AXIS = 1e-9
+"""A frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17."""
+
 Joints = tuple[float, float, float, float, float]
 """Five joint angles [rad]."""
 
@@ -89,11 +92,6 @@ class FrameOffset(NamedTuple):
     forward: tuple[float, float, float]
     left: tuple[float, float, float]
     up: tuple[float, float, float]
-
-    @property
-    def on_axis(self) -> bool:
-        """Whether the frame's origin is on the roll axis, so that the roll does not move it."""
-        return all(hypot(*row[1:]) < 1e-9 for row in self)
 
     def at(self, roll: float) -> Point:
         """Forward, left and up [m] at a roll angle [rad]."""
@@ -164,7 +162,27 @@ class ArmStructure:
         self.bars = measures.bars
         self._pan_low = measures.lower[0] - JOINT_SLACK
         self._pan_high = measures.upper[0] + JOINT_SLACK
+        self._on_axis = {
+            name: all(hypot(*row[1:]) < _ON_AXIS for row in offset)
+            for name, offset in measures.offsets.items()
+        }
+        links = measures.bars.bars.upper_arm + measures.bars.bars.forearm + REACH_SLACK
+        self._longest = {
+            name: links + sum(abs(part) for row in offset for part in row)
+            for name, offset in measures.offsets.items()
+        }
         self.rolled = lru_cache(maxsize=256)(self._rolled)
+
+    def can_reach(self, p_base: Point, frame: str) -> bool:
+        """Whether the arm is long enough for a point, whatever the joints. Cheap, not exact."""
+        m = self.measures
+        ahead = hypot(p_base[0] - m.pan[0], p_base[1] - m.pan[1]) - abs(m.shoulder[0])
+        height = p_base[2] - m.shoulder[1]
+        return hypot(max(ahead, 0.0), height) < self._longest[frame]
+
+    def on_axis(self, frame: str) -> bool:
+        """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
+        return self._on_axis[frame]
 
     def _rolled(self, frame: str, roll: float) -> RolledFrame:
         """The named frame at a roll angle [rad]; remembered, because seeds repeat."""

@@ -15,7 +15,7 @@ class GoalMetric(Enum):
     """How much of a target pose counts. Five joints cannot reach every orientation."""
 
     POSITION_ONLY = "position_only"
-    """The point counts; the arm chooses the orientation nearest to where it is."""
+    """The point counts; the arm takes the posture nearest to where it is, keeping its roll."""
     POSITION_AND_APPROACH = "position_and_approach"
     """The point and the direction of the tool's z axis count; roll about it is free."""
     FULL_POSE = "full_pose"

@@ -51,13 +51,11 @@ _EXACT_ANGLE = 1e-6
 """A full pose with less than this left over is exact [rad]; the tolerance is for those that five
 joints cannot meet. Chosen."""
 
-_SETTLING = 5e-3
-"""A descent from the edge of the workspace gains less than this [m]. Chosen: rolls are tried 30
-degrees apart, which leaves 0.3 mm open for the jaw tip and 5 mm for something 15 cm beside the
-roll axis."""
-
 _SAME = 1e-6
 """Solutions less than this apart are one [rad]. Chosen."""
+
+_JUST = 1e-3
+"""How far polishing may move a solution and with it the order of candidates [rad]. Chosen."""
 
 
 class IkSolver:
@@ -126,12 +124,16 @@ class IkSolver:
         return chain([first], self._others(check_goal(self.model, goal), check_seed(q_seed), first))
 
     def _others(self, task: Task, seed: Joints, first: IkSolution) -> Iterator[IkSolution]:
-        known = [first.q.tolist()]
+        """The rest of :meth:`candidates`."""
+        q_first = first.q.tolist()
+        known: list[tuple[float, list[float]]] = []
         for posture in self._source.spread(task, seed):
             solution = self._judged(task, posture)
             q = solution.q.tolist()
-            if _arrived(task, solution) and all(dist(q, other) > _SAME for other in known):
-                known.append(q)
+            away = dist(q, seed)
+            like = dist(q, q_first) <= _SAME or _is_known(q, away, known)
+            if _arrived(task, solution) and not like:
+                known.append((away, q))
                 yield solution
 
     def _judged(self, task: Task, posture: Posture) -> IkSolution:
@@ -165,19 +167,23 @@ class IkSolver:
     def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
         """What reaches the reachable point nearest to one that is out of reach."""
         wish = replace(task, metric=GoalMetric.POSITION_ONLY)
-        starts = self._source.edge(task, seed)
-        starts.sort(key=lambda q: self._away(task, q))
-        q_best = minimise(self.model, wish, starts[0])
-        for q in starts[1:]:
-            if self._away(task, q) < self._away(task, q_best) + _SETTLING:
-                q_best = min(
-                    q_best, minimise(self.model, wish, q), key=lambda q: self._away(task, q)
-                )
+        ends = [minimise(self.model, wish, q) for q in self._source.edge(task, seed)]
+        q_best = min(ends, key=lambda q: self._away(task, q))
         branch = self._source.branch(q_best, task.frame)
         return judge(self.model, task, to_joints(q_best), branch)
 
     def _away(self, task: Task, q: Array) -> float:
         return dist(self.model.rotation_and_position(q, task.frame)[1].tolist(), task.point)
+
+
+def _is_known(q: list[float], away: float, known: list[tuple[float, list[float]]]) -> bool:
+    """Whether ``known``, by distance from the seed, holds joint angles at distance ``away``."""
+    for other_away, other in reversed(known):
+        if away - other_away > _JUST:
+            return False
+        if dist(q, other) <= _SAME:
+            return True
+    return False
 
 
 def _arrived(task: Task, solution: IkSolution) -> bool:

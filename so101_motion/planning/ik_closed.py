@@ -16,6 +16,7 @@ import numpy as np
 from so101_motion.geometry import Array
 from so101_motion.planning.arm_nearest import nearest_bend
 from so101_motion.planning.arm_orientation import Orientation
+from so101_motion.planning.arm_plane import Bend, Target, ThreeBars
 from so101_motion.planning.arm_structure import (
     BRANCHES,
     ArmStructure,
@@ -48,7 +49,8 @@ class ClosedForms:
     def nearest(self, task: Task, seed: Joints) -> Iterator[Posture]:
         """Postures at the task's point, the one nearest to the seed first; few or none.
 
-        Those that cannot have the wanted approach come last, as evidence.
+        For an approach, the seed's roll comes before all others, and what cannot have the approach
+        comes last, as evidence.
         """
         structure = self._structure
         if task.metric is GoalMetric.POSITION_ONLY:
@@ -57,12 +59,15 @@ class ClosedForms:
                 yield found
             return
         roll = structure.clip_roll(seed[4])
-        rolls = approach_rolls(structure, task)
         if task.metric is GoalMetric.FULL_POSE:
-            yield from _by_distance(full_pose(structure, task, rolls or [roll]), seed)
+            rolls = approach_rolls(structure, task) or [roll]
+            yield from _by_distance(full_pose(structure, task, rolls), seed)
             return
-        for sides in sides_by_approach(structure, task, [roll, *rolls]):
-            yield from _by_distance(approach(structure, task, sides), seed)
+        near, others = sides_by_approach(structure, task, [roll])
+        yield from _by_distance(approach(structure, task, near), seed)
+        near, more = sides_by_approach(structure, task, approach_rolls(structure, task))
+        yield from _by_distance(approach(structure, task, near), seed)
+        yield from approach(structure, task, others + more)
 
     def spread(self, task: Task, seed: Joints) -> Iterable[Posture]:
         """Postures at the task's point, spread over what it leaves open, nearest first."""
@@ -116,8 +121,8 @@ def position_rolls(structure: ArmStructure, task: Task, roll: float) -> Iterator
     """Rolls worth trying [rad], the nearest to the seed's first."""
     roll = structure.clip_roll(roll)
     yield roll
-    offset = structure.measures.offsets[task.frame]
-    if not offset.on_axis:
+    if not structure.on_axis(task.frame) and structure.can_reach(task.point, task.frame):
+        offset = structure.measures.offsets[task.frame]
         # Close to the pan axis only a roll that brings the frame into the arm's plane will do.
         inside = [structure.clip_roll(r) for r in offset.rolls_with_lateral(0.0)]
         yield from sorted((*spread_rolls(structure), *inside), key=lambda r: abs(r - roll))
@@ -131,18 +136,23 @@ def spread_rolls(structure: ArmStructure) -> list[float]:
 
 def all_positions(structure: ArmStructure, task: Task, q_seed: Joints) -> list[Posture]:
     """Postures that put the frame at the point, spread over pitch, roll, and all branches."""
-    found = []
     roll = structure.clip_roll(q_seed[4])
-    for each in (roll, *spread_rolls(structure)):
-        for side in structure.sides(task.point, structure.rolled(task.frame, each)):
-            for _, low, high in structure.bars.intervals(side.target, sum(q_seed[1:4])):
-                count = int((high - low) / PITCH_STEP) + 1
-                if not structure.bars.bends(side.target, 0.5 * (low + high)):
-                    continue
-                for i in range(count):
-                    pitch = low + (high - low) * (i + 0.5) / count
-                    found += _postures(structure, side, pitch, each)
-    return found
+    return [
+        Posture((side.pan, *bend.angles, each), BRANCHES[side.name, bend.elbow_up])
+        for each in (roll, *spread_rolls(structure))
+        for side in structure.sides(task.point, structure.rolled(task.frame, each))
+        for bend in _spread_bends(structure.bars, side.target)
+    ]
+
+
+def _spread_bends(bars: ThreeBars, target: Target) -> Iterator[Bend]:
+    """Postures of the plane no farther apart in pitch than ``PITCH_STEP``."""
+    for elbow_up in (True, False):
+        for _, low, high in bars.intervals(target, 0.0, elbow_up):
+            count = int((high - low) / PITCH_STEP) + 1
+            for i in range(count):
+                bends = bars.bends(target, low + (high - low) * (i + 0.5) / count)
+                yield from (bend for bend in bends if bend.elbow_up == elbow_up)
 
 
 RolledSide = tuple[float, Side]
@@ -186,7 +196,7 @@ def approach_rolls(structure: ArmStructure, task: Task) -> list[float]:
     x, y, _ = task.R_base_tool[:, 2].tolist()
     offset = structure.measures.offsets[task.frame]
     rolls: list[float] = []
-    if not offset.on_axis and hypot(x, y) > 1e-9:
+    if not structure.on_axis(task.frame) and hypot(x, y) > 1e-9:
         for azimuth in (atan2(y, x), atan2(-y, -x)):
             if structure.can_face(azimuth):
                 rolls += offset.rolls_with_lateral(structure.lateral_for(task.point, azimuth))
@@ -201,7 +211,7 @@ def full_pose(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> li
     the roll axis; then the given rolls, which suit the approach, are better. Both are returned.
     """
     orientation = Orientation(structure.measures, task.R_base_tool)
-    on_axis = structure.measures.offsets[task.frame].on_axis
+    on_axis = structure.on_axis(task.frame)
     found = []
     for roll in rolls:
         for side in structure.sides(task.point, structure.rolled(task.frame, roll)):

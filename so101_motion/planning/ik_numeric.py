@@ -29,8 +29,9 @@ _STEPS = 100
 _LONGEST_STEP = 0.5
 _LEAST_DAMPING = 1e-6
 _MOST_DAMPING = 1e3
-_FLAT = 1e-9
-"""A gradient below this is zero [m^2]: at 0.1 m from the target that is 10 nm. Chosen."""
+_FLAT = 1e-8
+"""A gradient below this is zero [m^2]: 0.1 um for a joint with a lever of 0.1 m, a microradian of
+wrong orientation. Chosen."""
 
 _UPPER, _ABOVE = np.triu(np.ones((5, 5))), np.triu(np.ones((5, 5)), 1)
 

@@ -148,7 +148,8 @@ def check_seed(q_seed: ArrayLike) -> Joints:
         ConfigError: It is not five finite numbers.
     """
     q = np.asarray(q_seed, dtype=np.float64)
-    if q.shape != (5,) or not isfinite(q.sum()):
+    joints = q.ravel().tolist()
+    if q.shape != (5,) or not isfinite(sum(joints)):
         raise ConfigError("q_seed", q_seed, "must be five finite joint angles [rad]")
     return to_joints(q)
 

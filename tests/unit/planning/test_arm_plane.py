@@ -76,29 +76,51 @@ def test_a_micrometre_beyond_reach_is_met_with_a_straight_arm(bars):
     assert bend.angles[1] == pytest.approx(bars.straight)
 
 
+def is_bent(bars, target, pitch, elbow_up):
+    return any(bend.elbow_up == elbow_up for bend in bars.bends(target, pitch))
+
+
 @pytest.mark.parametrize("hand", HANDS)
-def test_between_critical_pitches_no_posture_appears_or_vanishes(bars, hand):
-    for angles in postures(25, seed=1):
+@pytest.mark.parametrize("elbow_up", [True, False])
+def test_within_an_interval_no_posture_appears_or_vanishes(bars, hand, elbow_up):
+    for angles in postures(40, seed=1):
         target = target_of(bars, angles, hand)
-        for _, low, high in bars.intervals(target, 0.0):
-            inside = np.linspace(low, high, 12)[1:-1]
+        for _, low, high in bars.intervals(target, 0.0, elbow_up):
             margin = 1e-3 * (high - low)
-            inside = np.clip(inside, low + margin, high - margin)
-            kinds = {tuple(b.elbow_up for b in bars.bends(target, pitch)) for pitch in inside}
-            assert len(kinds) == 1
+            inside = np.linspace(low + margin, high - margin, 12)
+            assert len({is_bent(bars, target, pitch, elbow_up) for pitch in inside}) == 1
 
 
-def test_intervals_cover_one_turn_and_come_nearest_first(bars):
+@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("elbow_up", [True, False])
+def test_outside_all_intervals_there_is_no_posture(bars, hand, elbow_up):
+    grid = np.linspace(-math.pi, math.pi, 181)
+    for angles in postures(40, seed=7):
+        target = target_of(bars, angles, hand)
+        for pitch in grid:
+            gaps = [gap for gap, _, _ in bars.intervals(target, pitch, elbow_up)]
+            if is_bent(bars, target, pitch, elbow_up):
+                # Posture and interval each have their slack at a limit that is only touched.
+                assert min(gaps) < 1e-2
+
+
+def test_intervals_come_nearest_first(bars):
     target = target_of(bars, (0.1, 0.2, 0.3), HANDS[1])
-    intervals = bars.intervals(target, 0.6)
-    assert sum(high - low for _, low, high in intervals) == pytest.approx(TAU)
-    gaps = [gap for gap, _, _ in intervals]
+    gaps = [gap for gap, _, _ in bars.intervals(target, 0.6, True)]
     assert gaps == sorted(gaps)
     assert gaps[0] == 0.0
 
 
-def test_a_target_at_the_shoulder_is_one_interval(bars):
-    assert bars.intervals(Target(0.0, 0.0, HANDS[0]), 0.3) == [(0.0, 0.3 - math.pi, 0.3 + math.pi)]
+def test_degenerate_targets_and_hands_have_postures_too(bars):
+    elbow = (1.0, 0.5, 0.2)
+    wrist_at = bars.points(elbow, Hand(0.0, 0.0))[-1]
+    square, _ = nearest_bend(bars, Target(*wrist_at, Hand(0.0, 0.0)), elbow, math.inf)
+    assert square < 1e-12
+    reach = math.dist(bars.points((0.0, 1.2, 0.0), Hand(0.0, 0.0))[-1], (0.0, 0.0))
+    at_shoulder = Target(0.0, 0.0, Hand(reach, 2.0))
+    found = nearest_bend(bars, at_shoulder, (0.0, 1.2, 0.0), math.inf)
+    if found:
+        assert math.dist(bars.points(found[1].angles, at_shoulder.hand)[-1], (0.0, 0.0)) < 1e-9
 
 
 @pytest.mark.parametrize("hand", HANDS)

@@ -55,9 +55,9 @@ def test_measures_are_those_of_the_so101(structure):
 
 def test_the_tool_is_on_the_roll_axis_and_the_jaw_tip_7_9_mm_beside_it(structure):
     tool, tip = structure.measures.offsets["tool"], structure.measures.offsets["jaw_tip"]
-    assert tool.on_axis
+    assert structure.on_axis("tool")
     assert tool.rolls_with_lateral(0.0) == ()
-    assert not tip.on_axis
+    assert not structure.on_axis("jaw_tip")
     assert math.hypot(*tip.left[1:]) == pytest.approx(0.0079, abs=1e-5)
     assert tip.forward[0] == pytest.approx(0.1592273, abs=1e-6)
 
