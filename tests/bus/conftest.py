@@ -1,136 +1,190 @@
-"""An arm on a wire: the real driver, the emulated servos, and a clock both live by.
+"""An arm on a wire: the real driver and executor, the emulated servos, and one clock for all.
 
 The pseudo-terminal is real and so are its microseconds; everything slower follows the clock, which
-a test moves by hand. Replies come at once unless a test asks for lateness.
+a test moves by hand. Replies come at once unless a test asks for lateness. The emulated arm weighs
+a fifth more than the driver believes.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
 
 from so101_motion.clock import ManualClock
+from so101_motion.drivers import feetech_arm
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.world import no_gravity
 from so101_motion.drivers.feetech_arm import JOINTS, FeetechArm
 from so101_motion.drivers.port import PortOpener
 from so101_motion.drivers.ticks import JointMap
+from so101_motion.executor import Executor, Tolerances
+from so101_motion.planning import online
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.rig import open_simulated
 
 PATIENCE = 0.05
 """Above what a busy machine takes to run the emulator's thread [s]."""
 
 MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
+STOP_LIMITS = MotionLimits.uniform(velocity=math.pi, acceleration=8.7, jerk=200.0)
+
+
+class TapedDriver:
+    """The driver, and what passed through it.
+
+    Attributes:
+        tape: Commanded and true arm joint angles of every cycle.
+    """
+
+    def __init__(self, arm, world):
+        self.arm, self.world = arm, world
+        self.tape = []
+        self._q_cmd = np.zeros(5)
+
+    def read(self):
+        reading = self.arm.read()
+        self.tape.append((self._q_cmd, self.world.q[:5]))
+        return reading
+
+    def write(self, q_cmd, q_jaw_cmd):
+        self._q_cmd = np.array(q_cmd)
+        self.arm.write(q_cmd, q_jaw_cmd)
+
+    def set_torque(self, on):
+        self.arm.set_torque(on)
+
+    def close(self):
+        self.arm.close()
+
+    def path_error(self):
+        """Largest distance from the commanded path once the lag is taken out [rad], and the lag."""
+        q_cmd, q = (np.array(column) for column in zip(*self.tape, strict=True))
+        errors = [np.max(np.abs(q_cmd[: len(q_cmd) - k] - q[k:])) for k in range(30)]
+        return float(min(errors)), 0.01 * int(np.argmin(errors))
 
 
 @dataclass
 class Bench:
-    """An emulated arm and its driver.
+    """An emulated arm, its driver and its executor.
 
     Attributes:
-        clock: What time it is for both.
+        clock: What time it is for all.
         emulator: The servos and the port.
         arm: The driver.
+        driver: The same with a tape.
+        executor: Moves it.
     """
 
     clock: ManualClock
     emulator: Emulator
     arm: Any = None
+    driver: Any = None
+    executor: Any = None
+    limits: MotionLimits = field(
+        default_factory=lambda: MotionLimits.uniform(velocity=0.87, acceleration=1.75, jerk=50.0)
+    )
 
     @property
     def world(self):
         return self.emulator.world
 
     @property
+    def wire(self):
+        """What goes wrong on the wire."""
+        return self.emulator.bus.faults
+
+    @property
+    def state(self):
+        return self.executor.state
+
+    @property
     def q(self):
-        """True joint angles, shape (6,), [rad]."""
+        """True arm joint angles, shape (5,), [rad]."""
         self.emulator.advance()
-        return self.world.q
+        return self.world.q[:5]
 
-    def memory(self, servo, row):
-        """What a register of the emulated servo holds."""
-        self.emulator.advance()
-        return self.world.servo(servo).memory.value(row)
-
-    def connect(self, maps=None, **settings):
-        settings = {
-            "gravity": no_gravity,
-            "speed": math.radians(180),
-            "acceleration": 10.0,
-            **settings,
-        }
+    def connect(self, gravity):
         self.arm = FeetechArm(
             PortOpener(self.emulator.port),
             self.clock,
-            MAPS if maps is None else maps,
+            MAPS,
+            gravity=gravity,
+            speed=math.pi,
+            acceleration=10.0,
             patience=PATIENCE,
-            **settings,
         )
-        return self.arm
+        self.driver = TapedDriver(self.arm, self.world)
+        self.executor = Executor(
+            self.driver,
+            self.clock,
+            dt=0.01,
+            stop_limits=STOP_LIMITS,
+            name="so101-io-test",
+            tolerances=Tolerances(
+                settle_position=feetech_arm.SETTLE_POSITION,
+                settle_velocity=feetech_arm.SETTLE_VELOCITY,
+                settle_timeout=feetech_arm.SETTLE_TIMEOUT,
+            ),
+        )
+        self.executor.start()
 
-    def hold(self):
-        """What the executor does to let the joints hold where they are."""
-        reading = self.arm.read()
-        self.arm.write(reading.q, reading.q_jaw)
-        self.arm.set_torque(True)
+    def move(self, q_goal):
+        """Start a straight move; its future."""
+        trajectory = online.point_to_point(self.state.q_ref, np.array(q_goal), self.limits, 0.01)
+        self.driver.tape.clear()
+        return self.executor.execute(trajectory)
 
-    def cycles(self, count, q_cmd=None, q_jaw_cmd=0.0, dt=0.01):
-        """Control cycles; the readings."""
-        readings = []
-        for _ in range(count):
-            if q_cmd is not None:
-                self.arm.write(np.asarray(q_cmd, dtype=float), q_jaw_cmd)
-            readings.append(self.arm.read())
-            self.clock.advance(dt)
-        return readings
+    def finish(self, future, at_most=10.0):
+        """Let time pass until ``future`` is done; what it holds."""
+        for _ in range(round(at_most / 0.05)):
+            if future.done():
+                break
+            self.clock.advance(0.05)
+        return future.result(timeout=0)
 
-    def errors(self, count, dt=0.05):
-        """Reads that may fail; what they raised."""
-        raised = []
-        for _ in range(count):
-            try:
-                self.arm.read()
-            except Exception as error:
-                raised.append(error)
-            self.clock.advance(dt)
-        return raised
+    def close(self):
+        if self.executor is not None:
+            self.executor.close()
+        self.emulator.close()
+
+
+@pytest.fixture(scope="session")
+def weight():
+    """The torque that holds the arm of the robot description."""
+    return RobotModel.load().gravity_torque
 
 
 @pytest.fixture
-def make_bench(clock, tmp_path):
+def make_bench(clock, tmp_path, weight):
     benches = []
 
-    def make(*, gravity=no_gravity, connect=True, **options):
-        link = tmp_path / f"arm{len(benches)}"
-        emulator = Emulator(EmulatorOptions(link=link, **options), now=clock.now, gravity=gravity)
+    def make(**options):
+        emulator = Emulator(
+            EmulatorOptions(link=tmp_path / f"arm{len(benches)}", **options),
+            now=clock.now,
+            gravity=lambda q: 1.2 * weight(q),
+        )
         bench = Bench(clock, emulator)
         benches.append(bench)
-        if connect:
-            bench.connect()
+        bench.connect(weight)
+        clock.advance(1.0)  # torque came on where the arm was found; now it takes up its weight
         return bench
 
     yield make
     for bench in benches:
-        if bench.arm is not None:
-            bench.arm.close()
-        bench.emulator.close()
+        bench.close()
 
 
 @pytest.fixture
 def bench(make_bench):
-    """A calibrated arm at its zero, without weight, found and limp."""
+    """A calibrated arm at its zero, holding."""
     return make_bench()
 
 
-@pytest.fixture
-def raised_arm():
-    """Gravity of an arm with 100 g in its hand, stretched out and raised at shoulder_lift = 0."""
-
-    def gravity(q):
-        torque = np.zeros(6)
-        torque[1] = -1.265 * math.cos(math.radians(62.0) - q[1])
-        torque[2] = -0.5 * math.cos(math.radians(62.0) - q[1] - q[2])
-        return torque
-
-    return gravity
+@pytest.fixture(scope="session")
+def planning_process():
+    """Keep the planning process between tests; starting it for each would cost a second."""
+    with open_simulated():
+        yield

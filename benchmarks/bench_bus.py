@@ -1,0 +1,211 @@
+"""One control cycle of the arm on its bus: processor time, wire time, transactions.
+
+The servos are emulated, in a process of their own behind a pseudo-terminal, with the time of the
+wire at 1 Mbaud and an adapter that holds replies back for 1 ms. A cycle is one sync write of all
+goals and one sync read of all positions, every tenth of a second a longer one. Processor time is
+that of the thread that talks; what the kernel's pseudo-terminal does for us is in it, what a USB
+stack would do is not. The vendor's own group read is measured beside ours.
+
+Everything is measured twice. Back to back, each cycle waits only for its answers; at 100 Hz the
+thread sleeps in between, and what it needs has left the processor's caches when it wakes. On a
+shared virtual machine that alone makes the same instructions two to three times as long.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import numpy as np
+import scservo_sdk
+
+from benchmarks import _common
+from so101_motion.clock import MonotonicClock
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Bus, Port
+from so101_motion.drivers.feetech_arm import JOINTS, FeetechArm
+from so101_motion.drivers.port import SerialPort
+from so101_motion.drivers.ticks import JointMap
+from so101_motion.errors import NoReply
+from so101_motion.planning.model import RobotModel
+
+CYCLES = 1000
+PERIOD = 0.01
+LATENCY = 0.001
+IDS = tuple(range(1, 7))
+MAPS = {joint: JointMap(servo_id=servo_id) for servo_id, joint in zip(IDS, JOINTS, strict=True)}
+
+LEAST_BYTES = 26 + 14 + 6 * (2 + 9)
+"""Of a cycle on the wire: goals out, question out, six slots of two bytes, headers and a gap."""
+
+
+class CountingPort:
+    """A port that counts what passes."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+        self.transactions = self.wire_bytes = 0
+
+    @property
+    def name(self) -> str:
+        """As the port's."""
+        return self._port.name
+
+    @property
+    def baud(self) -> int:
+        """As the port's."""
+        return self._port.baud
+
+    def write(self, data: bytes) -> None:
+        """Send, and count the packet with the slots it reserves for answers."""
+        self.transactions += 1
+        self.wire_bytes += len(data)
+        if data[4] == scservo_sdk.INST_SYNC_READ:
+            self.wire_bytes += (len(data) - 8) * (data[6] + 9)
+        self._port.write(data)
+
+    def read(self, until: float) -> bytes:
+        """As the port's."""
+        return self._port.read(until)
+
+    def discard(self) -> None:
+        """As the port's."""
+        self._port.discard()
+
+    def close(self) -> None:
+        """As the port's."""
+        self._port.close()
+
+
+@contextmanager
+def emulated_arm(*options: str) -> Iterator[str]:
+    """Six servos in a process of their own; the port's name."""
+    command = ["so101_motion.cli", "emulate", "--realtime", "--latency", str(LATENCY), *options]
+    program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        yield next(word for word in line.split() if word.startswith("/dev/"))
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def timed(step: Callable[[int], object], *, period: float) -> tuple[list[float], list[float]]:
+    """Processor and wall time [s] of each of the cycles, which come at their times."""
+    cpu: list[float] = []
+    wall: list[float] = []
+    start = time.monotonic()
+    for k in range(CYCLES):
+        time.sleep(max(0.0, start + k * period - time.monotonic()))
+        begin = time.perf_counter_ns(), time.thread_time_ns()
+        step(k)
+        cpu.append((time.thread_time_ns() - begin[1]) * 1e-9)
+        wall.append((time.perf_counter_ns() - begin[0]) * 1e-9)
+    return cpu, wall
+
+
+def cycles(*options: str, period: float = PERIOD) -> tuple[list[float], list[float], CountingPort]:
+    """Control cycles of an arm that waves a little."""
+    ports: list[CountingPort] = []
+
+    def open_port() -> CountingPort:
+        ports.append(CountingPort(SerialPort(name)))
+        return ports[-1]
+
+    with emulated_arm(*options) as name:
+        arm = FeetechArm(
+            open_port,
+            MonotonicClock(),
+            MAPS,
+            gravity=RobotModel.load().gravity_torque,
+            speed=np.pi,
+            acceleration=10.0,
+        )
+        reading = arm.read()
+        arm.write(reading.q, reading.q_jaw)
+        arm.set_torque(True)
+        time.sleep(0.3)  # until no length is avoided any more
+        arm.read()
+        port = ports[0]
+        port.transactions = port.wire_bytes = 0
+
+        def cycle(k: int) -> None:
+            arm.write(np.full(5, 0.2 * np.sin(0.02 * k)), 0.0)
+            with suppress(NoReply):  # told once when a servo dies; the others go on
+                arm.read()
+
+        cpu, wall = timed(cycle, period=period)
+        arm.set_torque(False)
+        arm.close()
+    return cpu, wall, port
+
+
+def vendors_read() -> tuple[list[float], list[float]]:
+    """The vendor's group read of the same six positions, with its own port handler."""
+    with emulated_arm() as name:
+        handler = scservo_sdk.PortHandler(name)
+        handler.openPort()
+        row = reg.PRESENT_POSITION
+        group = scservo_sdk.GroupSyncRead(
+            handler, scservo_sdk.PacketHandler(0), row.address, row.size
+        )
+        for servo_id in IDS:
+            group.addParam(servo_id)
+        times = timed(lambda _: group.txRxPacket(), period=0.0)
+        handler.closePort()
+    return times
+
+
+def our_read() -> tuple[list[float], list[float]]:
+    """Our sync read of the same, alone."""
+    with emulated_arm() as name:
+        bus = Bus(SerialPort(name))
+        row = reg.PRESENT_POSITION
+        times = timed(lambda _: bus.sync_read(IDS, row.address, row.size), period=0.0)
+        bus.close()
+    return times
+
+
+def main() -> None:
+    """Measure, print and write the results."""
+    _common.single_thread()
+    rows: list[dict[str, Any]] = []
+
+    def add(what: str, times: list[float], **more: Any) -> None:
+        rows.append({"what": what, **_common.summary(times), **more})
+
+    for rhythm, period, bar in (("back to back", 0.0, "200 us"), ("at 100 Hz", PERIOD, "")):
+        cpu, wall, port = cycles(period=period)
+        add(f"control cycle, {rhythm}, processor", cpu, bar=bar)
+        add(f"control cycle, {rhythm}, wall", wall)
+    for whose, read in (("ours", our_read), ("the vendor's", vendors_read)):
+        cpu, wall = read()
+        add(f"read of 6 positions, {whose}, back to back, processor", cpu)
+        add(f"read of 6 positions, {whose}, back to back, wall", wall)
+    rows.append({"what": "transactions a cycle", "value": port.transactions / CYCLES, "bar": "2"})
+    rows.append(
+        {
+            "what": "wire bytes, of the least possible",
+            "value": port.wire_bytes / CYCLES / LEAST_BYTES,
+            "bar": "1.1",
+        }
+    )
+    cpu, wall, _ = cycles("--fault", "dead:gripper@3")
+    add("with a servo that dies on the way, at 100 Hz, processor", cpu)
+    add("with a servo that dies on the way, at 100 Hz, wall", wall)
+    _common.write("bench_bus", rows, peers=("feetech-servo-sdk", "pyserial"))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,487 @@
+"""Questions and answers on the servo bus: every transaction, its retries and its counters.
+
+How it works. The vendor's SDK builds all packets and runs the transactions with a single servo. It
+does so over a port handler of ours, because its own spins, never discards stale input and has no
+idea that a port can vanish. Answers to a sync read we pick out ourselves (``protocol.py``): the
+SDK gives up at the first silent servo and then hands out zeros for the others.
+
+Three rules keep a wrong value from ever being believed:
+
+* Input is discarded before every question and after every answer that was not right.
+* An answer must come from the right servo and have the right length. The length is the only mark
+  a question leaves on its answer, so it is varied while an old answer may still be on its way.
+* What is written to one servo is read back. The acknowledgement alone proves little: it may be a
+  late one, or be lost although the servo obeyed.
+
+Sync writes are not acknowledged by anybody; they are for setpoints, of which the next one comes
+soon. The status byte of an answer is kept as telemetry and never turns a reading into an error.
+
+Only this file retries. Everything is counted per servo, and ``tallies`` can be read at any time.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import scservo_sdk
+
+from so101_motion.drivers.protocol import Answer, Answers, Lengths, packet_size
+from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBER, Fault, Register
+from so101_motion.errors import CorruptReply, NoReply, ServoFault
+
+_log = logging.getLogger(__name__)
+
+RETRIES = 3
+"""How often a question to one servo is repeated. Chosen: with 7 % of the answers spoiled, one
+transaction in 40,000 fails."""
+
+PATIENCE = 0.008
+"""How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
+leave room for a busy machine and to fit into a control period."""
+
+OVERDUE = 0.25
+"""For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
+adapter holds back."""
+
+_GAP = 3  # byte times between two answers to a sync read (FW)
+_PING_SLOT = packet_size(0) + _GAP
+
+
+class Port(Protocol):
+    """An open serial port. Every method may raise ``PortUnavailable``."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+
+    @property
+    def baud(self) -> int:
+        """Bits per second."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+
+    def read(self, until: float) -> bytes:
+        """What has arrived, at least one byte unless ``time.monotonic`` [s] reaches ``until``."""
+
+    def discard(self) -> None:
+        """Forget what has arrived."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What happened with one servo since the start.
+
+    Attributes:
+        answers: Right answers.
+        lost: Questions without any answer.
+        corrupt: Questions whose answer was garbled.
+        retries: Questions asked again.
+        faults: Its newest status byte, see ``Fault``.
+        latched: Every status bit it has ever shown.
+    """
+
+    answers: int = 0
+    lost: int = 0
+    corrupt: int = 0
+    retries: int = 0
+    faults: int = 0
+    latched: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    servo_ids: tuple[int, ...]
+    start: int
+    length: int
+
+
+class _Handler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
+    """The SDK's view of our port: it waits instead of spinning, and discards what is stale."""
+
+    def __init__(self, port: Port, patience: float) -> None:
+        super().__init__(port.name)
+        self._port, self._patience = port, patience
+        self._until = 0.0
+        self._ahead = b""
+
+    def clearPort(self) -> None:  # the SDK's name
+        self._ahead = b""
+        self._port.discard()
+
+    def writePort(self, packet: list[int]) -> int:
+        self._port.write(bytes(packet))
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:
+        if length <= 0:
+            return b""
+        if not self._ahead:
+            self._ahead = self._port.read(self._until)
+        data, self._ahead = self._ahead[:length], self._ahead[length:]
+        return data
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        wire = 10.0 * packet_length / self._port.baud
+        self._until = time.monotonic() + wire + self._patience
+
+    def isPacketTimeout(self) -> bool:
+        return time.monotonic() >= self._until
+
+
+class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
+    """A port handler that keeps the packet instead of sending it."""
+
+    def clearPort(self) -> None:
+        pass
+
+    def writePort(self, packet: list[int]) -> int:
+        self.packet = bytes(packet)
+        return len(packet)
+
+
+@lru_cache(maxsize=64)
+def _sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
+    """The SDK's packet; the same few are sent in every cycle."""
+    recorder = _Recorder("")
+    scservo_sdk.PacketHandler(0).syncReadTx(recorder, start, count, servo_ids, len(servo_ids))
+    return recorder.packet
+
+
+class Bus:
+    """The servos on one port. Used by one thread at a time.
+
+    Args:
+        port: The open port; the bus's own from now on.
+        names: What the servos are called in messages, by id.
+        tallies: Counters to go on with, by id; for a bus that comes back on a new port.
+        patience: How long to wait for an answer beyond the time on the wire [s].
+
+    Attributes:
+        port: As given.
+        tallies: Counters by id; an entry appears when a servo is first asked.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        *,
+        names: Mapping[int, str] | None = None,
+        tallies: dict[int, Tally] | None = None,
+        patience: float = PATIENCE,
+    ) -> None:
+        self.port = port
+        self.tallies = {} if tallies is None else tallies
+        self._names = names or {}
+        self._patience = patience
+        self._sdk = scservo_sdk.PacketHandler(0)
+        self._handler = _Handler(port, patience)
+        self._lengths = Lengths(OVERDUE)
+        self._asked = _Question((), 0, 0)
+
+    def label(self, servo_id: int) -> str:
+        """What a servo is called in a message."""
+        name = self._names.get(servo_id)
+        return f"servo {servo_id}" + (f" ({name})" if name else "")
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.port.close()
+
+    # One servo
+
+    def ping(self, servo_id: int) -> Fault:
+        """Its status byte, if it is there.
+
+        Raises:
+            NoReply: It is not.
+            CorruptReply: Something is, but cannot be understood.
+        """
+        return Fault(self._ask(servo_id, scservo_sdk.INST_PING, (), 0, "a ping").faults)
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """What a register holds.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+        """
+        block = self.read_block(servo_id, register.address, register.size, what=register.name)
+        return register.decode(block)
+
+    def read_block(self, servo_id: int, start: int, count: int, *, what: str = "a block") -> bytes:
+        """``count`` bytes from address ``start``.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+        """
+        for _ in range(1 + RETRIES):
+            self._expect_copies()
+            begin, length = self._span((servo_id,), start, count)
+            answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length)
+            if isinstance(answer, Answer):
+                return answer.data[start - begin : start - begin + count]
+            self._lengths.miss(servo_id, length, time.monotonic())
+            self._tally(servo_id).retries += 1
+        raise self._failure(servo_id, answer, what)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """Write a register and see that it holds ``value``.
+
+        A servo saves an EEPROM register only while it is unlocked; see ``store``.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+            ServoFault: The register holds something else.
+            ValueError: The register does not take ``value``.
+        """
+        params = (register.address, *register.encode(value))
+        held = None
+        for _ in range(1 + RETRIES):
+            self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
+            held = self.read(servo_id, register)
+            if held == value:
+                return
+            self._tally(servo_id).retries += 1
+        faults = Fault(self._tally(servo_id).faults)
+        reports = f" and reports {', '.join(faults.names)}" if faults.names else ""
+        raise ServoFault(
+            f"{self.label(servo_id)} was told {register.name} = {value} but holds {held}{reports};"
+            " let it cool and free its joint, or switch its power off and on, then try again",
+            servo_id=servo_id,
+            flags=faults,
+        )
+
+    def store(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+        """See that EEPROM registers hold ``values`` for good; writes only those that differ.
+
+        Returns:
+            The names of those that were written.
+
+        Raises:
+            BusError: See ``write``. The servo is locked again as far as it can be reached.
+        """
+        differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
+        if not differing:
+            return ()
+        try:
+            self.write(servo_id, LOCK, 0)
+            for register, value in differing.items():
+                self.write(servo_id, register, value)
+        finally:
+            self.write(servo_id, LOCK, 1)
+        changed = tuple(row.name for row in differing)
+        _log.info("%s: stored %s", self.label(servo_id), ", ".join(changed))
+        return changed
+
+    def change_id(self, servo_id: int, new_id: int) -> None:
+        """Give a servo another id for good.
+
+        Raises:
+            ServoFault: Another servo has that id, or the servo did not take it.
+            BusError: See ``write``.
+        """
+        if new_id in self.answering((new_id,)):
+            raise ServoFault(
+                f"there is a servo {new_id} already; unplug it or choose another id",
+                servo_id=new_id,
+            )
+        self.write(servo_id, LOCK, 0)
+        self._once(servo_id, scservo_sdk.INST_WRITE, (ID.address, *ID.encode(new_id)), 0)
+        if new_id not in self.answering((new_id,)):
+            self.write(servo_id, LOCK, 1)
+            raise ServoFault(
+                f"{self.label(servo_id)} did not take the id {new_id}; check that it is the only"
+                " servo plugged in, then try again",
+                servo_id=servo_id,
+            )
+        self.write(new_id, LOCK, 1)  # where the servo answers from now on
+
+    # All servos
+
+    def scan(self) -> list[int]:
+        """Ids of all servos that hear a broadcast ping at this baud rate, in order."""
+        answers = Answers(range(BROADCAST), 0)
+        self._handler.is_using = False
+        self._sdk.txPacket(self._handler, [0, 0, BROADCAST, 2, scservo_sdk.INST_PING, 0])
+        wire = 10.0 * (packet_size(0) + BROADCAST * _PING_SLOT) / self.port.baud
+        until = time.monotonic() + wire + self._patience
+        while data := self.port.read(until):
+            answers.feed(data)
+        return sorted(answers.found)
+
+    def answering(self, servo_ids: Iterable[int]) -> list[int]:
+        """Which of ``servo_ids`` are there."""
+        row = MODEL_NUMBER
+        found = self.sync_read(tuple(servo_ids), row.address, row.size, tries=1 + RETRIES)
+        return sorted(found)
+
+    def sync_read(
+        self,
+        servo_ids: Collection[int],
+        start: int,
+        count: int,
+        *,
+        tries: int = 1,
+        given_up: Collection[int] = (),
+    ) -> dict[int, Answer]:
+        """``count`` bytes from ``start`` of many servos, in one transaction.
+
+        Servos answer in the order they are listed, each in a time slot of its own. So once the
+        last one has answered, nobody else will, and nobody is waited for.
+
+        Args:
+            servo_ids: Whom to ask.
+            start: The first address.
+            count: How many bytes.
+            tries: How often to ask those who do not answer.
+            given_up: Of those, who is asked only once: servos known to be silent.
+
+        Returns:
+            What came, by id; a servo that did not answer is missing.
+        """
+        found: dict[int, Answer] = {}
+        # The silent ones first, so that the last one is there to be waited for.
+        asked = [i for i in servo_ids if i in given_up] + [
+            i for i in servo_ids if i not in given_up
+        ]
+        if start != self._asked.start:
+            self._expect_copies()
+        for attempt in range(tries):
+            if attempt:
+                for servo_id in asked:
+                    self._tally(servo_id).retries += 1
+            begin, length = self._span(asked, start, count)
+            skip = start - begin
+            for servo_id, answer in self._sync_read_once(asked, begin, length).items():
+                found[servo_id] = (
+                    answer
+                    if length == count
+                    else Answer(answer.data[skip : skip + count], answer.faults)
+                )
+            asked = [i for i in asked if i not in found and i not in given_up]
+            if not asked:
+                break
+        return found
+
+    def sync_write(self, start: int, data: Mapping[int, bytes]) -> None:
+        """Write as many bytes from ``start`` to each servo of ``data``; nobody acknowledges."""
+        count = len(next(iter(data.values())))
+        params = [byte for servo_id, share in data.items() for byte in (servo_id, *share)]
+        self._handler.is_using = False
+        self._sdk.syncWriteTxOnly(self._handler, start, count, params, len(params))
+
+    # How
+
+    def _ask(
+        self, servo_id: int, instruction: int, params: tuple[int, ...], count: int, what: str
+    ) -> Answer:
+        for _ in range(1 + RETRIES):
+            answer = self._once(servo_id, instruction, params, count)
+            if isinstance(answer, Answer):
+                return answer
+            self._tally(servo_id).retries += 1
+        raise self._failure(servo_id, answer, what)
+
+    def _once(
+        self, servo_id: int, instruction: int, params: tuple[int, ...], count: int
+    ) -> Answer | bytes:
+        """One question to one servo: the answer, or the bytes that were none."""
+        handler, tally = self._handler, self._tally(servo_id)
+        handler.is_using = False  # the SDK forgets to after an exception
+        packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
+        self._sdk.txPacket(handler, packet)
+        handler.setPacketTimeout(len(packet) + packet_size(count))
+        while True:
+            raw, result = self._sdk.rxPacket(handler)
+            if result != scservo_sdk.COMM_SUCCESS:
+                handler.clearPort()
+                tally.lost += not raw
+                tally.corrupt += bool(raw)
+                return bytes(raw)
+            # Anything else that is well-formed is a straggler: look on.
+            if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
+                self._note(tally, raw[4])
+                return Answer(bytes(raw[5:-1]), raw[4])
+
+    def _sync_read_once(self, asked: list[int], start: int, count: int) -> dict[int, Answer]:
+        answers = Answers(asked, count)
+        self.port.discard()
+        self.port.write(_sync_read_packet(tuple(asked), start, count))
+        wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
+        until = time.monotonic() + wire + self._patience
+        while not answers.is_complete and asked[-1] not in answers.found:
+            data = self.port.read(until)
+            if not data:
+                break
+            answers.feed(data)
+        for servo_id, answer in answers.found.items():
+            self._note(self._tally(servo_id), answer.faults)
+        if not answers.is_complete:
+            self._miss(answers, asked, count)
+        return answers.found
+
+    def _miss(self, answers: Answers, asked: list[int], count: int) -> None:
+        self.port.discard()
+        garbled = answers.skipped + len(answers.rest) > 0
+        now = time.monotonic()
+        for servo_id in asked:
+            if servo_id not in answers.found:
+                self._lengths.miss(servo_id, count, now)
+                tally = self._tally(servo_id)
+                tally.corrupt += garbled
+                tally.lost += not garbled
+
+    def _span(self, servo_ids: Collection[int], start: int, count: int) -> tuple[int, int]:
+        """First address and length to ask for, so that the answer can be told from stragglers."""
+        length = self._lengths.choose(servo_ids, count, time.monotonic())
+        self._asked = _Question(tuple(servo_ids), start, length)
+        return min(start, END - length), length
+
+    def _expect_copies(self) -> None:
+        """The next answers mean something else, so copies of the last ones must be told apart.
+
+        (A control cycle asks for the same over and over. There a copy would merely be old.)
+        """
+        now = time.monotonic()
+        for servo_id in self._asked.servo_ids:
+            self._lengths.hit(servo_id, self._asked.length, now)
+
+    def _tally(self, servo_id: int) -> Tally:
+        tally = self.tallies.get(servo_id)
+        if tally is None:
+            tally = self.tallies[servo_id] = Tally()
+        return tally
+
+    @staticmethod
+    def _note(tally: Tally, faults: int) -> None:
+        tally.answers += 1
+        tally.faults = faults
+        if faults:
+            tally.latched |= faults
+
+    def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
+        label, tries = self.label(servo_id), 1 + RETRIES
+        if answer:
+            assert isinstance(answer, bytes)
+            return CorruptReply(
+                f"{label} answered {what} with nonsense {tries} times; check the plugs of its"
+                f" cable, and that no other servo has the id {servo_id}",
+                raw=answer,
+            )
+        return NoReply(
+            f"no reply from {label} to {what} after {tries} tries; check that it has power and"
+            " that the cable from the servo before it is plugged in",
+            servo_id=servo_id,
+            register=what,
+        )

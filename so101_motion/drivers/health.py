@@ -1,0 +1,77 @@
+"""How the servos are: what they measured of themselves, and how well they can be heard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Tally
+from so101_motion.drivers.registers import Fault
+
+VITALS_START = reg.PRESENT_POSITION.address
+VITALS_COUNT = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size - VITALS_START
+"""The measured block: position, velocity, load, voltage, temperature, status, moving, current."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointHealth:
+    """One servo at one instant.
+
+    Attributes:
+        joint: Which joint.
+        servo_id: Its servo.
+        t: When the figures were measured, on the rig's clock [s].
+        is_silent: Whether it does not answer at present; the figures are then its last ones.
+        volts: Supply voltage at the servo [V].
+        amps: Motor current [A].
+        temperature_c: [degC].
+        load: Drive, -1 to 1; not a torque.
+        faults: The conditions it reports now: ``voltage``, ``encoder``, ``overheated``,
+            ``overcurrent``, ``overload``.
+        latched: All conditions it has reported since the start.
+        answers: Right answers since the start.
+        lost: Questions without an answer.
+        corrupt: Questions with a garbled answer.
+        retries: Questions that were repeated.
+    """
+
+    joint: str
+    servo_id: int
+    t: float
+    is_silent: bool
+    volts: float
+    amps: float
+    temperature_c: int
+    load: float
+    faults: tuple[str, ...]
+    latched: tuple[str, ...]
+    answers: int
+    lost: int
+    corrupt: int
+    retries: int
+
+
+def joint_health(
+    joint: str, servo_id: int, t: float, block: bytes, tally: Tally, *, is_silent: bool
+) -> JointHealth:
+    """The snapshot that the measured block of a servo and its counters make."""
+
+    def si(register: reg.Register) -> float:
+        return register.scale * register.cut(block, VITALS_START)
+
+    return JointHealth(
+        joint=joint,
+        servo_id=servo_id,
+        t=t,
+        is_silent=is_silent,
+        volts=si(reg.PRESENT_VOLTAGE),
+        amps=si(reg.PRESENT_CURRENT),
+        temperature_c=reg.PRESENT_TEMPERATURE.cut(block, VITALS_START),
+        load=si(reg.PRESENT_LOAD),
+        faults=Fault(tally.faults).names,
+        latched=Fault(tally.latched).names,
+        answers=tally.answers,
+        lost=tally.lost,
+        corrupt=tally.corrupt,
+        retries=tally.retries,
+    )

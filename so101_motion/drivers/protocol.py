@@ -1,0 +1,152 @@
+"""Finding the answers in what arrives: bytes in, status packets out, and no port.
+
+A status packet is ``FF FF id length flags data... checksum``, where ``length`` is the number of
+data bytes plus 2 and the checksum is the inverted sum of everything between header and itself.
+It names the servo but neither the question nor the register. So whoever asks must know what to
+expect, and takes only that: ``Answers`` looks for packets from given servos with a given number of
+data bytes, and skips everything else a byte at a time: noise, broken packets, packets of other
+lengths. A broken packet can therefore cost its own servo's answer and nobody else's.
+
+``Lengths`` makes the length tell answers apart. A servo can be asked for more bytes than are
+needed, and the answer has exactly as many as were asked for; so as long as an answer is overdue,
+the next question to that servo uses another length, and the straggler is skipped when it comes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+from so101_motion.drivers.registers import END
+
+_HEADER = b"\xff\xff"
+_OVERHEAD = 6  # header 2, id, length, flags, checksum
+_COPIES = 4  # of how many answers a copy is reckoned with
+
+
+def packet_size(count: int) -> int:
+    """Bytes of a status packet with ``count`` data bytes."""
+    return count + _OVERHEAD
+
+
+def checksum(body: bytes | bytearray) -> int:
+    """The last byte of a packet whose bytes between header and checksum are ``body``."""
+    return ~sum(body) & 0xFF
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What one servo said.
+
+    Attributes:
+        data: The bytes it was asked for.
+        faults: Its status byte, see ``Fault``: true of the servo, and no blemish of the data.
+    """
+
+    data: bytes
+    faults: int
+
+
+class Answers:
+    """Collects one question's answers from what arrives, however it is cut.
+
+    Args:
+        servo_ids: Whose answers are awaited.
+        count: How many data bytes each has.
+
+    Attributes:
+        found: The answers so far, by servo id. Of two from one servo the later one counts.
+        skipped: How many bytes were no part of an awaited answer.
+    """
+
+    def __init__(self, servo_ids: Collection[int], count: int) -> None:
+        self.found: dict[int, Answer] = {}
+        self.skipped = 0
+        self._awaited, self._count, self._size = servo_ids, count, packet_size(count)
+        self._buffer = bytearray()
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all have answered."""
+        return len(self.found) == len(self._awaited)
+
+    @property
+    def rest(self) -> bytes:
+        """What has arrived and is not (yet) an answer."""
+        return bytes(self._buffer)
+
+    def feed(self, data: bytes) -> None:
+        """Take in what has arrived."""
+        buffer, size = self._buffer, self._size
+        buffer += data
+        begin = 0
+        while True:
+            start = buffer.find(_HEADER, begin)
+            if start < 0:  # the last byte may be the first half of a header
+                start = max(len(buffer) - 1, begin) if buffer.endswith(b"\xff") else len(buffer)
+            self.skipped += start - begin
+            begin = start
+            if len(buffer) - begin < size:
+                break
+            if self._take(buffer[begin : begin + size]):
+                begin += size
+            else:
+                begin += 1
+                self.skipped += 1
+        del buffer[:begin]
+
+    def _take(self, packet: bytearray) -> bool:
+        servo_id = packet[2]
+        if servo_id not in self._awaited or packet[3] != self._count + 2:
+            return False
+        if packet[-1] != checksum(packet[2:-1]):
+            return False
+        self.found[servo_id] = Answer(bytes(packet[5:-1]), packet[4])
+        return True
+
+
+class Lengths:
+    """Which answer lengths may still be out there, servo by servo.
+
+    Args:
+        overdue: After how long an answer that did not come will not come any more [s].
+    """
+
+    def __init__(self, overdue: float) -> None:
+        self._overdue = overdue
+        self._missing: dict[int, dict[int, float]] = {}  # until when, by servo and length
+        self._copies: dict[int, deque[tuple[int, float]]] = {}  # lengths and until when, by servo
+        self._until = -math.inf  # when the last of them will be over
+
+    def choose(self, servo_ids: Iterable[int], count: int, now: float) -> int:
+        """The smallest length from ``count`` up that no straggler of these servos can have.
+
+        Were all lengths taken, the one whose straggler is due soonest; that many stragglers need
+        a stream of questions that nobody waits for.
+        """
+        if now >= self._until:
+            return count
+        taken: dict[int, float] = {}
+        for servo_id in servo_ids:
+            for length, until in (
+                *self._copies.get(servo_id, ()),
+                *self._missing.get(servo_id, {}).items(),
+            ):
+                if until > now:
+                    taken[length] = max(until, taken.get(length, now))
+        if count not in taken:
+            return count
+        return min(range(count, max(count + 1, END)), key=lambda length: taken.get(length, now))
+
+    def miss(self, servo_id: int, count: int, now: float) -> None:
+        """An answer of this length has not come in time [s]."""
+        self._until = now + self._overdue
+        self._missing.setdefault(servo_id, {})[count] = self._until
+
+    def hit(self, servo_id: int, count: int, now: float) -> None:
+        """An answer of this length has come [s]; a copy of it might follow."""
+        copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
+        self._until = now + self._overdue
+        copies.append((count, self._until))
