@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
-from so101_motion.errors import MotionError, NotHolding
+from so101_motion.errors import MotionError, NotHolding, OutsideLimits
 from so101_motion.executor import Channel, Executor, Stream
 from so101_motion.geometry import SE3, Array, frozen_array
 from so101_motion.modes import Mode
@@ -25,8 +25,8 @@ from so101_motion.motion import Motion
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.plan import Plan, PlanRequest
-from so101_motion.state import JointState
-from so101_motion.units import to_deg
+from so101_motion.state import ARM_JOINTS, JointState
+from so101_motion.units import to_deg, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.planning.model import RobotModel
@@ -34,6 +34,9 @@ if TYPE_CHECKING:
 JERK_TIME = 0.1
 """Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
 default 100 deg/s^2 the arm starts and stops without a visible jolt, and a move costs 0.1 s more."""
+
+_RANGE_TOLERANCE = to_rad(0.2)
+"""How far beyond its calibrated range a joint may be sent [rad]: two ticks."""
 
 START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
@@ -49,6 +52,10 @@ class Arm:
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
         floor_z: Height of the floor in the base frame [m]; None for no floor.
+
+    Attributes:
+        slowdown: Asked before each motion what share of its caps it may use, 0 to 1: hot servos
+            are spared.
     """
 
     def __init__(
@@ -66,6 +73,8 @@ class Arm:
         self._executor = executor
         self._planner = planner
         self._speed = self._acceleration = math.nan
+        self._range = (model.lower, model.upper)
+        self.slowdown: Callable[[], float] = lambda: 1.0
         self.set_speed(speed)
         self.set_acceleration(acceleration)
         self._lock = threading.Lock()
@@ -134,12 +143,57 @@ class Arm:
 
     @property
     def limits(self) -> MotionLimits:
-        """The caps of a motion that names none of its own."""
+        """The caps of a motion that names none of its own; see also ``slowdown``."""
         return MotionLimits.uniform(
             velocity=self._speed,
             acceleration=self._acceleration,
             jerk=self._acceleration / JERK_TIME,
         )
+
+    def _eased(self, limits: MotionLimits | None) -> MotionLimits:
+        caps, share = limits or self.limits, self.slowdown()
+        if share >= 1.0:
+            return caps
+        return caps.scaled_to(share * caps.velocity, share * caps.acceleration)
+
+    # How far it may go
+
+    def set_range(self, lower: Array, upper: Array) -> None:
+        """Narrow the joint limits to what this very arm was calibrated for, shapes (5,), [rad]."""
+        self._range = (
+            frozen_array(np.maximum(lower, self.model.lower), (5,)),
+            frozen_array(np.minimum(upper, self.model.upper), (5,)),
+        )
+
+    def check_range(self, q: Array) -> None:
+        """Refuse joint angles, shape (5,), [rad], that this arm cannot be sent to.
+
+        Raises:
+            OutsideLimits: Which joint, where to, and between what it may go.
+        """
+        lower, upper = self._range
+        excess = np.maximum(lower - q, q - upper)
+        i = int(np.argmax(excess))
+        if excess[i] > _RANGE_TOLERANCE:
+            raise OutsideLimits(
+                f"{ARM_JOINTS[i]} at {to_deg(float(q[i])):.2f} deg is outside its calibrated range,"
+                f" {to_deg(float(lower[i])):.2f} to {to_deg(float(upper[i])):.2f} deg; choose a"
+                " value between them, or calibrate the arm again",
+                joint=ARM_JOINTS[i],
+                value=float(q[i]),
+                lower=float(lower[i]),
+                upper=float(upper[i]),
+            )
+
+    def _check_way(self, plan: Plan) -> None:
+        """No setpoint may leave the range, unless the arm starts outside and is on its way in."""
+        lower, upper = self._range
+        lower, upper = np.minimum(lower, plan.q_start), np.maximum(upper, plan.q_start)
+        q = plan.trajectory.q
+        excess = np.max(np.maximum(lower - q, q - upper), axis=1)
+        worst = int(np.argmax(excess))
+        if excess[worst] > _RANGE_TOLERANCE:
+            self.check_range(q[worst])
 
     # Planning and moving
 
@@ -175,7 +229,8 @@ class Arm:
         """
         q_goal = frozen_array(q_goal, (5,))
         self.model.check_limits(q_goal)
-        caps = limits or self.limits
+        self.check_range(q_goal)
+        caps = self._eased(limits)
         motion = Motion()
         with self._lock:
             self._leave_manual()
@@ -198,7 +253,7 @@ class Arm:
         self._end(previous)
         with self._lock:
             self._leave_manual()
-            return self._executor.open_stream(limits or self.limits)
+            return self._executor.open_stream(self._eased(limits))
 
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm is at rest.
@@ -232,7 +287,7 @@ class Arm:
         return PlanRequest(
             q_start=state.q_ref,
             goal=goal,
-            limits=limits or self.limits,
+            limits=self._eased(limits),
             q_jaw=state.q_jaw_ref,
             floor_z=self.floor_z,
             dt=self._executor.dt,
@@ -271,6 +326,7 @@ class Arm:
             raise MotionError(
                 f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
             )
+        self._check_way(plan)
         motion.plan = plan
         running = motion.begin(
             lambda: self._executor.execute(plan.trajectory, channel=Channel.ARM),

@@ -109,23 +109,40 @@ class Gripper:
         Raises:
             ConfigError: Outside 0 to 1.
         """
-        if not 0.0 <= aperture <= 1.0:
-            raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         motion = Motion()
-        q_goal = self.closed + aperture * (self.opened - self.closed)
-        self._begin_latest(motion, q_goal, grabs=False).add_done_callback(motion.take_outcome)
+        running = self._begin_latest(motion, self._angle(aperture), grabs=False)
+        running.add_done_callback(motion.take_outcome)
         return motion
 
-    def start_grab(self) -> Motion:
-        """Close until something is gripped or the jaw is closed; ``is_holding`` tells which."""
+    def start_grab(self, aperture: float = 0.0) -> Motion:
+        """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
+
+        Args:
+            aperture: What counts as closed.
+        """
         motion = Motion()
-        running = self._begin_latest(motion, self.closed, grabs=True)
+        running = self._begin_latest(motion, self._angle(aperture), grabs=True)
         running.add_done_callback(partial(self._closed_or_met, motion))
         return motion
+
+    def regrip(self) -> None:
+        """Press again on what the last grab holds, after the joints were held anew.
+
+        Being held anew takes the force away, for every goal is then where its joint stands. The
+        jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.
+        """
+        with self._lock:
+            if self._grabs and self.q_jaw - self.closed >= THINNEST:
+                self._begin(Motion(), max(self.q_jaw - SQUEEZE, self.closed))
 
     def stop(self) -> None:
         """Slow to rest and hold; returns when the jaw is at rest. The arm is left alone."""
         self._executor.stop(Channel.JAW).result()
+
+    def _angle(self, aperture: float) -> float:
+        if not 0.0 <= aperture <= 1.0:
+            raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
+        return self.closed + aperture * (self.opened - self.closed)
 
     def _begin_latest(self, motion: Motion, q_goal: float, *, grabs: bool) -> Future[None]:
         with self._lock:

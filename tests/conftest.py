@@ -28,6 +28,14 @@ def pytest_configure(config):
         setattr(config.option, _SEED_OPTION, str(random.SystemRandom().randrange(2**32)))
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--hardware",
+        metavar="PORT",
+        help="an arm on this port instead of an emulated one; it WILL move, a little",
+    )
+
+
 def pytest_report_header(config):
     return f"hypothesis seed: --hypothesis-seed={getattr(config.option, _SEED_OPTION)}"
 

@@ -223,6 +223,7 @@ class ArmResource(Arm):
 
     def _checked(self, q: Array) -> Array:
         self._arm.model.check_limits(q)
+        self._arm.check_range(q)
         return q
 
     def _watched(self, motion: Motion) -> Motion:

@@ -16,10 +16,12 @@ from viam.logging import getLogger
 from viam.module.module import Module
 from viam.resource.registry import Registry, ResourceCreatorRegistration
 
+from so101_motion.models.hardware_arm import HardwareArm
+from so101_motion.models.hardware_gripper import HardwareGripper
 from so101_motion.models.simulated import SimulatedArm
 from so101_motion.models.simulated_gripper import SimulatedGripper
 
-MODELS = (SimulatedArm, SimulatedGripper)
+MODELS = (HardwareArm, HardwareGripper, SimulatedArm, SimulatedGripper)
 """Every model of this module."""
 
 for _model in MODELS:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 from viam.proto.app.robot import ComponentConfig
 from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
-from viam.services.motion import Motion as MotionService
 
 from so101_motion.clock import ManualClock, MonotonicClock
 from so101_motion.config import SimulatedArmConfig
@@ -27,6 +26,7 @@ from so101_motion.models.commands import (
     motion_params,
 )
 from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.dependencies import motion_name, motion_service
 from so101_motion.models.manual import LONGEST
 from so101_motion.rig import TICK, Rig, open_simulated
 
@@ -66,7 +66,7 @@ class SimulatedArm(ArmResource):
             ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
         """
         settings = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
-        return ([_motion_name(settings.motion)] if settings.motion else []), []
+        return ([motion_name(settings.motion)] if settings.motion else []), []
 
     @classmethod
     def new(
@@ -76,7 +76,7 @@ class SimulatedArm(ArmResource):
         with grpc_statuses():
             wanted = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
             settings = ArmSettings(
-                motion=_motion_service(wanted.motion, dependencies),
+                motion=motion_service(wanted.motion, dependencies),
                 visualize_ee_frame=wanted.visualize_ee_frame,
                 use_urdf=wanted.use_urdf,
                 position_tolerance=wanted.position_tolerance,
@@ -147,19 +147,3 @@ class SimulatedArm(ArmResource):
             if self._arm.is_moving:
                 await asyncio.to_thread(clock.advance, TICK)
             await asyncio.sleep(0.001)
-
-
-def _motion_name(service: str) -> str:
-    return service if "/" in service else f"rdk:service:motion/{service}"
-
-
-def _motion_service(
-    name: str | None, dependencies: Mapping[ResourceName, ResourceBase]
-) -> MotionService | None:
-    if name is None:
-        return None
-    short_name = name.rpartition("/")[2]
-    for resource, client in dependencies.items():
-        if resource.subtype == "motion" and resource.name == short_name:
-            return cast("MotionService", client)
-    raise ConfigError("motion", name, "there is no such motion service on this machine")

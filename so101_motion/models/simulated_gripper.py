@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from grpclib import GRPCError, Status
 from viam.components.gripper import Gripper
 from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import Geometry, KinematicsFileFormat, ResourceName
+from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.config import SimulatedGripperConfig, checked_number
 from so101_motion.errors import ConfigError
-from so101_motion.gripper import JAW_CLOSED
-from so101_motion.models import convert, kinematics, meshes
+from so101_motion.models import convert
 from so101_motion.models.awaiting import arrival, left_alone
 from so101_motion.models.commands import Command, Request, answer, arguments
 from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.gripper_resource import GripperResource
 from so101_motion.motion import Motion
 from so101_motion.rig import Rig, open_simulated_gripper
 
 
-class SimulatedGripper(Gripper):
+class SimulatedGripper(GripperResource):
     """A simulated SO-101 gripper; it never holds anything.
 
     Args:
@@ -36,12 +34,10 @@ class SimulatedGripper(Gripper):
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
 
     def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
-        super().__init__(name)
-        self._rig = rig
-        self._gripper = rig.gripper
-        self._config = config
+        super().__init__(
+            name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
+        )
         self._target = self._gripper.aperture
-        self._latest: Motion | None = None
         self._commands: dict[str, Command] = {
             "set_position": self._set_position,
             "get_position": self._get_position,
@@ -80,22 +76,15 @@ class SimulatedGripper(Gripper):
         return False
 
     def _start(self, aperture: float) -> Motion:
-        self._latest = self._gripper.start_move(aperture)
         self._target = aperture
-        return self._latest
+        return self._watched(self._gripper.start_move(aperture))
 
     async def stop(self, **kwargs: Any) -> None:
         """Slow to rest and stay there; returns when the jaw is at rest."""
-        with grpc_statuses():
-            await asyncio.to_thread(self._gripper.stop)
-            self._target = self._gripper.aperture
+        await super().stop(**kwargs)
+        self._target = self._gripper.aperture
 
     # What it is doing
-
-    async def is_moving(self) -> bool:
-        """Whether the jaw is under way, or about to be."""
-        latest = self._latest
-        return self._gripper.is_moving or (latest is not None and not latest.future.done())
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
         """A simulated gripper holds nothing."""
@@ -138,40 +127,3 @@ class SimulatedGripper(Gripper):
             "position_percentage": round(100.0 * aperture, 3),
             "target_percentage": round(100.0 * self._target, 3),
         }
-
-    # What it is
-
-    async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
-        """The parts as meshes, the jaw where it is now, in the arm's tool frame."""
-        body, moving = meshes.gripper_placements(self._rig.arm.model, self._gripper.q_jaw)
-        return meshes.gripper_geometries(
-            self._config.gripper_type, self._config.mesh_detail, body, moving
-        )
-
-    async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
-        """Boxes around the closed gripper, and the tool centre point as the leaf; no joints."""
-        kind = self._config.gripper_type
-        body, moving = meshes.gripper_placements(self._rig.arm.model, JAW_CLOSED)
-        parts = [
-            (label, moving if label.startswith("gripper_moving") else body, box)
-            for label, box in meshes.gripper_boxes(kind)
-        ]
-        sva = kinematics.gripper_sva(self.name.rpartition(":")[2], kind, parts)
-        return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
-
-    async def get_current_inputs(self, **kwargs: Any) -> list[float]:
-        """None: its kinematics have no joints."""
-        return []
-
-    async def go_to_inputs(self, values: list[float], **kwargs: Any) -> None:
-        """Its kinematics have no joints, so there is nowhere to go to."""
-        if len(values) > 0:
-            raise GRPCError(
-                Status.OUT_OF_RANGE,
-                f"got {len(values)} inputs, but this gripper's kinematics have no joints; "
-                'use open, grab or {"command": "set_position", "percentage": ...}',
-            )
-
-    async def close(self) -> None:
-        """Stop and let go of everything; may be called twice."""
-        await asyncio.to_thread(self._rig.close)

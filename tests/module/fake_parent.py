@@ -40,6 +40,8 @@ ROOT = Path(__file__).parents[2]
 
 ARM = "rdk:component:arm"
 GRIPPER = "rdk:component:gripper"
+HARDWARE_ARM = "devrel:so101:arm"
+HARDWARE_GRIPPER = "devrel:so101:gripper"
 SIMULATED = "devrel:so101:simulated"
 SIMULATED_GRIPPER = "devrel:so101:simulated-gripper"
 

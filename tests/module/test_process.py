@@ -11,6 +11,8 @@ import pytest
 from fake_parent import (
     ARM,
     GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
     ROOT,
     SIMULATED,
     SIMULATED_GRIPPER,
@@ -65,8 +67,11 @@ async def begin_sweep(arm, seconds=0.0):
 
 async def test_a_session_from_the_handshake_to_the_end():
     async with running_module() as (module, models, _):
-        assert models == {"arm": [SIMULATED], "gripper": [SIMULATED_GRIPPER]}
-        assert len(MODELS) == 2
+        assert models == {
+            "arm": [HARDWARE_ARM, SIMULATED],
+            "gripper": [HARDWARE_GRIPPER, SIMULATED_GRIPPER],
+        }
+        assert len(MODELS) == 4
 
         answer = await module.validate(ARM, SIMULATED, {})
         assert (list(answer.dependencies), list(answer.optional_dependencies)) == ([], [])

@@ -1,4 +1,4 @@
-"""The arm on the simulated joints, planned for by the real worker, on a clock driven by the test."""
+"""The arm on simulated joints, planned for by the real worker, on a clock the test drives."""
 
 import math
 import threading

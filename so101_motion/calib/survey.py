@@ -1,0 +1,187 @@
+"""What is known of the servos on a bus: who is there, and what their ticks mean.
+
+For each servo the calibration file counts first, then what the servo itself has stored, then the
+defaults. It is asked again at each start without a file; nothing is saved here.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from so101_motion.calib import record
+from so101_motion.calib.record import JOINTS, JointCalibration
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.ticks import TICKS_PER_RAD, JointMap
+from so101_motion.errors import BusError, CalibrationError, PortUnavailable
+from so101_motion.state import GRIPPER_JOINT
+
+_log = logging.getLogger(__name__)
+
+_TRY_PERIOD = 0.25  # [s] between two tries to find the servos
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSetup:
+    """One joint's calibration, where it came from, and what that makes of ticks.
+
+    Attributes:
+        calibration: The record.
+        source: ``"file"``, ``"registers"`` or ``"defaults"``.
+        map: Ticks to radians.
+    """
+
+    calibration: JointCalibration
+    source: str
+    map: JointMap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """What was found.
+
+    Attributes:
+        setups: By joint, for every joint that has a servo.
+        notes: What a person should know.
+    """
+
+    setups: Mapping[str, JointSetup]
+    notes: tuple[str, ...]
+
+
+def survey(
+    bus: Bus,
+    ids: Mapping[str, int],
+    *,
+    required: Collection[str],
+    timeout: float,
+    file: Path | None,
+    jaw_closed: float,
+) -> Survey:
+    """Find the servos and their calibration.
+
+    Args:
+        bus: Where they are.
+        ids: The servo of each joint that may be there.
+        required: Joints that are set up even if their servos do not answer.
+        timeout: For how long to wait for those [s].
+        file: The calibration file; None to ask the servos.
+        jaw_closed: The model's angle of the closed jaw [rad].
+
+    Raises:
+        BusError: The port went away, or a servo could not be let go of.
+    """
+    present = _find(bus, ids, required, timeout)
+    filed, notes = _read_file(file)
+    setups = {}
+    for joint in JOINTS:
+        if joint not in present and joint not in required:
+            continue
+        found, source, note = filed.get(ids[joint]), "file", None
+        if found is None:
+            found, source, note = _from_servo(joint, ids[joint], bus if joint in present else None)
+        mapped = joint_map(joint, found, is_filed=source == "file", jaw_closed=jaw_closed)
+        setups[joint] = JointSetup(calibration=found, source=source, map=mapped)
+        notes += (note,) if note else ()
+        if joint in present:
+            _let_go_before_shift(bus, mapped)
+    return Survey(setups=setups, notes=notes)
+
+
+def joint_map(
+    joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float
+) -> JointMap:
+    """Ticks to radians for one joint.
+
+    An arm joint's zero is the middle of its recorded travel, as LeRobot and the published module
+    have it. The jaw's is such that its closed end is the model's closed jaw.
+
+    Args:
+        joint: Its name.
+        found: Its calibration.
+        is_filed: Whether it came from a file, which the servo's registers then follow.
+        jaw_closed: The model's angle of the closed jaw [rad].
+    """
+    zero_ticks = None
+    if joint == GRIPPER_JOINT:
+        closed_ticks = found.range_max if found.drive_mode else found.range_min
+        zero_ticks = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
+    return JointMap.from_calibration(
+        servo_id=found.id,
+        homing_offset=found.homing_offset if is_filed else None,
+        range_min=found.range_min,
+        range_max=found.range_max,
+        drive_mode=found.drive_mode,
+        zero_ticks=zero_ticks,
+    )
+
+
+def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: float) -> list[str]:
+    """The joints whose servos answer; gives required ones ``timeout`` seconds to do so."""
+    pause = threading.Event()
+    for attempt in range(1 + int(timeout / _TRY_PERIOD)):
+        if attempt:
+            pause.wait(_TRY_PERIOD)
+        answering = bus.answering(ids.values())
+        present = [joint for joint, servo_id in ids.items() if servo_id in answering]
+        if all(joint in present for joint in required):
+            break
+    return present
+
+
+def _read_file(path: Path | None) -> tuple[dict[int, JointCalibration], tuple[str, ...]]:
+    """The file's records by servo id; a bad file is a note, for the servos know as well."""
+    if path is None:
+        return {}, ()
+    try:
+        return {entry.id: entry for entry in record.read(path).values()}, ()
+    except CalibrationError as error:
+        return {}, (f"the calibration file is not used: {error}. Asking the servos instead",)
+
+
+def _from_servo(
+    joint: str, servo_id: int, bus: Bus | None
+) -> tuple[JointCalibration, str, str | None]:
+    default = replace(record.default(joint), id=servo_id)
+    if bus is None:
+        return default, "defaults", None
+    try:
+        held = {
+            name: bus.read(servo_id, register)
+            for name, register in (
+                ("homing_offset", reg.HOMING_OFFSET),
+                ("range_min", reg.MIN_POSITION),
+                ("range_max", reg.MAX_POSITION),
+            )
+        }
+    except PortUnavailable:
+        raise
+    except BusError as error:
+        return default, "defaults", f"{joint}: {error}. Defaults are used"
+    found, note = record.from_registers(joint, servo_id, **held)
+    believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
+    return found, "registers" if believed else "defaults", note
+
+
+def _let_go_before_shift(bus: Bus, joint: JointMap) -> None:
+    """A servo's goal is counted from its homing offset, so a driven one would move along with it.
+
+    It is let go of until the executor holds it again, some 50 ms later.
+    """
+    if joint.homing_offset is None:
+        return
+    held = bus.read(joint.servo_id, reg.HOMING_OFFSET)
+    if held == joint.homing_offset:
+        return
+    _log.warning(
+        "%s: its homing offset is %d, but the calibration file says %d; the file's is stored",
+        bus.label(joint.servo_id),
+        held,
+        joint.homing_offset,
+    )
+    if bus.read(joint.servo_id, reg.TORQUE_ENABLE):
+        bus.write(joint.servo_id, reg.TORQUE_ENABLE, 0)

@@ -1,0 +1,180 @@
+"""The real rig on emulated servos, with one clock for both that a test moves by hand."""
+
+import asyncio
+import math
+from contextlib import asynccontextmanager, contextmanager
+
+import numpy as np
+from google.protobuf.struct_pb2 import Struct
+from grpclib.testing import ChannelFor
+from viam.components.arm import ArmClient
+from viam.components.arm.service import ArmRPCService
+from viam.components.gripper import GripperClient
+from viam.components.gripper.service import GripperRPCService
+from viam.proto.app.robot import ComponentConfig
+from viam.resource.manager import ResourceManager
+
+from so101_motion.clock import ManualClock
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.hardware_config import TIMEOUT
+from so101_motion.models.hardware_arm import HardwareArm
+from so101_motion.models.hardware_gripper import HardwareGripper
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.model import RobotModel
+from so101_motion.rig import open_hardware
+from so101_motion.servos import ServoSettings
+
+PATIENCE = 0.05
+"""Above what a busy machine takes to run the emulator's thread [s]."""
+
+MIDDLES_DEG = (4.1, -1.45, -5.8, -0.6, 3.2)
+"""Where the emulated joints' travel has its middle, which a calibration takes for zero [deg]."""
+
+
+class HardwareBench:
+    """Emulated servos on a port, and the rigs on it.
+
+    Attributes:
+        clock: What time it is for the servos and the rigs.
+        emulator: The servos.
+        port: A link to their port.
+    """
+
+    def __init__(self, folder, **options):
+        self.clock = ManualClock()
+        self.port = folder / "arm"
+        weight = RobotModel.load().gravity_torque
+        self.emulator = Emulator(
+            EmulatorOptions(link=self.port, **options), now=self.clock.now, gravity=weight
+        )
+        self._rigs = []
+
+    @property
+    def world(self):
+        return self.emulator.world
+
+    @property
+    def q_deg(self):
+        """True angles of the six joints [deg]."""
+        self.emulator.advance()
+        return np.degrees(self.world.q)
+
+    def settings(self, **changes):
+        wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, "timeout": 0.01, **changes}
+        return ServoSettings(**{"port": str(self.port), **wanted})
+
+    def open(self, **changes):
+        rig = open_hardware(self.settings(**changes), clock=self.clock, patience=PATIENCE)
+        self._rigs.append(rig)
+        return rig
+
+    def advance(self, seconds):
+        self.clock.advance(seconds)
+
+    def finish(self, motion, at_most=15.0):
+        """Let time pass until ``motion`` is over; raises what it ended with."""
+        future = getattr(motion, "future", motion)
+        for _ in range(round(at_most / 0.05)):
+            if future.done():
+                break
+            self.advance(0.05)
+        return future.result(timeout=5.0)
+
+    def go(self, rig, *degrees):
+        """Begin to move to joint angles; the motion, once it is under way."""
+        goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
+        plan = rig.arm.plan(goal)
+        return rig.arm.start_execute(plan)
+
+    def under_way(self, motion, rig, seconds=0.3):
+        """Let a motion get going."""
+        for _ in range(400):
+            if rig.arm.is_moving or motion.future.done():
+                break
+            self.advance(0.0)
+        self.advance(seconds)
+
+    def close(self):
+        for rig in self._rigs:
+            rig.close()
+        self.emulator.close()
+
+
+@contextmanager
+def hardware_bench(folder, **options):
+    bench = HardwareBench(folder, **options)
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+def rad(degrees):
+    return math.radians(degrees)
+
+
+class ModelBench(HardwareBench):
+    """The same, with components on it that are talked to as viam-server does."""
+
+    def __init__(self, folder, **options):
+        super().__init__(folder, **options)
+        self._built = []
+        # Whoever comes first decides the clock; this share asks for no servo at all.
+        self.base = self.open(servo_ids=None, gripper_id=None, timeout=TIMEOUT)
+
+    def new(self, model, name, **attributes):
+        struct = Struct()
+        struct.update(attributes)
+        config = ComponentConfig(
+            name=name, api=str(model.API), model=str(model.MODEL), attributes=struct
+        )
+        component = model.new(config, {})
+        self._built.append(component)
+        return component
+
+    def new_arm(self, name="arm", **attributes):
+        return self.new(HardwareArm, name, **{"port": str(self.port), **attributes})
+
+    def new_gripper(self, name="gripper", **attributes):
+        return self.new(HardwareGripper, name, **{"port": str(self.port), **attributes})
+
+    async def pass_time(self, seconds):
+        await asyncio.to_thread(self.advance, seconds)
+
+    async def in_time(self, call, step=0.05, at_most=60.0):
+        """The outcome of ``call`` while time passes."""
+        task = asyncio.ensure_future(call)
+        for _ in range(round(at_most / step)):
+            if task.done():
+                break
+            await self.pass_time(step)
+            await asyncio.sleep(0.001)
+        assert task.done(), "it never ended"
+        return await task
+
+    async def start(self, call, is_under_way):
+        """``call`` as a task, once it is seen to have an effect."""
+        task = asyncio.ensure_future(call)
+        for _ in range(2000):
+            if task.done() or is_under_way():
+                return task
+            await self.pass_time(0.02)
+            await asyncio.sleep(0.001)
+        raise AssertionError("it never began")
+
+    async def end(self):
+        for component in self._built:
+            await self.in_time(component.close())
+        await self.in_time(asyncio.to_thread(self.close))
+
+
+@asynccontextmanager
+async def arm_client(arm):
+    async with ChannelFor([ArmRPCService(ResourceManager([arm]))]) as channel:
+        yield ArmClient(arm.name, channel)
+
+
+@asynccontextmanager
+async def gripper_client(gripper):
+    async with ChannelFor([GripperRPCService(ResourceManager([gripper]))]) as channel:
+        yield GripperClient(gripper.name, channel)

@@ -1,0 +1,398 @@
+import asyncio
+import json
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from hardware_harness import MIDDLES_DEG, ModelBench, arm_client
+from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
+
+from so101_motion.calib import record
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.models.hardware_arm import HardwareArm
+
+HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
+
+
+@pytest.fixture
+async def bench(tmp_path, planning_process):
+    bench = ModelBench(tmp_path)
+    yield bench
+    await bench.end()
+
+
+@pytest.fixture
+def arm(bench):
+    return bench.new_arm(acceleration_degs_per_sec_per_sec=300.0)
+
+
+@pytest.fixture
+async def client(arm, bench):
+    await bench.pass_time(1.0)
+    async with arm_client(arm) as client:
+        yield client
+
+
+def joints(*degrees):
+    return JointPositions(values=[float(value) for value in degrees])
+
+
+async def positions(client):
+    return list((await client.get_joint_positions()).values)
+
+
+# Moving
+
+
+async def test_joints_go_where_they_are_sent(bench, client):
+    await bench.in_time(client.move_to_joint_positions(joints(*HOME)))
+
+    assert await positions(client) == pytest.approx(HOME, abs=0.35)
+    assert bench.q_deg[:5] == pytest.approx(np.add(HOME, MIDDLES_DEG), abs=1.3)
+    assert not await client.is_moving()
+
+
+async def test_the_tool_goes_where_it_is_sent(bench, client):
+    await bench.in_time(client.move_to_position(Pose(x=250, y=60, z=150, o_z=1)))
+    pose = await client.get_end_position()
+
+    assert (pose.x, pose.y, pose.z) == pytest.approx((250, 60, 150), abs=3.0)
+
+
+async def test_waypoints_are_passed_and_limits_kept(bench, client):
+    way = [joints(0, -20, 20, 20, 0), joints(30, -20, 40, 20, 0), joints(30, -40, 40, 40, 20)]
+    seen = []
+    call = client.move_through_joint_positions(way, MoveOptions(max_vel_degs_per_sec=30.0))
+    task = asyncio.ensure_future(call)
+    while not task.done():
+        await bench.pass_time(0.05)
+        seen.append(await positions(client))
+        await asyncio.sleep(0.001)
+    await task
+
+    for point in way:
+        assert min(np.max(np.abs(np.subtract(q, point.values))) for q in seen) < 3.0
+    assert np.max(np.abs(np.diff(seen, axis=0))) / 0.05 < 36.0
+    assert seen[-1] == pytest.approx(list(way[-1].values), abs=0.4)
+
+
+async def test_a_streamed_trajectory_is_played(bench, client):
+    start = np.array(await positions(client))
+    points = []
+    for i in range(41):
+        share = (1 - np.cos(np.pi * i / 40)) / 2
+        points.append(
+            Arm.TrajectoryPoint(
+                time=timedelta(seconds=0.05 * i),
+                positions=list(start + share * np.array([20.0, 0, 0, 0, 0])),
+            )
+        )
+
+    async def batches():
+        yield points
+
+    async def play():
+        stream = client.move_through_joint_positions_streamed(batches())
+        return [update async for update in stream]
+
+    updates = await bench.in_time(play())
+
+    assert len(updates) >= 1
+    assert (await positions(client))[0] == pytest.approx(start[0] + 20.0, abs=0.6)
+
+
+async def test_a_stop_ends_the_call_and_the_arm_holds_where_it_is(bench, client):
+    before = bench.q_deg[0]
+    move = await bench.start(
+        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
+    )
+    await bench.in_time(client.stop())
+    with pytest.raises(GRPCError) as caught:
+        await move
+    here = bench.q_deg[0]
+    await bench.pass_time(1.0)
+
+    assert caught.value.status is Status.CANCELLED
+    assert here < 80.0
+    assert bench.q_deg[0] == pytest.approx(here, abs=1.0)
+
+
+async def test_cancelling_the_call_stops_the_arm(bench, client):
+    before = bench.q_deg[0]
+    move = await bench.start(
+        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
+    )
+    move.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await bench.in_time(move)
+    await bench.pass_time(1.0)
+    here = bench.q_deg[0]
+    await bench.pass_time(0.5)
+
+    assert here < 80.0
+    assert bench.q_deg[0] == pytest.approx(here, abs=0.3)
+
+
+async def test_a_newer_move_ends_the_older_with_aborted(bench, client):
+    before = bench.q_deg[0]
+    older = await bench.start(
+        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
+    )
+    await bench.in_time(client.move_to_joint_positions(joints(0, 0, 0, 0, 0)))
+    with pytest.raises(GRPCError) as caught:
+        await older
+
+    assert caught.value.status is Status.ABORTED
+    assert (await positions(client))[0] == pytest.approx(0.0, abs=0.35)
+
+
+async def test_a_goal_out_of_limits_is_refused_by_joint(client):
+    with pytest.raises(GRPCError) as caught:
+        await client.move_to_joint_positions(joints(0, 0, 120, 0, 0))
+
+    assert caught.value.status is Status.OUT_OF_RANGE
+    assert "elbow_flex" in caught.value.message
+
+
+async def test_after_the_cable_was_out_the_next_move_works(bench, client):
+    bench.emulator.unplug()
+    await bench.pass_time(1.0)
+    with pytest.raises(GRPCError) as caught:
+        await client.move_to_joint_positions(joints(*HOME))
+    assert caught.value.status is Status.UNAVAILABLE
+    assert (await client.get_status())["connected"] is False
+    bench.emulator.plug()
+    await bench.pass_time(3.0)
+    await bench.in_time(client.move_to_joint_positions(joints(*HOME)))
+
+    status = await client.get_status()
+    assert (status["connected"], status["port_losses"]) == (True, 1)
+
+
+# What it says of itself
+
+
+async def test_the_status_has_the_figures_of_each_servo(client):
+    status = await client.get_status()
+    elbow = status["health"]["elbow_flex"]
+
+    assert (status["mode"], status["state"], status["is_moving"]) == ("auto", "holding", False)
+    assert elbow["volts"] == pytest.approx(12.0, abs=0.3)
+    assert 15 < elbow["temperature_c"] < 40
+    assert elbow["faults"] == []
+    assert elbow["answers"] > 10
+    assert set(status["health"]) == set(record.JOINTS)
+
+
+async def test_it_looks_and_measures_like_every_arm(client):
+    _kind, data, *_ = await client.get_kinematics()
+    geometries = await client.get_geometries()
+
+    assert len(json.loads(data)["joints"]) == 5
+    assert next(g.label for g in geometries) == "arm:base"
+    assert set(await client.get_3d_models()) == {
+        "base", "shoulder", "upper_arm", "lower_arm", "wrist",
+    }  # fmt: skip
+
+
+# The published module's requests
+
+
+async def ask(client, bench, **request):
+    return await bench.in_time(client.do_command(request))
+
+
+async def test_torque_goes_off_and_on_without_a_jump(bench, client):
+    assert await ask(client, bench, command="set_torque", enable=False) == {"success": True}
+    assert await client.get_manual_mode()
+    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 0
+    assert await ask(client, bench, command="set_torque", enable=True) == {"success": True}
+    before = bench.q_deg
+    await bench.pass_time(1.0)
+
+    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_ENABLE) == 1
+    assert bench.q_deg[[0, 4, 5]] == pytest.approx(before[[0, 4, 5]], abs=0.3)
+    assert bench.q_deg == pytest.approx(before, abs=5.0), "what was falling is caught"
+    assert not await client.get_manual_mode()
+
+
+async def test_ping_and_communication_tests_answer(bench, client):
+    assert await ask(client, bench, command="ping") == {"success": True}
+    answer = await ask(client, bench, command="test_servo_communication")
+
+    assert answer["success"] is True
+    assert answer["arm_servo_ids"] == [1, 2, 3, 4, 5]
+    assert np.degrees(answer["positions"]) == pytest.approx(await positions(client), abs=0.3)
+
+
+async def test_ping_names_the_servo_that_is_silent(bench, client):
+    bench.world.disconnect("wrist_flex")
+    with pytest.raises(GRPCError) as caught:
+        await ask(client, bench, command="ping")
+
+    assert caught.value.status is Status.UNAVAILABLE
+    assert "wrist_flex" in caught.value.message
+
+
+async def test_the_controller_s_status_counts_who_shares_it(bench, client):
+    bench.new_gripper()
+    answer = await ask(client, bench, command="controller_status")
+
+    assert answer["ref_count"] == 3, "the arm, the gripper and the bench"
+    assert answer["has_controller"] is True
+    assert answer["arm_servo_ids"] == [1, 2, 3, 4, 5]
+    assert f"{bench.port}@1000000(refs:3,cal:registers)" in answer["config"]
+
+
+async def test_diagnose_finds_nothing_on_a_healthy_arm(bench, client):
+    answer = await ask(client, bench, command="diagnose")
+
+    assert answer["findings"] == []
+    assert answer["success"] is True
+    assert answer["error"] == ""
+    assert answer["servos_found"] == [1, 2, 3, 4, 5, 6]
+
+
+async def test_diagnose_names_the_cable_that_is_out(bench, client):
+    for joint in ("wrist_flex", "wrist_roll", "gripper"):
+        bench.world.disconnect(joint)
+    answer = await ask(client, bench, command="diagnose")
+
+    assert answer["success"] is False
+    assert "cable between servo 3 (elbow_flex) and servo 4 (wrist_flex)" in answer["error"]
+
+
+async def test_diagnose_without_a_port_says_so(bench, client):
+    bench.emulator.unplug()
+    await bench.pass_time(0.5)
+    answer = await ask(client, bench, command="diagnose")
+
+    assert answer["success"] is False
+    assert "port" in answer["error"]
+
+
+async def test_verify_config_compares_servos_and_calibration(bench, client):
+    assert await ask(client, bench, command="verify_config") == {"success": True, "error": ""}
+    bench.world.servo("elbow_flex").memory.set(emu.MODE, 1)
+    answer = await ask(client, bench, command="verify_config")
+
+    assert answer["success"] is False
+    assert "elbow_flex: operating_mode is 1" in answer["error"]
+
+
+async def test_reinitialize_sets_everything_up_again(bench, client):
+    bench.world.servo("elbow_flex").memory.set(emu.MODE, 1)
+    answer = await ask(client, bench, command="reinitialize", retries=2)
+
+    assert answer == {"success": True, "error": "", "retries": 2}
+    assert bench.world.servo("elbow_flex").memory.raw(emu.MODE) == 0
+    bench.world.disconnect("elbow_flex")
+    answer = await ask(client, bench, command="reinitialize", retries=1)
+    assert answer["success"] is False
+    assert "elbow_flex" in answer["error"]
+
+
+async def test_the_calibration_is_told_with_its_source(bench, client):
+    answer = await ask(client, bench, command="get_calibration")
+    pan = answer["calibration"]["shoulder_pan"]
+
+    assert answer["success"] is True
+    assert pan == {
+        "id": 1, "drive_mode": 0, "homing_offset": 0, "range_min": 737, "range_max": 3452,
+        "norm_mode": 3,
+    }  # fmt: skip
+    assert answer["calibration"]["gripper"]["norm_mode"] == 1
+    assert answer["source"]["shoulder_pan"] == "registers"
+
+
+async def test_reloading_needs_a_file(bench, client):
+    answer = await ask(client, bench, command="reload_calibration")
+
+    assert answer["success"] is False
+    assert "calibration_file" in answer["error"]
+
+
+async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(bench.port.parent))
+    file = bench.port.parent / "arm.json"
+    record.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1000)})
+    arm = bench.new_arm(calibration_file="arm.json")
+    async with arm_client(arm) as client:
+        record.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1100)})
+        answer = await ask(client, bench, command="reload_calibration")
+        assert (answer["success"], answer["calibration_file"]) == (True, str(file))
+        calibration = (await ask(client, bench, command="get_calibration"))["calibration"]
+        assert calibration["shoulder_pan"]["range_min"] == 1100
+        file.write_text("{")
+        answer = await ask(client, bench, command="reload_calibration")
+        assert (answer["success"], "not JSON" in answer["error"]) == (False, True)
+
+
+async def test_speed_and_acceleration_are_set_together_or_not_at_all(bench, client):
+    answer = await ask(
+        client, bench, set_speed=60.0, set_acceleration=150.0, get_motion_params=True
+    )
+    assert answer == {
+        "speed_set": 60.0, "acceleration_set": 150.0, "current_speed_degs_per_sec": 60.0,
+        "current_acceleration_degs_per_sec_per_sec": 150.0,
+    }  # fmt: skip
+    with pytest.raises(GRPCError) as caught:
+        await ask(client, bench, set_speed=90.0, set_acceleration=5.0)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    answer = await ask(client, bench, get_motion_params=True)
+    assert answer["current_speed_degs_per_sec"] == 60.0
+
+
+async def test_manual_mode_leaves_the_eeprom_alone(bench, client):
+    eeprom = bytes(bench.world.servo("shoulder_lift").memory.raw(emu.P_GAIN) for _ in range(1))
+    answer = await ask(client, bench, command="enter_manual_mode", torque_limit=50.0)
+    assert answer == {"mode": "manual", "servos": [1, 2, 3, 4, 5]}
+    assert (await client.get_status())["mode"] == "manual"
+    assert await ask(client, bench, command="exit_manual_mode") == {"mode": "auto"}
+
+    assert bytes([bench.world.servo("shoulder_lift").memory.raw(emu.P_GAIN)]) == eeprom
+    assert (await client.get_status())["state"] == "holding"
+
+
+async def test_a_torque_limit_reaches_the_servos(bench, client):
+    answer = await ask(client, bench, command="set_torque_limit", value=600)
+
+    assert answer["set_torque_limit"] == 600
+    assert bench.world.servo("shoulder_pan").memory.raw(emu.TORQUE_LIMIT) == 600
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "diagnoze"}, 'did you mean "diagnose"'),
+        ({"command": "set_torque"}, "enable"),
+        ({"command": "set_torque", "enable": "yes"}, "true or false"),
+        ({"command": "reinitialize", "retries": 0}, "retries"),
+        ({"command": "set_torque_limit", "value": 1001}, "value"),
+        ({"get_motion_params": 1.0}, "true or false"),
+    ],
+)
+async def test_requests_that_cannot_be_done_say_why(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message
+
+
+async def test_closing_the_arm_stops_it_though_the_gripper_stays(bench, arm, client):
+    gripper = bench.new_gripper()
+    before = bench.q_deg[0]
+    move = await bench.start(
+        client.move_to_joint_positions(joints(90, 0, 0, 0, 0)), lambda: bench.q_deg[0] > before + 8
+    )
+    await bench.in_time(arm.close())
+    with pytest.raises(GRPCError):
+        await move
+    here = bench.q_deg[0]
+    await bench.pass_time(1.0)
+
+    assert bench.q_deg[0] == pytest.approx(here, abs=1.0)
+    assert gripper.rig.users == 2
+    assert HardwareArm.built == {}

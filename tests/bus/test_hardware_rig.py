@@ -1,0 +1,454 @@
+import json
+
+import numpy as np
+import pytest
+from hardware_harness import MIDDLES_DEG, hardware_bench, rad
+
+from so101_motion.calib import record
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.errors import (
+    ConfigError,
+    FollowingError,
+    Interrupted,
+    NoReply,
+    OutsideLimits,
+    PortUnavailable,
+    ServoAlarm,
+)
+from so101_motion.executor import Channel
+from so101_motion.modes import Mode
+from so101_motion.planning.goals import JointGoal
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path) as bench:
+        yield bench
+
+
+def memory(bench, joint):
+    return bench.world.servo(joint).memory
+
+
+# Opening
+
+
+def test_nothing_moves_by_being_opened(bench):
+    before = bench.q_deg
+    rig = bench.open()
+    bench.advance(2.0)
+
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+    assert rig.arm.state.mode is Mode.HOLDING
+    assert np.degrees(rig.arm.state.q) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.6)
+
+
+def test_one_port_is_opened_once_however_it_is_spelled(bench):
+    arm = bench.open(gripper_id=None)
+    gripper = bench.open(port=bench.emulator.port, servo_ids=None)
+
+    assert arm.executor is gripper.executor
+    assert (arm.users, gripper.users) == (2, 2)
+    arm.close()
+    arm.close()
+    assert gripper.users == 1
+    assert gripper.arm.state.mode is Mode.HOLDING
+    gripper.close()
+    again = bench.open()
+    assert again.users == 1
+    assert again.executor is not gripper.executor
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "says"),
+    [
+        ({}, {"baudrate": 500_000}, "baudrate 1000000 and 500000"),
+        ({}, {"timeout": 2.0}, "timeout 0.01 and 2.0"),
+        ({}, {"servo_ids": (2, 1, 3, 4, 5)}, "servo_ids"),
+        ({}, {"gripper_id": 5}, "gripper_id"),
+        ({"gripper_id": None}, {"servo_ids": None, "gripper_id": 5}, "belongs to the arm"),
+    ],
+)
+def test_settings_that_contradict_are_refused_by_name(bench, first, second, says):
+    rig = bench.open(**first)
+    with pytest.raises(ConfigError, match=says):
+        bench.open(**second)
+
+    assert rig.users == 1
+    assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_build_that_fails_releases_everything(tmp_path):
+    with hardware_bench(tmp_path, ids={1: 1, 2: 2, 3: 3, 6: 6}) as bench:
+        with pytest.raises(NoReply, match=r"wrist_flex.*wrist_roll"):
+            bench.open()
+        for place in (4, 5):
+            bench.world.connect(place)
+        bench.advance(2.0)
+        assert bench.open().arm.state.mode is Mode.HOLDING
+
+
+def test_a_port_that_is_not_there_is_named(bench):
+    with pytest.raises(PortUnavailable, match="no such port"):
+        bench.open(port="/dev/ttyNONE")
+
+
+def test_an_arm_without_a_gripper_works(tmp_path):
+    with hardware_bench(tmp_path, ids={i: i for i in range(1, 6)}) as bench:
+        rig = bench.open(gripper_id=None)
+        bench.finish(bench.go(rig, 10, 0, 0, 0, 0))
+        assert np.degrees(rig.arm.state.q[0]) == pytest.approx(10.0, abs=0.35)
+        with pytest.raises(NoReply, match="gripper"):
+            bench.open(servo_ids=None)
+        assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_gripper_alone_can_be_joined_by_its_arm(tmp_path):
+    with hardware_bench(tmp_path, ids={6: 6}) as bench:
+        gripper = bench.open(servo_ids=None)
+        assert set(gripper.servos.setups) == {"gripper"}
+        for place in range(1, 6):
+            bench.world.connect(place)
+        bench.advance(2.0)
+        arm = bench.open(gripper_id=None)
+        assert len(arm.servos.setups) == 6
+        assert arm.users == 2
+
+
+# Calibration
+
+
+def filed(bench, **joints):
+    ends = {
+        "shoulder_pan": (1000, 3000), "shoulder_lift": (900, 3100), "elbow_flex": (1000, 3000),
+        "wrist_flex": (1000, 3000), "wrist_roll": (200, 3900), "gripper": (1950, 3300),
+    }  # fmt: skip
+    entries = {
+        joint: record.JointCalibration(
+            id=i, range_min=ends[joint][0], range_max=ends[joint][1],
+            homing_offset=joints.get(joint, 0), norm_mode=1 if joint == "gripper" else 3,
+        )
+        for i, joint in enumerate(record.JOINTS, start=1)
+    }  # fmt: skip
+    path = bench.port.parent / "calibration.json"
+    record.save(path, entries)
+    return path
+
+
+def test_the_servos_registers_serve_when_there_is_no_file(bench):
+    rig = bench.open()
+
+    assert {setup.source for setup in rig.servos.setups.values()} == {"registers"}
+    pan = rig.servos.calibration["shoulder_pan"]
+    assert (pan.range_min, pan.range_max) == (737, 3452)
+
+
+def test_a_file_comes_first_and_the_servos_follow_it(bench):
+    path = filed(bench)
+    before = bench.q_deg
+    rig = bench.open(calibration_file=path)
+    bench.advance(1.0)
+
+    assert {setup.source for setup in rig.servos.setups.values()} == {"file"}
+    assert memory(bench, "shoulder_pan").raw(emu.MIN_POSITION) == 1000
+    assert memory(bench, "shoulder_pan").raw(emu.LOCK) == 1
+    assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * 48 / 4096), abs=rad(0.5))
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+
+
+def test_another_homing_offset_moves_no_joint_even_if_it_is_driven(bench):
+    bench.open().close()
+    bench.advance(0.5)
+    before = bench.q_deg
+    rig = bench.open(calibration_file=filed(bench, shoulder_pan=200))
+    bench.advance(1.0)
+
+    assert bench.q_deg == pytest.approx(before, abs=0.6)
+    assert rig.arm.state.q[0] == pytest.approx(rad(360.0 * (48 - 200) / 4096), abs=rad(0.6))
+
+
+def test_a_bad_file_gives_way_to_the_servos_and_says_so(bench, caplog):
+    path = filed(bench)
+    content = json.loads(path.read_text())
+    content["elbow_flex"]["range_max"] = 1010
+    path.write_text(json.dumps(content))
+    rig = bench.open(calibration_file=path)
+
+    assert {setup.source for setup in rig.servos.setups.values()} == {"registers"}
+    assert "elbow_flex" in caplog.text
+
+
+def test_a_component_that_brings_a_file_changes_angles_and_moves_nothing(bench):
+    gripper = bench.open(servo_ids=None)
+    bench.advance(0.5)
+    before = bench.q_deg
+    arm = bench.open(gripper_id=None, calibration_file=filed(bench))
+    bench.advance(1.0)
+
+    assert arm.servos is gripper.servos
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+    assert arm.arm.state.q_ref == pytest.approx(arm.arm.state.q, abs=rad(0.5))
+
+
+def test_reloading_takes_up_what_the_file_says_now(bench):
+    path = filed(bench)
+    rig = bench.open(calibration_file=path)
+    bench.advance(0.5)
+    before, was = bench.q_deg, rig.arm.state.q[0]
+    record.save(path, {"shoulder_pan": record.JointCalibration(id=1, range_min=900)})
+    rig.reload()
+    bench.advance(1.0)
+
+    assert rig.servos.calibration["shoulder_pan"].range_min == 900
+    assert abs(rig.arm.state.q[0] - was) > rad(10.0), "the middle of the travel is elsewhere"
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+    bench.finish(bench.go(rig, *np.degrees(rig.arm.state.q)))
+
+
+def test_goals_outside_the_calibrated_range_are_refused(bench):
+    rig = bench.open(calibration_file=filed(bench))
+    with pytest.raises(OutsideLimits, match=r"shoulder_pan.*calibrated range"):
+        bench.finish(bench.go(rig, 95, 0, 0, 0, 0))
+    with pytest.raises(OutsideLimits, match="shoulder_pan"):
+        rig.arm.start_retarget(np.radians([95.0, 0, 0, 0, 0]))
+
+    assert not rig.arm.is_moving
+
+
+def test_an_arm_that_rests_outside_its_limits_comes_in_slowly(bench):
+    path = filed(bench)
+    record.save(path, {"shoulder_pan": record.JointCalibration(id=1, range_min=2150)})
+    bench.open(calibration_file=path)
+    start = bench.q_deg[0]
+    speeds = []
+    for _ in range(30):
+        bench.advance(0.1)
+        speeds.append((bench.q_deg[0] - start) / 0.1)
+        start = bench.q_deg[0]
+
+    assert max(speeds) < 15.0
+    assert bench.q_deg[0] == pytest.approx(360.0 * (2150 - 2048) / 4096, abs=0.7)
+
+
+# Moving
+
+
+def test_it_goes_where_it_is_sent(bench):
+    rig = bench.open()
+    for goal in ([20, -30, 30, 40, 10], [-20, 20, -10, 20, -30]):
+        bench.finish(bench.go(rig, *goal))
+        assert np.degrees(rig.arm.state.q) == pytest.approx(goal, abs=0.35)
+        assert bench.q_deg[:5] == pytest.approx(np.add(goal, MIDDLES_DEG), abs=1.3), "with lash"
+
+
+def test_a_stop_brings_it_to_rest_where_it_is(bench):
+    rig = bench.open()
+    bench.advance(1.0)  # the weight is taken up
+    motion = bench.go(rig, 80, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 1.0)
+    stopping = rig.executor.stop()
+    bench.finish(stopping)
+    with pytest.raises(Interrupted):
+        bench.finish(motion)
+    here = bench.q_deg
+    bench.advance(1.0)
+
+    assert 2.0 < here[0] - MIDDLES_DEG[0] < 70.0
+    assert bench.q_deg == pytest.approx(here, abs=0.6)
+
+
+def test_a_joint_that_is_held_fast_ends_the_motion_and_is_not_pressed_on(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 80, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 1.0)
+    shaft = bench.world.servo("shoulder_pan").drive.shaft
+    shaft.upper = shaft.output + 5
+    with pytest.raises(FollowingError, match="shoulder_pan"):
+        bench.finish(motion)
+    bench.advance(1.0)
+
+    assert abs(rig.servos.health[0].load) < 0.5
+
+
+# Trouble: reported by name, nothing else lost, over when it is cleared
+
+
+def test_unplugged_in_mid_move_and_plugged_in_again(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 60, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 0.8)
+    bench.emulator.unplug()
+    with pytest.raises(PortUnavailable):
+        bench.finish(motion, at_most=0.5)
+    assert rig.arm.state.mode is Mode.FAULT
+    bench.advance(2.0)
+    here = bench.q_deg
+    bench.emulator.plug()
+    bench.advance(3.0)
+
+    assert rig.servos.is_connected
+    assert rig.servos.port_losses == 1
+    assert bench.q_deg == pytest.approx(here, abs=0.5)
+    bench.finish(rig.executor.hold())
+    bench.advance(1.0)
+    assert bench.q_deg == pytest.approx(here, abs=0.5)
+    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+
+
+def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 60, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 0.5)
+    bench.world.warm("elbow_flex", 66.0)
+    with pytest.raises(ServoAlarm, match=r"elbow_flex.*66 degC") as caught:
+        bench.finish(motion)
+    assert caught.value.joint == "elbow_flex"
+    assert len(caught.value.recent) > 10
+    with pytest.raises(ServoAlarm, match="elbow_flex"):
+        bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+    bench.finish(rig.gripper.start_move(0.5))  # nothing else is lost
+    bench.world.warm("elbow_flex", 30.0)
+    bench.advance(1.0)
+    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+
+
+def test_a_warm_servo_slows_the_arm_down(bench):
+    rig = bench.open()
+    fast = rig.arm.plan(goal_of(30)).duration
+    bench.world.warm("elbow_flex", 62.0)
+    bench.advance(1.0)
+
+    assert rig.arm.plan(goal_of(30)).duration > 1.3 * fast
+
+
+def goal_of(pan_deg):
+    return JointGoal(q=np.radians([float(pan_deg), 0, 0, 0, 0]))
+
+
+def test_too_high_a_supply_is_reported_with_its_figure(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 60, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 0.5)
+    bench.world.power(14.6)
+    with pytest.raises(ServoAlarm, match=r"supply of 14\.\d V"):
+        bench.finish(motion)
+    bench.world.power(12.0)
+    bench.advance(1.0)
+    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+
+
+def test_a_brown_out_leaves_an_arm_that_holds_again_when_asked(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 60, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 0.5)
+    bench.world.power(3.5)
+    with pytest.raises(NoReply, match="power supply"):
+        bench.finish(motion)
+    bench.world.power(12.0)
+    bench.advance(2.0)
+    bench.finish(rig.executor.hold())
+    here = bench.q_deg
+    bench.advance(1.0)
+    assert rig.arm.state.mode is Mode.HOLDING
+    assert bench.q_deg == pytest.approx(here, abs=2.0), "the weight is taken up"
+
+
+def test_a_dead_servo_is_reported_and_the_others_are_still_read(bench):
+    rig = bench.open()
+    motion = bench.go(rig, 60, 0, 0, 0, 0)
+    bench.under_way(motion, rig, 0.5)
+    bench.world.disconnect("wrist_roll")
+    with pytest.raises(NoReply, match="wrist_roll"):
+        bench.finish(motion)
+    bench.advance(0.5)
+    assert [joint.joint for joint in rig.servos.health if joint.is_silent] == ["wrist_roll"]
+    bench.world.connect("wrist_roll")
+    bench.advance(2.0)
+    bench.finish(rig.executor.hold())
+    bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+
+
+def test_a_servo_that_restarts_holds_again_and_is_reported(bench):
+    rig = bench.open()
+    bench.world.reboot("shoulder_pan")
+    bench.advance(2.0)
+
+    assert rig.arm.state.mode is Mode.FAULT
+    assert "shoulder_pan" in rig.arm.state.fault
+    bench.finish(rig.executor.hold())
+    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
+
+
+# The gripper
+
+
+def test_it_opens_and_closes(bench):
+    rig = bench.open()
+    bench.finish(rig.gripper.start_move(0.95))
+    assert rig.gripper.aperture == pytest.approx(0.95, abs=0.02)
+    bench.finish(rig.gripper.start_grab())
+    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.02)
+    assert not rig.gripper.is_holding
+
+
+@pytest.mark.parametrize("width_mm", [5, 20, 60])
+def test_it_stops_at_what_it_grabs_and_holds_it_gently(bench, width_mm):
+    rig = bench.open()
+    bench.finish(rig.gripper.start_move(0.95))
+    bench.world.put_object(width_mm / 1000.0)
+    bench.finish(rig.gripper.start_grab())
+    bench.advance(5.0)
+    jaw = rig.servos.health[5]
+
+    assert rig.gripper.is_holding
+    assert 0.1 < abs(jaw.load) < 0.35
+    assert jaw.faults == ()
+    bench.world.take_object()
+    bench.advance(1.0)
+    assert not rig.gripper.is_holding
+
+
+def test_a_stop_of_the_gripper_leaves_the_arm_alone(bench):
+    rig = bench.open()
+    arm = bench.go(rig, 30, 0, 0, 0, 0)
+    jaw = rig.gripper.start_move(0.9)
+    bench.under_way(arm, rig, 0.4)
+    bench.finish(rig.executor.stop(Channel.JAW))
+    with pytest.raises(Interrupted):
+        bench.finish(jaw)
+    bench.finish(arm)
+
+    assert rig.gripper.aperture < 0.9
+
+
+def test_a_grab_whose_position_cannot_be_read_is_an_error(bench):
+    rig = bench.open()
+    bench.finish(rig.gripper.start_move(0.9))
+    grab = rig.gripper.start_grab()
+    bench.advance(0.2)
+    bench.world.disconnect("gripper")
+    with pytest.raises(NoReply, match="gripper"):
+        bench.finish(grab)
+
+    assert not rig.gripper.is_holding
+
+
+def test_what_is_held_is_still_held_after_the_cable_was_out(bench):
+    rig = bench.open()
+    bench.finish(rig.gripper.start_move(0.6))
+    bench.world.put_object(0.02)
+    bench.finish(rig.gripper.start_grab())
+    bench.emulator.unplug()
+    bench.advance(1.0)
+    bench.emulator.plug()
+    bench.advance(3.0)
+    assert not rig.gripper.is_holding, "nobody can tell yet"
+    bench.finish(rig.executor.hold())
+    rig.gripper.regrip()
+    bench.advance(1.0)
+
+    assert rig.gripper.is_holding
+    assert abs(rig.servos.health[5].load) > 0.1
+    rig.reload()
+    bench.advance(1.0)
+    assert rig.gripper.is_holding

@@ -1,0 +1,145 @@
+"""The real executable moves servos on a real port; they are emulated in another process.
+
+With ``--hardware PORT`` the servos are those of an arm: it moves some degrees around where it
+stands, and its jaw opens and closes. Clear its surroundings first.
+"""
+
+import asyncio
+import signal
+import sys
+
+import pytest
+from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, ROOT, running_module, until
+from grpclib import GRPCError, Status
+from viam.components.arm import JointPositions
+
+EMULATE = "from so101_motion.cli import main; main()"
+
+SUPPORT = "".join(f"0 {joint} start\n" for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"))
+"""A hand that keeps the arm from falling while nobody holds it yet."""
+
+
+class Bench:
+    """A port with servos; faults are typed into the emulator's standard input."""
+
+    def __init__(self, port, process=None):
+        self.port, self.process = port, process
+
+    async def fault(self, line):
+        self.process.stdin.write(f"{line}\n".encode())
+        await self.process.stdin.drain()
+
+
+@pytest.fixture
+async def bench(request, tmp_path):
+    port = request.config.getoption("--hardware")
+    if port:
+        yield Bench(port)
+        return
+    link = tmp_path / "arm"
+    (tmp_path / "hand").write_text(SUPPORT)
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", EMULATE, "emulate", "--link", str(link),
+        "--hand", str(tmp_path / "hand"),
+        cwd=ROOT, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    await process.stdout.readline()
+    yield Bench(str(link), process)
+    process.send_signal(signal.SIGTERM)
+    await asyncio.wait_for(process.wait(), 10.0)
+
+
+@pytest.fixture
+def emulated(request, bench):
+    if request.config.getoption("--hardware"):
+        pytest.skip("troubles its servos; not for a real arm")
+    return bench
+
+
+async def joints(arm):
+    return list((await arm.get_joint_positions()).values)
+
+
+async def test_a_session_on_a_serial_port(bench):
+    async with running_module() as (module, _, _):
+        attributes = {"port": bench.port, "acceleration_degs_per_sec_per_sec": 300.0}
+        answer = await module.validate(ARM, HARDWARE_ARM, attributes)
+        assert list(answer.dependencies) == []
+        arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": bench.port}, "gripper")
+        await asyncio.sleep(1.5)  # the weight is taken up
+
+        start = await joints(arm)
+        goal = [start[0] + 8.0, *start[1:4], start[4] + 10.0]
+        await arm.move_to_joint_positions(JointPositions(values=goal))
+        assert await joints(arm) == pytest.approx(goal, abs=0.5)
+        await arm.move_to_joint_positions(JointPositions(values=start))
+        assert await joints(arm) == pytest.approx(start, abs=0.5)
+
+        await gripper.open()
+        assert (await gripper.do_command({"get": True}))["position"] == pytest.approx(95.0, abs=3)
+        assert await gripper.grab() is False
+        assert (await arm.do_command({"command": "ping"})) == {"success": True}
+        assert (await arm.do_command({"command": "diagnose"}))["servos_found"] == [1, 2, 3, 4, 5, 6]
+        status = await arm.do_command({"command": "controller_status"})
+        assert status["ref_count"] == 2
+        assert status["connected"] is True
+
+        await module.remove(ARM, "arm")
+        await module.remove(GRIPPER, "gripper")
+        again = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        assert await joints(again) == pytest.approx(start, abs=1.0), "it was left holding"
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+
+
+async def test_a_conflict_is_told_when_the_component_is_added(emulated):
+    async with running_module() as (module, _, _):
+        await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        with pytest.raises(GRPCError) as caught:
+            await module.add(
+                GRIPPER, HARDWARE_GRIPPER, {"port": emulated.port, "timeout": "5s"}, "gripper"
+            )
+        assert caught.value.status is Status.INVALID_ARGUMENT
+        assert "timeout" in caught.value.message
+
+
+async def test_an_arm_that_is_not_there_yet_can_be_added_later(emulated):
+    async with running_module() as (module, _, _):
+        missing = {"port": emulated.port + "-not-yet"}
+        with pytest.raises(GRPCError) as caught:
+            await module.add(ARM, HARDWARE_ARM, missing, "arm")
+        assert caught.value.status is Status.UNAVAILABLE
+        assert "no such port" in caught.value.message
+        await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+
+
+async def test_the_cable_may_be_pulled_and_put_back(emulated):
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        start = await joints(arm)
+        await emulated.fault("unplug+1")
+
+        async def is_gone():
+            return not (await arm.get_status())["connected"]
+
+        async def is_back():
+            return (await arm.get_status())["connected"]
+
+        await until(is_gone)
+        await until(is_back)
+        goal = [start[0] + 5.0, *start[1:]]
+        await arm.move_to_joint_positions(JointPositions(values=goal))
+        assert await joints(arm) == pytest.approx(goal, abs=0.5)
+
+
+async def test_a_killed_module_leaves_the_arm_holding(emulated):
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        await asyncio.sleep(1.0)
+        start = await joints(arm)
+        module.process.kill()
+        await module.ended()
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        assert await joints(arm) == pytest.approx(start, abs=1.5)

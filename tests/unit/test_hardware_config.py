@@ -1,0 +1,103 @@
+import math
+
+import pytest
+
+from so101_motion.errors import ConfigError
+from so101_motion.hardware_config import HardwareArmConfig, HardwareGripperConfig, duration
+from so101_motion.units import to_rad
+
+PORT = {"port": "/dev/ttyACM0"}
+
+
+def test_a_port_is_all_an_arm_needs():
+    arm = HardwareArmConfig.from_attributes(PORT)
+
+    assert arm.connection.port == "/dev/ttyACM0"
+    assert arm.connection.baudrate == 1_000_000
+    assert arm.connection.calibration_file is None
+    assert arm.servo_ids == (1, 2, 3, 4, 5)
+    assert arm.speed == pytest.approx(to_rad(50.0))
+    assert arm.acceleration == pytest.approx(to_rad(100.0))
+    assert arm.motion is None
+
+
+def test_all_that_later_versions_know_is_taken():
+    arm = HardwareArmConfig.from_attributes(
+        {
+            **PORT,
+            "calibration_file": "arm.json",
+            "baudrate": 500000.0,
+            "servo_ids": [1.0, 2.0, 3.0, 4.0, 5.0],
+            "timeout": "5s",
+            "speed_degs_per_sec": 0.0,
+            "acceleration_degs_per_sec_per_sec": 10.0,
+            "motion": "mine",
+            "visualize_ee_frame": True,
+            "use_urdf": True,
+            "mesh_decimation_ratios": [0.9] * 5,
+            "manual_mode": {"pos_deadband_deg": 0.5, "loop_hz": 50.0, "torque_limit": 50.0},
+            "orientation_tolerance_deg": 30.0,
+            "position_tolerance_mm": 1.0,
+        }
+    )
+
+    assert arm.connection.timeout == 5.0
+    assert arm.connection.baudrate == 500000
+    assert arm.speed == pytest.approx(to_rad(50.0)), "0 counts as not given"
+    assert arm.unused == ("mesh_decimation_ratios", "manual_mode")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({}, "port"),
+        ({"port": ""}, "port"),
+        ({"prot": "/dev/ttyACM0"}, 'did you mean "port"'),
+        ({**PORT, "servo_ids": [1, 2, 3, 4]}, "five different"),
+        ({**PORT, "servo_ids": [1, 2, 3, 4, 4]}, "five different"),
+        ({**PORT, "servo_ids": [1, 2, 3, 5, 4.5]}, "five different"),
+        ({**PORT, "servo_ids": [0, 2, 3, 4, 5]}, "from 1 to 5"),
+        ({**PORT, "servo_ids": "1-5"}, "list"),
+        ({**PORT, "speed_degs_per_sec": 2.9}, "3 to 180"),
+        ({**PORT, "speed_degs_per_sec": math.nan}, "finite"),
+        ({**PORT, "acceleration_degs_per_sec_per_sec": 501}, "10 to 500"),
+        ({**PORT, "baudrate": 9600}, "baudrate"),
+        ({**PORT, "baudrate": 500000.5}, "whole number"),
+        ({**PORT, "timeout": "soon"}, "500ms"),
+        ({**PORT, "manual_mode": {"loop_hz": 201}}, "loop_hz"),
+        ({**PORT, "manual_mode": 5}, "object"),
+    ],
+)
+def test_what_an_arm_cannot_use_is_named(attributes, says):
+    with pytest.raises(ConfigError, match=says):
+        HardwareArmConfig.from_attributes(attributes)
+
+
+@pytest.mark.parametrize(
+    ("value", "seconds"),
+    [
+        ("5s", 5.0), ("500ms", 0.5), ("1m30s", 90.0), ("1.5s", 1.5), (" 2s ", 2.0), ("20us", 2e-5),
+        (5, 5.0), (0.25, 0.25), (5_000_000_000, 5.0), (500_000_000.0, 0.5),
+    ],
+)  # fmt: skip
+def test_durations_are_read_as_people_write_them(value, seconds):
+    assert duration("timeout", value) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("value", ["5", "5 s", "-5s", "s", "", "0s", 0, -1, True, None, "11m"])
+def test_what_is_no_duration_is_refused(value):
+    with pytest.raises(ConfigError, match="timeout"):
+        duration("timeout", value)
+
+
+def test_a_gripper_names_its_port_or_its_arm():
+    with_port = HardwareGripperConfig.from_attributes(PORT)
+    with_arm = HardwareGripperConfig.from_attributes({"arm": "my-arm"})
+
+    assert with_port.connection.port == "/dev/ttyACM0"
+    assert (with_port.arm, with_port.servo_id, with_port.gripper_type) == (None, 6, "follower")
+    assert (with_arm.connection, with_arm.arm) == (None, "my-arm")
+    with pytest.raises(ConfigError, match="port"):
+        HardwareGripperConfig.from_attributes({"gripper_type": "leader"})
+    with pytest.raises(ConfigError, match="gripper_type"):
+        HardwareGripperConfig.from_attributes({**PORT, "gripper_type": "claw"})
