@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from so101_motion.planning.goals import PathGoal as PathGoal
     from so101_motion.planning.goals import PoseGoal as PoseGoal
     from so101_motion.rig import Rig as Rig
+    from so101_motion.rig import open_hardware as open_hardware
     from so101_motion.rig import open_simulated as open_simulated
+    from so101_motion.servos import ServoSettings as ServoSettings
 
 __version__ = "0.1.0"
 
@@ -29,6 +31,8 @@ _HOMES = {
     "PathGoal": "planning.goals",
     "PoseGoal": "planning.goals",
     "Rig": "rig",
+    "ServoSettings": "servos",
+    "open_hardware": "rig",
     "open_simulated": "rig",
 }
 

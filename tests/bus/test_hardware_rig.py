@@ -254,7 +254,7 @@ def test_a_stop_brings_it_to_rest_where_it_is(bench):
     bench.advance(1.0)
 
     assert 2.0 < here[0] - MIDDLES_DEG[0] < 70.0
-    assert bench.q_deg == pytest.approx(here, abs=0.6)
+    assert bench.q_deg == pytest.approx(here, abs=1.0)
 
 
 def test_a_joint_that_is_held_fast_ends_the_motion_and_is_not_pressed_on(bench):
