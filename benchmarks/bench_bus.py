@@ -2,13 +2,15 @@
 
 The servos are emulated, in a process of their own behind a pseudo-terminal, with the time of the
 wire at 1 Mbaud and an adapter that holds replies back for 1 ms. A cycle is one sync write of all
-goals and one sync read of all positions, every tenth of a second a longer one. Processor time is
+goals and one sync read of all positions, every tenth of a second a longer one; the driver's whole
+cycle adds radians, velocities, the weight of the arm and the state of the servos. Processor time is
 that of the thread that talks; what the kernel's pseudo-terminal does for us is in it, what a USB
 stack would do is not. The vendor's own group read is measured beside ours.
 
-Everything is measured twice. Back to back, each cycle waits only for its answers; at 100 Hz the
-thread sleeps in between, and what it needs has left the processor's caches when it wakes. On a
-shared virtual machine that alone makes the same instructions two to three times as long.
+The whole cycle is measured twice. Back to back it waits only for its answers, like the other rows;
+at 100 Hz the thread sleeps in between, and what it needs has left the processor's caches when it
+wakes. On a shared virtual machine that alone makes the same instructions take twice as long; and
+while the emulated arm moves, its physics keeps the other core busy.
 """
 
 from __future__ import annotations
@@ -26,9 +28,10 @@ import scservo_sdk
 from benchmarks import _common
 from so101_motion.clock import MonotonicClock
 from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Bus, Port
+from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.feetech_arm import JOINTS, FeetechArm
 from so101_motion.drivers.port import SerialPort
+from so101_motion.drivers.sdk import Port
 from so101_motion.drivers.ticks import JointMap
 from so101_motion.errors import NoReply
 from so101_motion.planning.model import RobotModel
@@ -167,12 +170,19 @@ def vendors_read() -> tuple[list[float], list[float]]:
     return times
 
 
-def our_read() -> tuple[list[float], list[float]]:
-    """Our sync read of the same, alone."""
+def bare_cycle(*, with_goals: bool) -> tuple[list[float], list[float]]:
+    """Our sync read of the same, after a sync write of six goals or alone; no conversions."""
     with emulated_arm() as name:
         bus = Bus(SerialPort(name))
-        row = reg.PRESENT_POSITION
-        times = timed(lambda _: bus.sync_read(IDS, row.address, row.size), period=0.0)
+        goal, position = reg.GOAL_POSITION, reg.PRESENT_POSITION
+        goals = dict.fromkeys(IDS, goal.encode(2048))
+
+        def cycle(_: int) -> None:
+            if with_goals:
+                bus.sync_write(goal.address, goals)
+            bus.sync_read(IDS, position.address, position.size)
+
+        times = timed(cycle, period=0.0)
         bus.close()
     return times
 
@@ -185,14 +195,17 @@ def main() -> None:
     def add(what: str, times: list[float], **more: Any) -> None:
         rows.append({"what": what, **_common.summary(times), **more})
 
-    for rhythm, period, bar in (("back to back", 0.0, "200 us"), ("at 100 Hz", PERIOD, "")):
+    cpu, wall = bare_cycle(with_goals=True)
+    add("sync write and sync read, processor", cpu, bar="200 us")
+    add("sync write and sync read, wall", wall)
+    for rhythm, period in (("back to back", 0.0), ("at 100 Hz", PERIOD)):
         cpu, wall, port = cycles(period=period)
-        add(f"control cycle, {rhythm}, processor", cpu, bar=bar)
-        add(f"control cycle, {rhythm}, wall", wall)
-    for whose, read in (("ours", our_read), ("the vendor's", vendors_read)):
-        cpu, wall = read()
-        add(f"read of 6 positions, {whose}, back to back, processor", cpu)
-        add(f"read of 6 positions, {whose}, back to back, wall", wall)
+        add(f"the driver's whole cycle, {rhythm}, processor", cpu)
+        add(f"the driver's whole cycle, {rhythm}, wall", wall)
+    cpu, wall = bare_cycle(with_goals=False)
+    add("sync read of 6 positions, processor", cpu)
+    cpu, wall = vendors_read()
+    add("the vendor's sync read of the same, processor", cpu)
     rows.append({"what": "transactions a cycle", "value": port.transactions / CYCLES, "bar": "2"})
     rows.append(
         {

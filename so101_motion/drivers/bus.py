@@ -1,9 +1,8 @@
 """Questions and answers on the servo bus: every transaction, its retries and its counters.
 
-How it works. The vendor's SDK builds all packets and runs the transactions with a single servo. It
-does so over a port handler of ours, because its own spins, never discards stale input and has no
-idea that a port can vanish. Answers to a sync read we pick out ourselves (``protocol.py``): the
-SDK gives up at the first silent servo and then hands out zeros for the others.
+How it works. The vendor's SDK builds all packets and runs the transactions with a single servo,
+over a port handler of ours (``sdk.py``). Answers to a sync read we pick out ourselves
+(``protocol.py``): the SDK gives up at the first silent servo and then hands out zeros for the rest.
 
 Three rules keep a wrong value from ever being believed:
 
@@ -25,14 +24,15 @@ import logging
 import time
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Protocol
 
 import scservo_sdk
 
 from so101_motion.drivers.protocol import Answer, Answers, Lengths, packet_size
 from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBER, Fault, Register
+from so101_motion.drivers.sdk import Port, WaitingHandler, sync_read_packet
 from so101_motion.errors import CorruptReply, NoReply, ServoFault
+
+__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "Tally"]
 
 _log = logging.getLogger(__name__)
 
@@ -50,30 +50,6 @@ adapter holds back."""
 
 _GAP = 3  # byte times between two answers to a sync read (FW)
 _PING_SLOT = packet_size(0) + _GAP
-
-
-class Port(Protocol):
-    """An open serial port. Every method may raise ``PortUnavailable``."""
-
-    @property
-    def name(self) -> str:
-        """What it is called."""
-
-    @property
-    def baud(self) -> int:
-        """Bits per second."""
-
-    def write(self, data: bytes) -> None:
-        """Send."""
-
-    def read(self, until: float) -> bytes:
-        """What has arrived, at least one byte unless ``time.monotonic`` [s] reaches ``until``."""
-
-    def discard(self) -> None:
-        """Forget what has arrived."""
-
-    def close(self) -> None:
-        """Let go."""
 
 
 @dataclass(slots=True)
@@ -104,58 +80,6 @@ class _Question:
     length: int
 
 
-class _Handler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
-    """The SDK's view of our port: it waits instead of spinning, and discards what is stale."""
-
-    def __init__(self, port: Port, patience: float) -> None:
-        super().__init__(port.name)
-        self._port, self._patience = port, patience
-        self._until = 0.0
-        self._ahead = b""
-
-    def clearPort(self) -> None:  # the SDK's name
-        self._ahead = b""
-        self._port.discard()
-
-    def writePort(self, packet: list[int]) -> int:
-        self._port.write(bytes(packet))
-        return len(packet)
-
-    def readPort(self, length: int) -> bytes:
-        if length <= 0:
-            return b""
-        if not self._ahead:
-            self._ahead = self._port.read(self._until)
-        data, self._ahead = self._ahead[:length], self._ahead[length:]
-        return data
-
-    def setPacketTimeout(self, packet_length: int) -> None:
-        wire = 10.0 * packet_length / self._port.baud
-        self._until = time.monotonic() + wire + self._patience
-
-    def isPacketTimeout(self) -> bool:
-        return time.monotonic() >= self._until
-
-
-class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
-    """A port handler that keeps the packet instead of sending it."""
-
-    def clearPort(self) -> None:
-        pass
-
-    def writePort(self, packet: list[int]) -> int:
-        self.packet = bytes(packet)
-        return len(packet)
-
-
-@lru_cache(maxsize=64)
-def _sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
-    """The SDK's packet; the same few are sent in every cycle."""
-    recorder = _Recorder("")
-    scservo_sdk.PacketHandler(0).syncReadTx(recorder, start, count, servo_ids, len(servo_ids))
-    return recorder.packet
-
-
 class Bus:
     """The servos on one port. Used by one thread at a time.
 
@@ -183,7 +107,7 @@ class Bus:
         self._names = names or {}
         self._patience = patience
         self._sdk = scservo_sdk.PacketHandler(0)
-        self._handler = _Handler(port, patience)
+        self._handler = WaitingHandler(port, patience)
         self._lengths = Lengths(OVERDUE)
         self._asked = _Question((), 0, 0)
 
@@ -417,7 +341,7 @@ class Bus:
     def _sync_read_once(self, asked: list[int], start: int, count: int) -> dict[int, Answer]:
         answers = Answers(asked, count)
         self.port.discard()
-        self.port.write(_sync_read_packet(tuple(asked), start, count))
+        self.port.write(sync_read_packet(tuple(asked), start, count))
         wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
         until = time.monotonic() + wire + self._patience
         while not answers.is_complete and asked[-1] not in answers.found:

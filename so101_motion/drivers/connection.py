@@ -12,7 +12,8 @@ import logging
 from collections.abc import Callable, Mapping
 
 from so101_motion.clock import Clock
-from so101_motion.drivers.bus import PATIENCE, Bus, Port, Tally
+from so101_motion.drivers.bus import PATIENCE, Bus, Tally
+from so101_motion.drivers.sdk import Port
 from so101_motion.errors import PortUnavailable
 
 _log = logging.getLogger(__name__)

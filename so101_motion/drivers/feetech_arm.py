@@ -31,12 +31,13 @@ import numpy as np
 
 from so101_motion.clock import Clock
 from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import PATIENCE, Bus, Port
+from so101_motion.drivers.bus import PATIENCE, Bus
 from so101_motion.drivers.connection import Connection
 from so101_motion.drivers.droop import Gravity, Trim
 from so101_motion.drivers.health import VITALS_COUNT, VITALS_START, JointHealth, joint_health
 from so101_motion.drivers.presence import Presence, not_there
 from so101_motion.drivers.registers import Register
+from so101_motion.drivers.sdk import Port
 from so101_motion.drivers.servo_setup import ServoCondition, prepare
 from so101_motion.drivers.slope import Slope
 from so101_motion.drivers.ticks import JointMap, Ticks, to_acceleration_units, to_speed_ticks

@@ -1,0 +1,97 @@
+"""The vendor's SDK on a port of ours.
+
+``feetech-servo-sdk`` builds packets and runs transactions over a port handler. Its own spins on the
+processor for as long as it waits, and never discards stale input, so that a late answer is taken
+for the answer to the next question. ``WaitingHandler`` takes its place, under the names the SDK
+calls it by; the rest of the SDK does not notice.
+"""
+
+from __future__ import annotations
+
+import time
+from functools import lru_cache
+from typing import Protocol
+
+import scservo_sdk
+
+
+class Port(Protocol):
+    """An open serial port. Every method may raise ``PortUnavailable``."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+
+    @property
+    def baud(self) -> int:
+        """Bits per second."""
+
+    def write(self, data: bytes) -> None:
+        """Send."""
+
+    def read(self, until: float) -> bytes:
+        """What has arrived, at least one byte unless ``time.monotonic`` [s] reaches ``until``."""
+
+    def discard(self) -> None:
+        """Forget what has arrived."""
+
+    def close(self) -> None:
+        """Let go."""
+
+
+class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
+    """The SDK's view of our port: it waits instead of spinning, and discards what is stale."""
+
+    def __init__(self, port: Port, patience: float) -> None:
+        super().__init__(port.name)
+        self._port, self._patience = port, patience
+        self._until = 0.0
+        self._ahead = b""
+
+    def clearPort(self) -> None:
+        """Forget stale input."""
+        self._ahead = b""
+        self._port.discard()
+
+    def writePort(self, packet: list[int]) -> int:
+        """Send a packet; how many bytes went out."""
+        self._port.write(bytes(packet))
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:
+        """At most ``length`` bytes; waits for the first until the time is up."""
+        if length <= 0:
+            return b""
+        if not self._ahead:
+            self._ahead = self._port.read(self._until)
+        data, self._ahead = self._ahead[:length], self._ahead[length:]
+        return data
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        """Begin to wait for ``packet_length`` bytes."""
+        wire = 10.0 * packet_length / self._port.baud
+        self._until = time.monotonic() + wire + self._patience
+
+    def isPacketTimeout(self) -> bool:
+        """Whether the time is up."""
+        return time.monotonic() >= self._until
+
+
+class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
+    """A port handler that keeps the packet instead of sending it."""
+
+    def clearPort(self) -> None:
+        """There is no port."""
+
+    def writePort(self, packet: list[int]) -> int:
+        """Keep the packet."""
+        self.packet = bytes(packet)
+        return len(packet)
+
+
+@lru_cache(maxsize=64)
+def sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
+    """The SDK's packet; the same few are sent in every cycle."""
+    recorder = _Recorder("")
+    scservo_sdk.PacketHandler(0).syncReadTx(recorder, start, count, servo_ids, len(servo_ids))
+    return recorder.packet
