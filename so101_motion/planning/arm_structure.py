@@ -168,8 +168,8 @@ class ArmStructure:
         }
         links = measures.bars.bars.upper_arm + measures.bars.bars.forearm + REACH_SLACK
         self._longest = {
-            name: links + sum(abs(part) for row in offset for part in row)
-            for name, offset in measures.offsets.items()
+            name: links + hypot(*(abs(row[0]) + hypot(*row[1:]) for row in (each.forward, each.up)))
+            for name, each in measures.offsets.items()
         }
         self.rolled = lru_cache(maxsize=256)(self._rolled)
 

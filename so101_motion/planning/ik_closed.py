@@ -1,9 +1,9 @@
 """Postures in closed form for each way of stating a goal.
 
-Three functions, one a metric. Each returns postures that put the goal's frame at its point, as
-exactly as the arm's structure fits the model; whether the orientation is near enough is judged
-later. What a goal leaves open is chosen near the seed: the roll stays as it is whenever that is
-possible, the pitch is the one whose posture is nearest.
+All postures put the goal's frame at its point, as exactly as the arm's structure fits the model;
+whether the orientation is near enough is judged later. What a goal leaves open is chosen near the
+seed: the roll stays as it is whenever that is possible, the pitch is the one whose posture is
+nearest.
 """
 
 from __future__ import annotations
