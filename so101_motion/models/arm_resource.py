@@ -16,14 +16,18 @@ from typing import Any
 
 import numpy as np
 from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh, MoveOptions, Pose
-from viam.proto.common import Geometry, PoseInFrame
+from viam.proto.common import Geometry, PoseInFrame, ResourceName
+from viam.resource.base import ResourceBase
 from viam.services.motion import Motion as MotionService
 
+from so101_motion.config import SimulatedArmConfig
 from so101_motion.errors import ConfigError, MotionError
 from so101_motion.geometry import Array
+from so101_motion.hardware_config import HardwareArmConfig
 from so101_motion.models import convert, kinematics, meshes
 from so101_motion.models.awaiting import arrival, left_alone, rest
 from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.dependencies import motion_service
 from so101_motion.models.manual import ManualMode
 from so101_motion.models.streaming import played
 from so101_motion.motion import Motion
@@ -55,6 +59,25 @@ class ArmSettings:
     use_urdf: bool
     position_tolerance: float | None
     approach_tolerance: float | None
+
+    @classmethod
+    def of(
+        cls,
+        wanted: SimulatedArmConfig | HardwareArmConfig,
+        dependencies: Mapping[ResourceName, ResourceBase],
+    ) -> ArmSettings:
+        """What a configuration says of it.
+
+        Raises:
+            ConfigError: It names a motion service that is not there.
+        """
+        return cls(
+            motion=motion_service(wanted.motion, dependencies),
+            visualize_ee_frame=wanted.visualize_ee_frame,
+            use_urdf=wanted.use_urdf,
+            position_tolerance=wanted.position_tolerance,
+            approach_tolerance=wanted.approach_tolerance,
+        )
 
 
 class ArmResource(Arm):

@@ -20,7 +20,7 @@ from so101_motion.models import convert
 from so101_motion.models.arm_resource import ArmResource, ArmSettings
 from so101_motion.models.commands import KEYS, Request, answer, motion_params
 from so101_motion.models.convert import grpc_statuses
-from so101_motion.models.dependencies import motion_name, motion_service
+from so101_motion.models.dependencies import motion_name
 from so101_motion.models.servo_commands import ServoCommands, health, out_of_fault
 from so101_motion.rig import HardwareRig, open_hardware
 from so101_motion.servos import ServoSettings
@@ -80,13 +80,7 @@ class HardwareArm(ArmResource):
         """Build the component from its configuration; nothing moves."""
         with grpc_statuses():
             wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
-            settings = ArmSettings(
-                motion=motion_service(wanted.motion, dependencies),
-                visualize_ee_frame=wanted.visualize_ee_frame,
-                use_urdf=wanted.use_urdf,
-                position_tolerance=wanted.position_tolerance,
-                approach_tolerance=wanted.approach_tolerance,
-            )
+            settings = ArmSettings.of(wanted, dependencies)
             asked = servo_settings(wanted.connection)
             rig = open_hardware(asked.with_arm(wanted.servo_ids))
         try:

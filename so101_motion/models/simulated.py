@@ -26,7 +26,7 @@ from so101_motion.models.commands import (
     motion_params,
 )
 from so101_motion.models.convert import grpc_statuses
-from so101_motion.models.dependencies import motion_name, motion_service
+from so101_motion.models.dependencies import motion_name
 from so101_motion.models.manual import LONGEST
 from so101_motion.rig import TICK, Rig, open_simulated
 
@@ -75,13 +75,7 @@ class SimulatedArm(ArmResource):
         """Build the component from its configuration."""
         with grpc_statuses():
             wanted = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
-            settings = ArmSettings(
-                motion=motion_service(wanted.motion, dependencies),
-                visualize_ee_frame=wanted.visualize_ee_frame,
-                use_urdf=wanted.use_urdf,
-                position_tolerance=wanted.position_tolerance,
-                approach_tolerance=wanted.approach_tolerance,
-            )
+            settings = ArmSettings.of(wanted, dependencies)
             rig = open_simulated(
                 speed=wanted.speed,
                 acceleration=wanted.acceleration,
