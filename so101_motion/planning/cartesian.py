@@ -24,6 +24,7 @@ import numpy as np
 
 from so101_motion.errors import ConfigError, InCollision, PlanningError, Unreachable
 from so101_motion.geometry import Array
+from so101_motion.planning import verify
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.goals import GoalMetric, LineGoal, PoseGoal
 from so101_motion.planning.ik import IkSolver
@@ -62,6 +63,12 @@ moves in one or two millimetres."""
 
 NEAR_END = 0.010
 """A point that cannot be reached so soon after the line ends is what ended it [m]. Chosen."""
+
+LIMIT_SLACK = 0.5 * verify.POSITION_TOLERANCE
+"""How far a curve may be outside the joint limits [rad]: safely what verification lets pass."""
+
+_LOOKS_PER_PIECE = 8
+"""At how many points of each piece a curve is held against the joint limits. Chosen."""
 
 _LOOKED_INTO = 12
 """How many profiles are followed closely to say where a line ends."""
@@ -170,6 +177,7 @@ class _Line:
         self.length = float(np.linalg.norm(self._way))
         self._most, self._farthest = -1.0, list[Profile]()
         self._touching: Array | None = None
+        self._beyond: float | None = None  # where the curve tried last leaves the joint limits
 
     def profiles(self) -> Iterator[Profile]:
         """Ways for pitch and roll, the gentlest first.
@@ -210,7 +218,8 @@ class _Line:
             if followed.done < 1.0:
                 return None
             path = curve_through(followed.q)
-            if self._error(path) <= 0.5 * self._goal.tolerance:
+            self._beyond = self._share_outside(path)
+            if self._beyond is None and self._error(path) <= 0.5 * self._goal.tolerance:
                 self._touching = self._collision.blocked_posture(followed.q, self._q_jaw)
                 return ToolLine(path=path, length=self.length) if self._touching is None else None
             count *= 2
@@ -230,6 +239,9 @@ class _Line:
         if followed.done < 1.0 and followed.blocked is None:
             q = followed.q[-1]
             return self._ended(followed.done, q, self._limit(q, followed.done))
+        if blocked is None and self._beyond is not None:
+            q = followed.q[int(self._beyond * (len(followed.q) - 1))]
+            return self._ended(self._beyond, q, self._limit(q, self._beyond))
         if blocked is None:
             # Where the joints have to move most for their millimetre.
             worst = int(np.argmax(np.abs(np.diff(followed.q, axis=0)).max(axis=1)))
@@ -312,6 +324,14 @@ class _Line:
                 break
             q.append(nearest)
         return Followed(np.array(q), (len(q) - 1) / steps, blocked)
+
+    def _share_outside(self, path: JointPath) -> float | None:
+        """Where the curve first leaves the joint limits between its postures, None if nowhere."""
+        u = np.linspace(0.0, 1.0, _LOOKS_PER_PIECE * (len(path.knots) - 1) + 1)
+        q = path.evaluate(u).q
+        outside = np.maximum(self._model.lower - q, q - self._model.upper).max(axis=1)
+        beyond = np.flatnonzero(outside > LIMIT_SLACK)
+        return float(u[beyond[0]]) if len(beyond) else None
 
     def _error(self, path: JointPath) -> float:
         """How far the tool is from the line in the middle between the points [m]."""
