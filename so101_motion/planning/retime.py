@@ -214,11 +214,11 @@ def _optimal_speed(
     length = GRID_PER_PIECE[0] * float(grid.steps.mean())
     time = math.sqrt(length / float(acceleration.max()))
     q, q_s = grid.nodes
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", over="ignore"):  # a joint that hardly moves sets no bound
         fastest = 1.0 / np.max(np.abs(q_s) / limits.velocity, axis=1)
         if limits.tool_speed is not None and tool_speed_fn is not None:
             fastest = np.minimum(fastest, limits.tool_speed / tool_speed_fn(q, q_s))
-    cap = np.minimum((SPEED_MARGIN * fastest * time / length) ** 2, _LARGEST)
+        cap = np.minimum((SPEED_MARGIN * fastest * time / length) ** 2, _LARGEST)
     weight = length / time**2 / acceleration
     steps = grid.steps / length
     # An interval of constant u ends with x + 2 u step: its end is one more row for each joint.

@@ -54,7 +54,11 @@ def assert_verified(plan, limits, q_jaw):
     assert not np.any(motion.qd[[0, -1]])
 
 
+LAZY = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
+
+
 @given(seed=seeds, q_jaw=jaws, limits=motion_limits())
+@example(seed=7139, q_jaw=0.0, limits=LAZY)  # around something: the ends differed in a last bit
 @settings(max_examples=40)
 def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
     rng = np.random.default_rng(seed)
@@ -63,8 +67,9 @@ def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
         PlanRequest(q_start=start, goal=JointGoal(q=goal), limits=limits, q_jaw=q_jaw)
     )
     assert_verified(plan, limits, q_jaw)
-    assert np.array_equal(plan.trajectory.q[0], start)
-    assert np.array_equal(plan.trajectory.q[-1], goal)
+    # Through rounded corners the ends are those of a polynomial: equal but for the last bit.
+    np.testing.assert_allclose(plan.trajectory.q[0], start, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(plan.trajectory.q[-1], goal, rtol=0.0, atol=1e-12)
 
 
 @given(seed=seeds, q_jaw=jaws, frame=st.sampled_from(["tool", "jaw_tip"]))

@@ -204,3 +204,9 @@ retime._toppra()
 print(sys.modules["matplotlib"] is mine)
 """
     assert run(code) == "True"
+
+
+def test_a_joint_that_moves_by_next_to_nothing_is_no_trouble():
+    path = spline_path(np.array([[1e-173, 0.0], [0.0, 1.0], [0.0, 0.0]]))
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=2)
+    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
