@@ -73,13 +73,6 @@ class Tally:
     latched: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class _Question:
-    servo_ids: tuple[int, ...]
-    start: int
-    length: int
-
-
 class Bus:
     """The servos on one port. Used by one thread at a time.
 
@@ -109,7 +102,8 @@ class Bus:
         self._sdk = scservo_sdk.PacketHandler(0)
         self._handler = WaitingHandler(port, patience)
         self._lengths = Lengths(OVERDUE)
-        self._asked = _Question((), 0, 0)
+        self._start = 0  # what has been asked for of late, and who may answer with what length
+        self._answered_with: dict[tuple[int, int], float] = {}
 
     def label(self, servo_id: int) -> str:
         """What a servo is called in a message."""
@@ -279,7 +273,7 @@ class Bus:
         asked = [i for i in servo_ids if i in given_up] + [
             i for i in servo_ids if i not in given_up
         ]
-        if start != self._asked.start:
+        if start != self._start:
             self._expect_copies()
         for attempt in range(tries):
             if attempt:
@@ -369,7 +363,9 @@ class Bus:
     def _span(self, servo_ids: Collection[int], start: int, count: int) -> tuple[int, int]:
         """First address and length to ask for, so that the answer can be told from stragglers."""
         length = self._lengths.choose(servo_ids, count, time.monotonic())
-        self._asked = _Question(tuple(servo_ids), start, length)
+        now = time.monotonic()
+        self._start = start
+        self._answered_with.update({(servo_id, length): now for servo_id in servo_ids})
         return min(start, END - length), length
 
     def _expect_copies(self) -> None:
@@ -377,9 +373,9 @@ class Bus:
 
         (A control cycle asks for the same over and over. There a copy would merely be old.)
         """
-        now = time.monotonic()
-        for servo_id in self._asked.servo_ids:
-            self._lengths.hit(servo_id, self._asked.length, now)
+        for (servo_id, length), when in self._answered_with.items():
+            self._lengths.hit(servo_id, length, when)
+        self._answered_with.clear()
 
     def _tally(self, servo_id: int) -> Tally:
         tally = self.tallies.get(servo_id)

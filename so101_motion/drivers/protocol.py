@@ -142,11 +142,11 @@ class Lengths:
 
     def miss(self, servo_id: int, count: int, now: float) -> None:
         """An answer of this length has not come in time [s]."""
-        self._until = now + self._overdue
+        self._until = max(self._until, now + self._overdue)
         self._missing.setdefault(servo_id, {})[count] = self._until
 
     def hit(self, servo_id: int, count: int, now: float) -> None:
         """An answer of this length has come [s]; a copy of it might follow."""
         copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
-        self._until = now + self._overdue
+        self._until = max(self._until, now + self._overdue)
         copies.append((count, self._until))

@@ -1,5 +1,7 @@
 """What the bus believes, whatever the wire does to it."""
 
+import contextlib
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -67,14 +69,7 @@ def believe(port, bus, request):
             bus.ping(servo_id)
 
 
-# Known gap: about once in 3,000 random examples a read that follows a sync read takes a wrong value
-# (the sync read's belated answer has its id and its length). Until that is mended the examples are
-# the same each time, so that this law still guards the rest.
-@settings(
-    max_examples=300,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(requests, min_size=1, max_size=25),
     faults,
@@ -118,3 +113,15 @@ def test_at_five_percent_loss_and_two_percent_corruption_a_read_practically_neve
     tally = bus.tallies[3]
     assert tally.answers == 3000
     assert tally.lost + tally.corrupt == tally.retries == pytest.approx(226, abs=60)
+
+
+@pytest.mark.parametrize("seed", range(300))
+def test_a_belated_copy_of_a_sync_read_before_the_last_is_not_believed(wired, seed):
+    port, bus = make(wired, seed, late_by=2)
+    port.chunk = 1
+    port.faults.loss, port.faults.duplicate, port.faults.late = 0.05, 0.3, 0.3
+    position, goal = reg.PRESENT_POSITION, reg.GOAL_POSITION
+    asked = ("read", 1, position)
+    for request in (("sync", position), asked, *[("sync", goal)] * 2, asked):
+        with contextlib.suppress(BusError):
+            believe(port, bus, request)
