@@ -122,15 +122,21 @@ class MoveMaker:
                 if self._is_blocked(_dense(path)):
                     continue
                 try:
-                    trajectory = self._retimed(path, smoothing)
+                    trajectory = self._retimed(path, waypoints, smoothing)
                 except PlanningError:
                     continue
                 yield [trajectory]
         yield [self.straight(a, b) for a, b in pairwise(waypoints)]
 
-    def _retimed(self, path: JointPath, smoothing: float) -> Trajectory:
+    def _retimed(self, path: JointPath, waypoints: Array, smoothing: float) -> Trajectory:
         tool_speed = self.tool_speed if self.limits.tool_speed else None
-        return retime(path, self.limits, self.dt, tool_speed_fn=tool_speed, deviation=smoothing)
+        trajectory = retime(
+            path, self.limits, self.dt, tool_speed_fn=tool_speed, deviation=smoothing
+        )
+        # The path's own ends are those of polynomials, equal to the waypoints but for the last bit.
+        q = np.array(trajectory.q)
+        q[0], q[-1] = waypoints[0], waypoints[-1]
+        return replace(trajectory, q=q)
 
     def check(self, trajectory: Trajectory) -> verify.LimitReport:
         """Refuse a motion that breaks a limit or touches something.
