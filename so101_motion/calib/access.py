@@ -1,0 +1,39 @@
+"""How calibration and motor setup get at a bus that others may be using.
+
+The thread that owns the port runs what they ask for; they never touch it themselves. Whoever lends
+the bus sees to it that nothing else moves meanwhile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+from so101_motion.clock import Clock
+from so101_motion.drivers.bus import Bus
+
+T = TypeVar("T")
+
+
+class BusAccess(Protocol):
+    """A bus that is lent; from any thread."""
+
+    @property
+    def port(self) -> str:
+        """The serial port's name."""
+
+    @property
+    def clock(self) -> Clock:
+        """What time it is."""
+
+    def call(self, job: Callable[[Bus], T]) -> T:
+        """Run ``job`` on the port's thread; returns what it returns, raises what it raises."""
+
+    def watch(self, job: Callable[[Bus], None] | None) -> None:
+        """Run ``job`` on the port's thread at every tick, 100 times a second; None ends it.
+
+        A job that raises is not called again; the next ``call`` raises what it raised.
+        """
+
+    def at_baud(self, baud: int) -> None:
+        """Let the port talk at another rate from now on."""
