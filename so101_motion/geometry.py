@@ -65,6 +65,19 @@ class SE3:
         return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
 
     @property
+    def rpy(self) -> Array:
+        """Roll, pitch and yaw as ``from_rpy`` takes them, shape (3,), [rad].
+
+        Pitch is within -pi/2 to pi/2; straight up or down, roll is 0.
+        """
+        R = self.R
+        level = math.hypot(R[2, 1], R[2, 2])
+        pitch = math.atan2(-R[2, 0], level)
+        if level < 1e-9:
+            return np.array([0.0, pitch, math.atan2(-R[0, 1], R[1, 1])])
+        return np.array([math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])])
+
+    @property
     def matrix(self) -> Array:
         """The homogeneous matrix, shape (4, 4)."""
         T = np.eye(4)
@@ -109,6 +122,19 @@ def rot_z(angle: float) -> Array:
     """Rotation about z by ``angle`` [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def frame_along(z: ArrayLike) -> Array:
+    """A rotation whose z axis points along ``z``, shape (3,), any length; x is level if it can be.
+
+    For a goal of which only the direction of approach counts.
+    """
+    axis = np.asarray(z, dtype=np.float64)
+    axis = axis / np.linalg.norm(axis)
+    level = np.cross(axis, (0.0, 0.0, 1.0))
+    length = float(np.linalg.norm(level))
+    x = level / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
+    return np.column_stack([x, np.cross(axis, x), axis])
 
 
 def rotation_angle(R: Array) -> float:

@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from so101_motion.errors import So101Error
 from so101_motion.geometry import Array
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.plan import Plan
 from so101_motion.rig import Rig
 
 from .aim import Aimer
@@ -43,9 +44,12 @@ class Preview:
         rig: The arm to show and move; it stays the caller's.
         server: Where the page is.
         title: Which arm this is.
+        plan: A plan to begin with.
     """
 
-    def __init__(self, rig: Rig, server: GuardedServer, *, title: str) -> None:
+    def __init__(
+        self, rig: Rig, server: GuardedServer, *, title: str, plan: Plan | None = None
+    ) -> None:
         self.url = server.url
         self._server, self._rig = server, rig
         self._commands = Commands(self._failed)
@@ -59,6 +63,8 @@ class Preview:
             submit=self._planning.submit,
             welcome=f"{title}. Drag the arrows, then press Plan.",
         )
+        if plan is not None:
+            self._page.show(plan)
         gui = server.viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
         self._stage = Stage(
@@ -137,6 +143,7 @@ def serve(
     *,
     allow_remote: bool = False,
     title: str = "Simulated arm",
+    plan: Plan | None = None,
 ) -> Preview:
     """Show ``rig`` in browsers.
 
@@ -146,6 +153,7 @@ def serve(
         port: Port to listen on; 0 for any free one.
         allow_remote: Whether ``host`` may be more than this machine's loopback.
         title: Which arm this is, in words.
+        plan: A plan to show from the start; the page can execute it.
 
     Returns:
         The running preview; its ``url`` is the link that opens it.
@@ -156,7 +164,7 @@ def serve(
     """
     server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 motion")
     try:
-        return Preview(rig, server, title=title)
+        return Preview(rig, server, title=title, plan=plan)
     except BaseException:
         server.close()
         raise

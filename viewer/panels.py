@@ -24,7 +24,7 @@ from . import markup, words
 from .commands import Command
 from .markup import Bar
 from .plots import PlanPlots
-from .poses import POSES
+from so101_motion.named_poses import POSES
 from .screen import Screen
 from .view_model import ViewModel
 

@@ -100,6 +100,11 @@ class ViewModel:
             self._planning = self._submit(lambda: self._arm.plan(goal))
             self._sentence = words.PLANNING
 
+    def show(self, plan: Plan) -> None:
+        """Show a plan that was made elsewhere, as if it had been made here."""
+        self._aim = self._aimer.at_joints(plan.q_goal, q_jaw=self._state.q_jaw_ref)
+        self._take_plan(plan)
+
     def preview(self, t: float) -> None:
         """Show the ghost ``t`` seconds into the plan."""
         if self._plan is not None and self._plan_is_current:
@@ -203,11 +208,14 @@ class ViewModel:
         if error is not None:
             self._sentence = words.ended(error)
             return True
-        self._plan, self._plan_is_current = future.result(), True
-        self._way = Way(points=self._plan.tool_path, planned=True)
-        self._preview_time = self._plan.trajectory.duration
-        self._sentence = words.PLANNED
+        self._take_plan(future.result())
         return True
+
+    def _take_plan(self, plan: Plan) -> None:
+        self._plan, self._plan_is_current = plan, True
+        self._way = Way(points=plan.tool_path, planned=True)
+        self._preview_time = plan.trajectory.duration
+        self._sentence = words.PLANNED
 
     def _collect_motion(self) -> bool:
         if self._motion is None or not self._motion.future.done():

@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 
@@ -28,7 +29,7 @@ def test_a_busy_port_is_named_with_something_to_try(run):
         taken.listen()
         port = taken.getsockname()[1]
         result = run(main, ["demo", "--web-port", str(port)])
-    assert result.exit_code == 3
+    assert result.exit_code == 2
     assert f"127.0.0.1:{port}" in result.output
     assert "choose another port" in result.output
 
@@ -43,7 +44,7 @@ def test_wrong_usage_is_exit_code_2(run):
 )
 def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(run, option, says):
     result = run(main, ["emulate", *option])
-    assert result.exit_code == 3
+    assert result.exit_code == 2
     assert says in result.output
 
 
@@ -56,3 +57,75 @@ def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
         emulator.terminate()
         assert emulator.wait(10.0) == 0
     assert not link.exists()
+
+
+def test_a_plan_is_shown_and_saved_and_nothing_moves(run, tmp_path):
+    out = tmp_path / "move.csv"
+    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "shoulder_pan" in result.output
+    assert out.read_text().startswith("time_s,shoulder_pan_deg")
+
+
+def test_a_plan_as_json_is_one_object_for_programs(run):
+    result = run(main, ["plan", "--sim", "--joints", "0,-45,45,60,0", "--json"])
+    content = json.loads(result.stdout)
+    assert content["schema"] == "so101/plan/1"
+    assert content["q_goal_deg"] == pytest.approx([0, -45, 45, 60, 0])
+    assert content["duration_s"] > 0.5
+
+
+def test_a_plan_may_start_anywhere(run):
+    start = "10,-40,40,60,0"
+    result = run(main, ["plan", "--sim", "--from", start, "--pose", "home", "--json"])
+    assert json.loads(result.stdout)["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
+
+
+def test_what_stands_in_a_scene_is_avoided_or_named(run, tmp_path):
+    scene = tmp_path / "scene.json"
+    scene.write_text(
+        json.dumps(
+            {"obstacles": [{"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}]}
+        )
+    )
+    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--scene", str(scene)])
+    assert result.exit_code == 5
+    assert "mug" in result.stderr
+
+
+@pytest.mark.slow
+def test_a_move_is_planned_told_and_run(run):
+    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--speed", "90", "--yes"])
+    assert result.exit_code == 0, result.output
+    assert "arrived" in result.output
+
+
+def test_a_move_that_is_not_confirmed_is_not_made(run):
+    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0"], input="n\n")
+    assert result.exit_code == 1
+    assert "arrived" not in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["--sim"], 2, "where to?"),
+        (["--xyz", "1,2,3"], 2, "which arm?"),
+        (["--sim", "--port", "/dev/x", "--pose", "home"], 2, "not both"),
+        (["--sim", "--xyz", "1,2"], 2, "3 numbers"),
+        (["--sim", "--xyz", "1,2,nan"], 2, "3 numbers"),
+        (["--sim", "--xyz", "near"], 2, "X,Y,Z"),
+        (["--sim", "--pose", "home", "--line"], 2, "belong to --xyz"),
+        (["--sim", "--xyz", "200,0,100", "--approach", "0,0,0"], 2, "direction"),
+        (["--sim", "--xyz", "900,0,100"], 5, "reach"),
+        (["--sim", "--joints", "0,0,120,0,0"], 5, "elbow_flex"),
+        (["--sim", "--pose", "home", "--speed", "500"], 2, "speed"),
+        (["--port", "/dev/no-such-port", "--pose", "home"], 3, "/dev/no-such-port"),
+        (["--sim", "--pose", "home", "--scene", "none.json"], 2, "none.json"),
+        (["--sim", "--pose", "ready", "--out", "move.xlsx"], 2, ".mcap"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_an_exit_code(run, arguments, code, says):
+    result = run(main, ["plan", *arguments])
+    assert result.exit_code == code, result.output
+    assert says in result.output

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from so101_viewer.poses import POSES, NamedPose
+from so101_motion.named_poses import POSES, NamedPose
 
 from so101_motion.planning.collision import FLOOR_Z, CollisionModel
 from so101_motion.planning.model import RobotModel

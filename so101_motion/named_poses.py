@@ -1,4 +1,4 @@
-"""Poses with a name, offered as buttons: a target like any other, planned for before it is run."""
+"""Poses with a name: a target like any other, planned for before it is run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class NamedPose:
     """Joint angles with a name.
 
     Attributes:
-        name: What the button says.
+        name: What people call it.
         q: Joint angles, shape (5,), [rad].
     """
 

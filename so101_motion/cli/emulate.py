@@ -1,0 +1,60 @@
+"""``so101 emulate``: six virtual servos behind a serial port."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from pathlib import Path
+from typing import TextIO
+
+import click
+
+from so101_motion.cli.shared import reports_errors
+
+
+@click.command()
+@click.option("--link", type=click.Path(path_type=Path), help="A link that leads to the port.")
+@click.option("--ids", default="1-6", show_default=True, help="Who is there: 1-6, 1-3,5, 6=1.")
+@click.option("--realtime", is_flag=True, help="Bytes take the time they take on a wire.")
+@click.option("--latency", default=0.0, metavar="S", help="The adapter holds replies this long.")
+@click.option("--loss", default=0.0, metavar="P", help="Share of replies that get lost.")
+@click.option("--corrupt", default=0.0, metavar="P", help="Share of replies with a flipped bit.")
+@click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
+@click.option("--hand", type=click.File(), help="A script that moves limp joints by hand.")
+@reports_errors
+def emulate(
+    link: Path | None,
+    ids: str,
+    realtime: bool,
+    latency: float,
+    loss: float,
+    corrupt: float,
+    faults: tuple[str, ...],
+    hand: TextIO | None,
+) -> None:
+    """Put six virtual servos behind a serial port until Ctrl-C; faults can be typed while it runs.
+
+    Prints the port. Any program that talks to STS3215 servos can open it.
+    """
+    from so101_motion.drivers.emulator import emulator, pty_port, run
+    from so101_motion.drivers.emulator import faults as fault_names
+    from so101_motion.planning.model import RobotModel
+
+    done = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: done.set())
+    options = emulator.EmulatorOptions(
+        link=link,
+        ids=emulator.parse_ids(ids),
+        pacing=pty_port.Pacing(realtime=realtime, latency=latency),
+        wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
+        faults=tuple(fault_names.parse_fault(text) for text in faults),
+        hand=hand.read() if hand is not None else "",
+    )
+    run.run_emulator(
+        options,
+        announce=click.echo,
+        stop=done,
+        commands=sys.stdin,
+        gravity=RobotModel.load().gravity_torque,
+    )

@@ -1,0 +1,267 @@
+"""``so101 plan`` and ``so101 move``: a goal on the command line, planned, and for ``move`` run."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import TimeoutError as NotYet
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+import numpy as np
+
+from so101_motion.cli.shared import (
+    Source,
+    json_option,
+    print_json,
+    reports_errors,
+    source_options,
+)
+from so101_motion.cli.tables import plan_table
+from so101_motion.named_poses import POSES
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg, to_m, to_mm, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.motion import Motion
+    from so101_motion.planning.goals import Goal
+    from so101_motion.planning.plan import Plan
+    from so101_motion.rig import Rig
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+class _Numbers(click.ParamType[np.ndarray]):
+    """So many numbers with commas between."""
+
+    def __init__(self, *names: str) -> None:
+        self.name = ",".join(names)
+        self._count = len(names)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> np.ndarray:
+        try:
+            numbers = np.array([float(part) for part in str(value).split(",")])
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers such as {self.name}", param, ctx)
+        if len(numbers) != self._count or not np.all(np.isfinite(numbers)):
+            self.fail(f"{value!r} must be {self._count} numbers: {self.name}", param, ctx)
+        return numbers
+
+
+_POINT = _Numbers("X", "Y", "Z")
+_JOINTS = _Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL")
+
+
+def _goal_options(verb: F) -> F:
+    """The options that name a goal; the verb gets ``goal`` and ``scene``."""
+
+    @click.option("--xyz", type=_POINT, help="Bring the tool to this point [mm], base frame.")
+    @click.option("--approach", type=_POINT, help="With --xyz: where the tool's z axis points.")
+    @click.option("--line", is_flag=True, help="With --xyz: along a straight line of the tool.")
+    @click.option(
+        "--frame",
+        type=click.Choice(["tool", "jaw_tip"]),
+        default="tool",
+        show_default=True,
+        help="With --xyz: which frame of the hand is meant.",
+    )
+    @click.option("--joints", type=_JOINTS, help="Bring the joints to these angles [deg].")
+    @click.option("--pose", type=click.Choice([pose.name for pose in POSES]), help="A named pose.")
+    @click.option(
+        "--scene",
+        "scene_file",
+        type=click.Path(path_type=Path),
+        help="What stands around the arm, a JSON file.",
+    )
+    @click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
+    @click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
+    @functools.wraps(verb)
+    def with_goal(
+        *args: Any,
+        xyz: np.ndarray | None,
+        approach: np.ndarray | None,
+        line: bool,
+        frame: str,
+        joints: np.ndarray | None,
+        pose: str | None,
+        scene_file: Path | None,
+        speed: float | None,
+        acceleration: float | None,
+        source: Source,
+        **kwargs: Any,
+    ) -> Any:
+        if sum(given is not None for given in (xyz, joints, pose)) != 1:
+            raise click.UsageError("where to? give one of --xyz, --joints, --pose")
+        if xyz is None and (approach is not None or line):
+            raise click.UsageError("--approach and --line belong to --xyz")
+        source = Source(
+            port=source.port,
+            calibration_file=source.calibration_file,
+            speed=to_rad(speed) if speed is not None else None,
+            acceleration=to_rad(acceleration) if acceleration is not None else None,
+        )
+        goal = _goal(xyz, approach, line, frame, joints, pose)
+        return verb(*args, goal=goal, scene_file=scene_file, source=source, **kwargs)
+
+    return with_goal  # type: ignore[return-value]  # its own options and those above
+
+
+def _goal(
+    xyz: np.ndarray | None,
+    approach: np.ndarray | None,
+    line: bool,
+    frame: str,
+    joints: np.ndarray | None,
+    pose: str | None,
+) -> Goal:
+    from so101_motion.geometry import SE3, frame_along
+    from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
+
+    if joints is not None:
+        return JointGoal(q=to_rad(joints))
+    if xyz is None:
+        return JointGoal(q=next(named.q for named in POSES if named.name == pose))
+    target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
+    if approach is not None:
+        if not np.any(approach):
+            raise click.UsageError("--approach is a direction, such as 0,0,-1 for straight down")
+        target, metric = SE3(frame_along(approach), target.p), GoalMetric.POSITION_AND_APPROACH
+    kind = LineGoal if line else PoseGoal
+    return kind(T_base_tool=target, metric=metric, frame=frame)
+
+
+@click.command()
+@source_options
+@_goal_options
+@click.option("--from", "q_from", type=_JOINTS, help="With --sim: where the joints stand [deg].")
+@click.option("--out", type=click.Path(path_type=Path), help="Save it: .csv, .json or .mcap.")
+@click.option("--preview", is_flag=True, help="Show it in the browser.")
+@json_option
+@reports_errors
+def plan(
+    source: Source,
+    goal: Goal,
+    scene_file: Path | None,
+    q_from: np.ndarray | None,
+    out: Path | None,
+    preview: bool,
+    as_json: bool,
+) -> None:
+    """Plan a motion and show it; nothing moves.
+
+    \b
+    so101 plan --sim --xyz 250,120,150
+    so101 plan --sim --joints 0,-45,45,60,0 --scene table.json --out move.csv
+    """  # noqa: D301
+    if q_from is not None and source.port is not None:
+        raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
+    with source.open(q_start=None if q_from is None else to_rad(q_from)) as rig:
+        found = _planned(rig, goal, scene_file)
+        _report(found, source, as_json)
+        if out is not None:
+            from so101_motion.export import export
+
+            export(found.trajectory, out)
+            click.echo(f"saved {out}", err=True)
+        if preview:
+            _show(rig, found, source)
+
+
+@click.command()
+@source_options
+@_goal_options
+@click.option("--yes", is_flag=True, help="Move without asking.")
+@json_option
+@reports_errors
+def move(source: Source, goal: Goal, scene_file: Path | None, yes: bool, as_json: bool) -> None:
+    """Plan a motion, say what it will be, and run it. Ctrl-C stops the arm.
+
+    \b
+    so101 move --port /dev/ttyACM0 --pose ready
+    so101 move --sim --xyz 250,0,60 --line --yes
+    """  # noqa: D301
+    with source.open() as rig:
+        found = _planned(rig, goal, scene_file)
+        if not as_json:
+            _report(found, source, as_json=False)
+        if not yes:
+            click.confirm(f"Move the {source.what} for {found.duration:.1f} s?", abort=True)
+        motion = rig.arm.start_execute(found)
+        _wait(rig, motion, found)
+        state = rig.arm.state
+        off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))
+        if as_json:
+            arrived = {"q_deg": to_deg(state.q).tolist(), "off_deg": off_deg}
+            print_json("move", {"source": source.what, **_facts(found), "arrived": arrived})
+        else:
+            p = to_mm(rig.arm.T_base().p)
+            where = ", ".join(f"{x:.1f}" for x in p)
+            click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
+
+
+def _planned(rig: Rig, goal: Goal, scene_file: Path | None) -> Plan:
+    if scene_file is not None:
+        from so101_motion.scene_file import read_scene
+
+        rig.arm.scene = read_scene(scene_file)
+    return rig.arm.plan(goal)
+
+
+def _report(found: Plan, source: Source, as_json: bool) -> None:
+    if as_json:
+        print_json("plan", {"source": source.what, **_facts(found)})
+    else:
+        click.echo(plan_table(found))
+
+
+def _facts(found: Plan) -> dict[str, object]:
+    report = found.report
+    return {
+        "joints": list(ARM_JOINTS),
+        "q_start_deg": to_deg(found.q_start).tolist(),
+        "q_goal_deg": to_deg(found.q_goal).tolist(),
+        "duration_s": found.duration,
+        "setpoints": len(found.trajectory),
+        "clearance_mm": float(to_mm(report.clearance)),
+        "closest": list(report.closest),
+        "stages_ms": {name: round(ms, 3) for name, ms in report.stages_ms.items()},
+        "path_deg": to_deg(found.path).tolist(),
+    }
+
+
+def _wait(rig: Rig, motion: Motion, found: Plan) -> None:
+    """Wait for the end with a bar on stderr; Ctrl-C stops the arm and waits until it rests."""
+    try:
+        if not sys.stderr.isatty():
+            motion.result()
+            return
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("moving", total=found.duration)
+            begin = rig.clock.now()
+            while not motion.future.done():
+                try:
+                    motion.result(timeout=0.1)
+                except NotYet:
+                    progress.update(task, completed=rig.clock.now() - begin)
+        motion.result()
+    except KeyboardInterrupt:
+        rig.arm.stop()
+        click.echo("stopped; the arm holds", err=True)
+        raise SystemExit(130) from None
+
+
+def _show(rig: Rig, found: Plan, source: Source) -> None:
+    from so101_viewer import serve
+
+    with serve(rig, title=source.what.capitalize(), plan=found) as page:
+        click.echo(f"open   {page.url}")
+        click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
+        threading.Event().wait()

@@ -1,0 +1,40 @@
+"""What is shown in a terminal, as text."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg, to_mm
+
+if TYPE_CHECKING:
+    from so101_motion.planning.plan import Plan
+
+
+def plan_table(plan: Plan) -> str:
+    """A plan as a table for the terminal: travel, peak speed and speed over time per joint."""
+    trajectory = plan.trajectory
+    travel_deg = to_deg(trajectory.q[-1] - trajectory.q[0])
+    peak_deg = to_deg(np.max(np.abs(trajectory.qd), axis=0))
+    tool_mm = float(to_mm(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1))))
+    planned_ms = plan.report.stages_ms["total"]
+    lines = [
+        f"{plan.duration:.2f} s, {len(trajectory)} setpoints {1e3 * trajectory.dt:g} ms apart, "
+        f"tool path {tool_mm:.0f} mm, planned in {planned_ms:.1f} ms",
+        "",
+        f"{'joint':<14}{'travel':>10}{'peak speed':>13}   speed over time",
+    ]
+    for i, joint in enumerate(ARM_JOINTS):
+        lines.append(
+            f"{joint:<14}{travel_deg[i]:>6.1f} deg{peak_deg[i]:>7.1f} deg/s   "
+            + _sparkline(np.abs(trajectory.qd[:, i]), float(np.max(plan.limits.velocity)))
+        )
+    return "\n".join(lines)
+
+
+def _sparkline(values: np.ndarray, top: float, width: int = 40) -> str:
+    bars = " ▁▂▃▄▅▆▇█"
+    columns = [float(np.max(part)) for part in np.array_split(values, min(width, len(values)))]
+    return "".join(bars[round(min(value / top, 1.0) * (len(bars) - 1))] for value in columns)
