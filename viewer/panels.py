@@ -16,6 +16,7 @@ import viser
 from so101_motion.config import SPEED_RANGE_DEG
 from so101_motion.geometry import Array
 from so101_motion.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.named_poses import POSES
 from so101_motion.planning.plan import Plan
 from so101_motion.state import ARM_JOINTS, JointState
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
@@ -24,7 +25,6 @@ from . import markup, words
 from .commands import Command
 from .markup import Bar
 from .plots import PlanPlots
-from so101_motion.named_poses import POSES
 from .screen import Screen
 from .view_model import ViewModel
 
