@@ -18,6 +18,7 @@ from so101_motion.config import (
     checked_number,
 )
 from so101_motion.errors import ConfigError
+from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_m, to_rad
 
 BAUDRATE = 1_000_000
@@ -62,6 +63,8 @@ class HardwareArmConfig:
     Attributes:
         connection: How to get at the servos.
         servo_ids: Ids of the five servos, base to wrist.
+        zero_offsets: The model's angles in the middle of the joints' recorded travels [rad], of the
+            joints for which they are given; None when none is.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
         motion: Name of a motion service that plans MoveToPosition; None when we plan it.
@@ -75,6 +78,7 @@ class HardwareArmConfig:
 
     connection: PortConfig
     servo_ids: tuple[int, ...]
+    zero_offsets: Mapping[str, float] | None
     speed: float
     acceleration: float
     motion: str | None
@@ -103,6 +107,7 @@ class HardwareArmConfig:
         return cls(
             connection=_connection(given, attributes),
             servo_ids=_servo_ids(given, attributes),
+            zero_offsets=_zero_offsets(given, attributes),
             speed=to_rad(_rate(given, "speed_degs_per_sec", _SPEED_DEG, SPEED_RANGE_DEG, "deg/s")),
             acceleration=to_rad(
                 _rate(
@@ -170,6 +175,7 @@ _PORT = ("port", "calibration_file", "baudrate", "timeout")
 _ARM = (
     *_PORT,
     "servo_ids",
+    "joint_zero_offsets_deg",
     "speed_degs_per_sec",
     "acceleration_degs_per_sec_per_sec",
     "motion",
@@ -255,6 +261,31 @@ def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int
             f" usually {list(SERVO_IDS)}",
         )
     return ids
+
+
+def _zero_offsets(
+    given: Attributes, attributes: Mapping[str, object]
+) -> Mapping[str, float] | None:
+    """The configured zeros by joint: from an object by joint, or a list of five, base to wrist."""
+    key = "joint_zero_offsets_deg"
+    if not given.given(key):
+        return None
+    value = attributes[key]
+    if isinstance(value, Mapping):
+        named = Attributes(value, ARM_JOINTS, kind=f"joint of {key}")
+        offsets_deg = {
+            joint: named.number(joint, 0.0, lower=-180.0, upper=180.0, unit="deg")
+            for joint in ARM_JOINTS
+            if named.given(joint)
+        }
+    else:
+        listed = given.numbers(key, count=len(ARM_JOINTS), lower=-180.0, upper=180.0)
+        if len(listed) != len(ARM_JOINTS):
+            raise ConfigError(
+                key, value, "must list five angles, base to wrist, or be an object by joint"
+            )
+        offsets_deg = dict(zip(ARM_JOINTS, listed, strict=True))
+    return {joint: to_rad(angle_deg) for joint, angle_deg in offsets_deg.items()} or None
 
 
 def _whole(given: Attributes, key: str, default: int, *, lower: int, upper: int) -> int:

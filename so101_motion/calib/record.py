@@ -1,25 +1,22 @@
-"""The calibration record: what the servos' ticks mean, and the file that keeps it.
+"""The calibration record: what the ticks of each joint's servo mean.
 
-The file is the published module's: an object by joint name with six whole numbers each, and it is
-LeRobot's as well, which writes five of them (no ``norm_mode``). Programs in the field write it with
-joints left out or null, so a record may lack joints; whoever uses it says what stands in for them.
+The record is the published module's: an object by joint name with six whole numbers each, and it
+is LeRobot's as well, which writes five of them (no ``norm_mode``). Programs in the field write it
+with joints left out or null, so a record may lack joints; whoever uses it says what stands in.
 
-Reading judges. The published module takes any numbers between 0 and 4095; here a file is refused
+Reading judges. The published module takes any numbers between 0 and 4095; here a record is refused
 when it cannot describe this arm, and the message names the joint and what to do again. What is
 refused is refused whole: half of a wrong file is no better than all of it.
 
-Writing never loses anything: what the file already says of other joints stays, the new content is
-written beside it and put in its place in one step, and what was there before is kept as ``.bak``.
+Files are in ``store``, other formats in ``lerobot``, and what a travel's middle means in ``zero``.
 """
 
 from __future__ import annotations
 
-import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
+from so101_motion.calib.json_file import Object, shown
 from so101_motion.drivers.registers import TICKS_PER_TURN
 from so101_motion.errors import CalibrationError
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
@@ -126,38 +123,6 @@ _STOPPED = tuple(joint for joint in JOINTS if joint != "wrist_roll")
 # Reading
 
 
-def resolve(path: str) -> Path:
-    """Where a calibration file is: a relative path lies in the module's data directory.
-
-    viam-server names that directory in ``VIAM_MODULE_DATA``; without it (from the command line) a
-    relative path means what it always means. Resolve once and keep the answer.
-    """
-    given = Path(path).expanduser()
-    return (Path(os.environ.get("VIAM_MODULE_DATA") or ".") / given).resolve()
-
-
-def read(path: Path) -> dict[str, JointCalibration]:
-    """The calibration in a file; joints it does not mention are missing.
-
-    Raises:
-        CalibrationError: There is no such file, or what it says cannot be true of this arm.
-    """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        reason = f"{path} cannot be read: {error.strerror or error}"
-        raise CalibrationError(None, reason, "check calibration_file") from error
-    except ValueError as error:
-        reason = f"{path} is not JSON: {error}"
-        raise CalibrationError(None, reason, f"{_AGAIN}, or restore the file") from error
-    try:
-        return parse(content)
-    except CalibrationError as error:
-        raise CalibrationError(
-            error.joint, f"{error.reason} (in {path})", error.next_step
-        ) from error
-
-
 def parse(content: object) -> dict[str, JointCalibration]:
     """The calibration in what a file holds.
 
@@ -165,13 +130,14 @@ def parse(content: object) -> dict[str, JointCalibration]:
         CalibrationError: It cannot be true of this arm.
     """
     if not isinstance(content, Mapping):
-        raise CalibrationError(None, "a calibration is an object with a joint each", _AGAIN)
-    if "motor_names" in content and "start_pos" in content:
         raise CalibrationError(
             None,
-            "this is a LeRobot calibration of before June 2025, which meant other zeros",
-            _AGAIN,
+            f"a calibration is an object with an entry for each joint, not {shown(content)}",
+            "check the path",
         )
+    for name in _repeated(content):
+        if name in JOINTS:
+            raise CalibrationError(name, "is in it twice, so one of them is wrong", _AGAIN)
     found = {
         joint: _joint(joint, content[joint])
         for joint in JOINTS
@@ -179,14 +145,26 @@ def parse(content: object) -> dict[str, JointCalibration]:
     }
     if not found:
         raise CalibrationError(
-            None, "no joint of this arm in it: " + ", ".join(JOINTS), "check calibration_file"
+            None, "it holds no joint of this arm: " + ", ".join(JOINTS), "check the path"
         )
     return found
 
 
+def check(calibration: Calibration) -> None:
+    """Say whether the record can be true of this arm.
+
+    Raises:
+        CalibrationError: It cannot.
+    """
+    parse({joint: entry.to_json() for joint, entry in calibration.items()})
+
+
 def _joint(joint: str, entry: object) -> JointCalibration:
     if not isinstance(entry, Mapping):
-        raise CalibrationError(joint, f"must be an object, not {entry!r}", _AGAIN)
+        raise CalibrationError(joint, f"must be an object, not {shown(entry)}", _AGAIN)
+    for name in _repeated(entry):
+        if name in FIELDS:
+            raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
     numbers = {name: _whole(joint, name, entry[name]) for name in FIELDS if name in entry}
     missing = [name for name in FIELDS[:5] if name not in numbers]
     if missing:
@@ -201,9 +179,15 @@ def _joint(joint: str, entry: object) -> JointCalibration:
 
 
 def _whole(joint: str, name: str, value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != int(value):
-        raise CalibrationError(joint, f"{name} must be a whole number, not {value!r}", _AGAIN)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value % 1 != 0:
+        raise CalibrationError(joint, f"{name} must be a whole number, not {shown(value)}", _AGAIN)
+    if abs(value) > 1e6:
+        raise CalibrationError(joint, f"{name} is {shown(value)}, beyond all reason", _AGAIN)
     return int(value)
+
+
+def _repeated(content: object) -> tuple[str, ...]:
+    return content.repeated if isinstance(content, Object) else ()
 
 
 def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
@@ -239,55 +223,3 @@ def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
     if not 0 <= found.norm_mode <= 3:
         return f"norm_mode is 0 to 3, not {found.norm_mode}", _AGAIN
     return None
-
-
-# Writing
-
-
-def save(path: Path, calibration: Calibration) -> None:
-    """Put ``calibration`` into the file at ``path``, beside what it says of other joints.
-
-    A crash at any instant leaves the old file or the new one. What was there is kept under the
-    same name with ``.bak`` behind it; what cannot be understood is replaced, and kept as well.
-
-    Raises:
-        CalibrationError: It cannot be written, or ``calibration`` cannot be true of this arm.
-    """
-    for joint, entry in calibration.items():
-        _joint(joint, entry.to_json())
-    content = {**_known(path), **calibration}
-    ordered = {joint: content[joint].to_json() for joint in JOINTS if joint in content}
-    text = json.dumps(ordered, indent=2) + "\n"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists() and path.read_text(encoding="utf-8", errors="replace") != text:
-            _replace(path.with_name(path.name + ".bak"), path.read_bytes())
-        _replace(path, text.encode())
-    except OSError as error:
-        reason = f"{path} cannot be written: {error.strerror or error}"
-        raise CalibrationError(None, reason, "check the path and its permissions") from error
-
-
-def _known(path: Path) -> dict[str, JointCalibration]:
-    try:
-        return read(path)
-    except CalibrationError:
-        return {}
-
-
-def _replace(path: Path, data: bytes) -> None:
-    """Let ``path`` hold ``data``, in one step and for good."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with open(beside, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the new name must survive a power cut as well
-    finally:
-        os.close(folder)

@@ -1,7 +1,8 @@
 """What is known of the servos on a bus: who is there, and what their ticks mean.
 
 For each servo the calibration file counts first, then what the servo itself has stored, then the
-defaults. It is asked again at each start without a file; nothing is saved here.
+defaults. It is asked again at each start without a file. Where zero is: see ``zero``; only a file
+can know more than the middle of the travel, and only the configuration outranks it.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from so101_motion.calib import record
+from so101_motion.calib import journal, places, record, store
 from so101_motion.calib.record import JOINTS, JointCalibration
+from so101_motion.calib.store import Stored
+from so101_motion.calib.zero import MIDDLE, Zero, in_force, zero_ticks
 from so101_motion.drivers import registers as reg
 from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.ticks import TICKS_PER_RAD, JointMap
@@ -33,11 +36,13 @@ class JointSetup:
         calibration: The record.
         source: ``"file"``, ``"registers"`` or ``"defaults"``.
         map: Ticks to radians.
+        zero: What its zero goes by; of no meaning for the jaw.
     """
 
     calibration: JointCalibration
     source: str
     map: JointMap
+    zero: Zero = MIDDLE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,6 +66,7 @@ def survey(
     timeout: float,
     file: Path | None,
     jaw_closed: float,
+    zero_offsets: Mapping[str, float],
 ) -> Survey:
     """Find the servos and their calibration.
 
@@ -71,12 +77,17 @@ def survey(
         timeout: For how long to wait for those [s].
         file: The calibration file; None to ask the servos.
         jaw_closed: The model's angle of the closed jaw [rad].
+        zero_offsets: The model's angles in the middle of the travel, of the joints for which they
+            are configured [rad].
 
     Raises:
         BusError: The port went away, or a servo could not be let go of.
     """
     present = _find(bus, ids, required, timeout)
-    filed, notes = _read_file(file)
+    interrupted = _end_interrupted(bus, file)
+    stored, notes = _read_file(file)
+    notes = interrupted + notes
+    filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     setups = {}
     for joint in JOINTS:
         if joint not in present and joint not in required:
@@ -84,39 +95,42 @@ def survey(
         found, source, note = filed.get(ids[joint]), "file", None
         if found is None:
             found, source, note = _from_servo(joint, ids[joint], bus if joint in present else None)
-        mapped = joint_map(joint, found, is_filed=source == "file", jaw_closed=jaw_closed)
-        setups[joint] = JointSetup(calibration=found, source=source, map=mapped)
+        is_own = stored is not None and found is stored.calibration.get(joint)
+        known = stored.zeros.get(joint) if stored and is_own else None
+        zero = in_force(known, zero_offsets.get(joint))
+        mapped = joint_map(
+            joint, found, is_filed=source == "file", jaw_closed=jaw_closed, zero=zero
+        )
+        setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         notes += (note,) if note else ()
-        if joint in present:
-            _let_go_before_shift(bus, mapped)
     return Survey(setups=setups, notes=notes)
 
 
 def joint_map(
-    joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float
+    joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float, zero: Zero
 ) -> JointMap:
     """Ticks to radians for one joint.
 
-    An arm joint's zero is the middle of its recorded travel, as LeRobot and the published module
-    have it. The jaw's is such that its closed end is the model's closed jaw.
+    The jaw's zero is such that the closed end of its travel is the model's closed jaw.
 
     Args:
         joint: Its name.
         found: Its calibration.
         is_filed: Whether it came from a file, which the servo's registers then follow.
         jaw_closed: The model's angle of the closed jaw [rad].
+        zero: What an arm joint's zero goes by.
     """
-    zero_ticks = None
+    at_zero = zero_ticks(found, zero)
     if joint == GRIPPER_JOINT:
         closed_ticks = found.range_max if found.drive_mode else found.range_min
-        zero_ticks = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
+        at_zero = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
     return JointMap.from_calibration(
         servo_id=found.id,
         homing_offset=found.homing_offset if is_filed else None,
         range_min=found.range_min,
         range_max=found.range_max,
         drive_mode=found.drive_mode,
-        zero_ticks=zero_ticks,
+        zero_ticks=at_zero,
     )
 
 
@@ -133,14 +147,33 @@ def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: 
     return present
 
 
-def _read_file(path: Path | None) -> tuple[dict[int, JointCalibration], tuple[str, ...]]:
-    """The file's records by servo id; a bad file is a note, for the servos know as well."""
-    if path is None:
-        return {}, ()
+def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
+    """End a calibration that a crash interrupted, before anybody goes by what it left."""
     try:
-        return {entry.id: entry for entry in record.read(path).values()}, ()
+        said = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
-        return {}, (f"the calibration file is not used: {error}. Asking the servos instead",)
+        return (str(error),)
+    return (said,) if said else ()
+
+
+def _read_file(path: Path | None) -> tuple[Stored | None, tuple[str, ...]]:
+    """What the file says; a bad file is a note, for the servos know as well."""
+    if path is None:
+        return None, ()
+    try:
+        found = store.load(path)
+    except CalibrationError as error:
+        note = f"the calibration file is not used: {error}. Asking the servos instead"
+        return None, (note + _elsewhere(path),)
+    return found, found.notes
+
+
+def _elsewhere(path: Path) -> str:
+    """Where else there is a file of that name, in words: the published module lost track of its."""
+    if path.exists():
+        return ""
+    others = [str(f.path) for f in places.find() if f.path.name == path.name and f.stored]
+    return f". A file of that name is {' and '.join(others)}; copy it from there" if others else ""
 
 
 def _from_servo(
@@ -165,23 +198,3 @@ def _from_servo(
     found, note = record.from_registers(joint, servo_id, **held)
     believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
     return found, "registers" if believed else "defaults", note
-
-
-def _let_go_before_shift(bus: Bus, joint: JointMap) -> None:
-    """A servo's goal is counted from its homing offset, so a driven one would move along with it.
-
-    It is let go of until the executor holds it again, some 50 ms later.
-    """
-    if joint.homing_offset is None:
-        return
-    held = bus.read(joint.servo_id, reg.HOMING_OFFSET)
-    if held == joint.homing_offset:
-        return
-    _log.warning(
-        "%s: its homing offset is %d, but the calibration file says %d; the file's is stored",
-        bus.label(joint.servo_id),
-        held,
-        joint.homing_offset,
-    )
-    if bus.read(joint.servo_id, reg.TORQUE_ENABLE):
-        bus.write(joint.servo_id, reg.TORQUE_ENABLE, 0)

@@ -4,6 +4,7 @@ import pytest
 
 from so101_motion.errors import ConfigError
 from so101_motion.hardware_config import HardwareArmConfig, HardwareGripperConfig, duration
+from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_rad
 
 PORT = {"port": "/dev/ttyACM0"}
@@ -101,3 +102,48 @@ def test_a_gripper_names_its_port_or_its_arm():
         HardwareGripperConfig.from_attributes({"gripper_type": "leader"})
     with pytest.raises(ConfigError, match="gripper_type"):
         HardwareGripperConfig.from_attributes({**PORT, "gripper_type": "claw"})
+
+
+@pytest.mark.parametrize(
+    ("given", "degrees"),
+    [
+        ({"elbow_flex": -5.8}, {"elbow_flex": -5.8}),
+        ({"elbow_flex": 0}, {"elbow_flex": 0.0}),
+        ({"shoulder_pan": 4.1, "wrist_roll": None}, {"shoulder_pan": 4.1}),
+        (
+            [4.1, -1.5, -5.8, -0.6, 0.0],
+            dict(zip(ARM_JOINTS, (4.1, -1.5, -5.8, -0.6, 0.0), strict=True)),
+        ),
+    ],
+)
+def test_zeros_may_be_given_by_joint_or_for_all_five(given, degrees):
+    config = HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+    assert config.zero_offsets == {j: pytest.approx(to_rad(d)) for j, d in degrees.items()}
+
+
+@pytest.mark.parametrize("given", [None, {}, {"elbow_flex": None}])
+def test_no_zeros_are_none(given):
+    config = HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+    assert config.zero_offsets is None
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"elbow": 1.0}, 'did you mean "elbow_flex"'),
+        ({"gripper": 1.0}, "unknown joint of joint_zero_offsets_deg"),
+        ({"elbow_flex": 181}, "elbow_flex.*-180 to 180 deg"),
+        ({"elbow_flex": "1"}, "must be a number"),
+        ({"elbow_flex": float("nan")}, "finite"),
+        ([1.0, 2.0], "five angles, base to wrist"),
+        ([1.0] * 6, "at most 5"),
+        ([0.0] * 4 + [500.0], r"joint_zero_offsets_deg\[4\].*-180 to 180"),
+        (5.0, "list"),
+        ("stops", "list"),
+    ],
+)
+def test_zeros_that_make_no_sense_are_refused_by_joint(given, says):
+    with pytest.raises(ConfigError, match=says):
+        HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})

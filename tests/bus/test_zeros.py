@@ -1,0 +1,146 @@
+"""Where zero is on a running arm, against the emulated servos' truth."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hardware_harness import MIDDLES_DEG, ModelBench, arm_client, hardware_bench, rad
+
+from so101_motion.calib import store, zero
+from so101_motion.calib.record import JOINTS, JointCalibration
+from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.errors import ConfigError
+
+ARM = JOINTS[:5]
+STANDS = (0.3, -0.4, 0.5, -0.2, 0.6, 0.4)
+TICKS_PER_RAD = 4096 / math.tau
+
+# Nobody mounts a servo's horn where its encoder reads the middle: some cross the seam.
+MOUNTED = tuple(
+    replace(joint, zero_ticks=ticks)
+    for joint, ticks in zip(SO101, (1930, 2290, 3900, 100, 2600, 2048), strict=True)
+)
+
+
+def swept(joint, *, half_missing_deg=0.0):
+    """What a calibration from stop to stop records of a joint."""
+    lower = joint.zero_ticks + joint.lower * TICKS_PER_RAD
+    upper = joint.zero_ticks + (joint.upper - rad(half_missing_deg)) * TICKS_PER_RAD
+    offset = (round((lower + upper) / 2) + 1) % 4096 - 2048
+    middle = (round((lower + upper) / 2) - offset) % 4096
+    return JointCalibration(
+        id=JOINTS.index(joint.name) + 1,
+        homing_offset=offset,
+        range_min=round(middle - (upper - lower) / 2),
+        range_max=round(middle + (upper - lower) / 2),
+        norm_mode=1 if joint.name == "gripper" else 3,
+    )
+
+
+def saved(file, *, with_zeros, **missing):
+    calibration, zeros = {}, {}
+    for joint in MOUNTED:
+        name, entry = joint.name, swept(joint, half_missing_deg=missing.get(joint.name, 0.0))
+        calibration[name] = entry
+        if name in zero.SWEPT:
+            zeros[name] = zero.by_stops(name, entry)
+        elif name == "wrist_roll":
+            upright = joint.zero_ticks + zero.ROLL_UPRIGHT * TICKS_PER_RAD - entry.homing_offset
+            zeros[name] = zero.by_pose(entry, round(upright) % 4096, angle=zero.ROLL_UPRIGHT)
+    store.save(file, calibration, zeros=zeros if with_zeros else {})
+    return file
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path, joints=MOUNTED, q_start=STANDS, calibrated=False) as bench:
+        yield bench
+
+
+def error_deg(rig, bench):
+    bench.advance(1.0)
+    return np.degrees(rig.arm.state.q) - bench.q_deg[:5]
+
+
+def test_an_arm_swept_from_stop_to_stop_knows_its_angles_within_half_a_degree(bench, tmp_path):
+    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=True))
+
+    assert np.abs(error_deg(rig, bench)).max() < 0.5
+    assert [rig.servos.setups[joint].zero.by for joint in ARM] == ["stops"] * 4 + ["pose"]
+    assert rig.servos.notes == ()
+
+
+def test_a_sweep_that_stops_a_degree_short_is_half_a_degree_off(bench, tmp_path):
+    path = saved(tmp_path / "arm.json", with_zeros=True, elbow_flex=1.0)
+    rig = bench.open(calibration_file=path)
+
+    assert error_deg(rig, bench)[2] == pytest.approx(0.5, abs=0.2)
+
+
+def test_the_same_calibration_of_another_program_has_its_zero_in_the_middle(bench, tmp_path):
+    rig = bench.open(calibration_file=saved(tmp_path / "arm.json", with_zeros=False))
+
+    assert error_deg(rig, bench) == pytest.approx([-d for d in MIDDLES_DEG], abs=0.5)
+
+
+def test_what_is_configured_outranks_the_file(bench, tmp_path):
+    rig = bench.open(
+        calibration_file=saved(tmp_path / "arm.json", with_zeros=True),
+        zero_offsets={"elbow_flex": 0.0},
+    )
+
+    expected = [0.0, 0.0, -MIDDLES_DEG[2], 0.0, 0.0]
+    assert error_deg(rig, bench) == pytest.approx(expected, abs=0.5)
+
+
+def test_configured_zeros_serve_without_a_file(bench):
+    offsets = {"elbow_flex": rad(10.0)}
+    plain = bench.open(servo_ids=None)
+    before = plain.servos.setups["elbow_flex"].map.zero_ticks
+    rig = bench.open(zero_offsets=offsets)
+
+    assert rig.servos is plain.servos
+    moved = rig.servos.setups["elbow_flex"].map.zero_ticks - before
+    assert moved == pytest.approx(-10.0 * 4096 / 360)
+    with pytest.raises(ConfigError, match="zero_offsets elbow_flex 10 deg and wrist_roll 1 deg"):
+        bench.open(gripper_id=None, zero_offsets={"wrist_roll": rad(1.0)})
+
+
+def test_a_calibration_that_viam_server_deleted_is_in_force_again_and_that_is_said(
+    bench, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path / "module"))
+    path = saved(tmp_path / "module" / "arm.json", with_zeros=True)
+    for file in path.parent.iterdir():
+        file.unlink()
+    rig = bench.open(calibration_file=path)
+
+    assert np.abs(error_deg(rig, bench)).max() < 0.5
+    assert "brought back" in rig.servos.notes[0]
+
+
+def test_a_file_that_lies_where_the_published_module_put_it_is_pointed_out(
+    bench, tmp_path, monkeypatch
+):
+    (tmp_path / "program").mkdir()
+    monkeypatch.chdir(tmp_path / "program")
+    lost = saved(tmp_path / "program" / "so101_calibration.json", with_zeros=False)
+    rig = bench.open(calibration_file=tmp_path / "data" / "so101_calibration.json")
+
+    assert any(f"A file of that name is {lost}" in note for note in rig.servos.notes)
+    assert "file" not in {setup.source for setup in rig.servos.setups.values()}
+
+
+async def test_the_arm_s_configuration_says_where_zero_is(tmp_path, planning_process):
+    offsets = dict(zip(ARM, MIDDLES_DEG, strict=True))
+    bench = ModelBench(tmp_path, joints=MOUNTED, q_start=STANDS)
+    try:
+        path = saved(tmp_path / "arm.json", with_zeros=False)
+        arm = bench.new_arm(calibration_file=str(path), joint_zero_offsets_deg=offsets)
+        await bench.pass_time(1.0)
+        async with arm_client(arm) as client:
+            told = await bench.in_time(client.get_joint_positions())
+        assert list(told.values) == pytest.approx(list(bench.q_deg[:5]), abs=0.5)
+    finally:
+        await bench.end()
