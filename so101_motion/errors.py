@@ -56,6 +56,8 @@ class Unreachable(PlanningError):
         q_nearest: Joint angles that reach it, shape (5,), [rad].
         limit: What stops the arm there, by name: a joint limit such as
             ``"elbow_flex at its upper limit"``, ``"full stretch"``, or None.
+        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
+            the rest of it is ``error_position``. None where the way was free to choose.
     """
 
     def __init__(
@@ -67,9 +69,11 @@ class Unreachable(PlanningError):
         p_base_nearest: Array,
         q_nearest: Array,
         limit: str | None,
+        fraction: float | None = None,
     ) -> None:
         self.error_position, self.error_angle = error_position, error_angle
         self.p_base_nearest, self.q_nearest, self.limit = p_base_nearest, q_nearest, limit
+        self.fraction = fraction
         super().__init__(message)
 
 
@@ -97,15 +101,45 @@ class InCollision(PlanningError):
         first: One of the two bodies, e.g. ``"gripper"``.
         second: The other, e.g. ``"floor"``.
         where: ``"start"``, ``"goal"`` or ``"way"``.
+        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
+            None where the way was free to choose.
     """
 
-    def __init__(self, message: str, *, first: str, second: str, where: str) -> None:
-        self.first, self.second, self.where = first, second, where
+    def __init__(
+        self, message: str, *, first: str, second: str, where: str, fraction: float | None = None
+    ) -> None:
+        self.first, self.second, self.where, self.fraction = first, second, where, fraction
+        super().__init__(message)
+
+
+class Overloaded(PlanningError):
+    """A servo would have to bear more than it can.
+
+    Attributes:
+        joint: Which joint.
+        torque: What it would have to exert [N m].
+        limit: What it may [N m].
+        q: Where, shape (5,), [rad].
+    """
+
+    def __init__(self, message: str, *, joint: str, torque: float, limit: float, q: Array) -> None:
+        self.joint, self.torque, self.limit, self.q = joint, torque, limit, q
         super().__init__(message)
 
 
 class NoPath(PlanningError):
-    """Start and goal are free, but no way between them was found in the time allowed."""
+    """Start and goal are free, but no way between them was found in the time allowed.
+
+    Attributes:
+        where: ``"start"`` or ``"goal"`` if that is shut in, else ``"way"``.
+        blockers: What is in the way, by name, what is met most often first.
+    """
+
+    def __init__(
+        self, message: str, *, where: str = "way", blockers: tuple[str, ...] = ()
+    ) -> None:
+        self.where, self.blockers = where, blockers
+        super().__init__(message)
 
 
 class BusError(So101Error):
@@ -222,6 +256,23 @@ class CalibrationError(So101Error):
 
     def __init__(self, joint: str | None, reason: str, next_step: str) -> None:
         self.joint, self.reason, self.next_step = joint, reason, next_step
+        super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
+
+
+class MotorSetupError(So101Error):
+    """A servo cannot be set up as it is connected now.
+
+    Attributes:
+        joint: Which joint's servo was wanted; None when it is not about one.
+        problem: What kind: ``"no servo"``, ``"several servos"``, ``"same id"``, ``"id taken"``,
+            ``"wrong model"``, ``"other servo"`` or ``"not taken"``.
+        reason: What is wrong.
+        next_step: What to do about it.
+    """
+
+    def __init__(self, joint: str | None, problem: str, reason: str, next_step: str) -> None:
+        self.joint, self.problem = joint, problem
+        self.reason, self.next_step = reason, next_step
         super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
 
 

@@ -32,7 +32,7 @@ from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBE
 from so101_motion.drivers.sdk import Port, WaitingHandler, sync_read_packet
 from so101_motion.errors import CorruptReply, NoReply, ServoFault
 
-__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "Tally"]
+__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "Tally"]
 
 _log = logging.getLogger(__name__)
 
@@ -71,6 +71,19 @@ class Tally:
     retries: int = 0
     faults: int = 0
     latched: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class RollCall:
+    """Who answered a ping to all.
+
+    Attributes:
+        ids: Whose answers were sound, in order.
+        garbled: Whether there was more than that: servos that share an id, or noise.
+    """
+
+    ids: tuple[int, ...]
+    garbled: bool
 
 
 class Bus:
@@ -215,20 +228,34 @@ class Bus:
                 servo_id=new_id,
             )
         self.write(servo_id, LOCK, 0)
-        self._once(servo_id, scservo_sdk.INST_WRITE, (ID.address, *ID.encode(new_id)), 0)
-        if new_id not in self.answering((new_id,)):
-            self.write(servo_id, LOCK, 1)
-            raise ServoFault(
-                f"{self.label(servo_id)} did not take the id {new_id}; check that it is the only"
-                " servo plugged in, then try again",
-                servo_id=servo_id,
-            )
-        self.write(new_id, LOCK, 1)  # where the servo answers from now on
+        for _ in range(1 + RETRIES):
+            self.post(servo_id, ID, new_id)
+            if new_id in self.answering((new_id,)):
+                self.write(new_id, LOCK, 1)  # where the servo answers from now on
+                return
+        self.write(servo_id, LOCK, 1)
+        raise ServoFault(
+            f"{self.label(servo_id)} did not take the id {new_id}; check that it is the only"
+            " servo plugged in, then try again",
+            servo_id=servo_id,
+        )
+
+    def post(self, servo_id: int, register: Register, value: int) -> None:
+        """Write a register without looking whether it holds ``value``.
+
+        For the id and the baud rate: the servo answers elsewhere from then on.
+        """
+        params = (register.address, *register.encode(value))
+        self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
 
     # All servos
 
     def scan(self) -> list[int]:
         """Ids of all servos that hear a broadcast ping at this baud rate, in order."""
+        return list(self.roll_call().ids)
+
+    def roll_call(self) -> RollCall:
+        """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
         answers = Answers(range(BROADCAST), 0)
         self._handler.is_using = False
         self._sdk.txPacket(self._handler, [0, 0, BROADCAST, 2, scservo_sdk.INST_PING, 0])
@@ -236,7 +263,8 @@ class Bus:
         until = time.monotonic() + wire + self._patience
         while data := self.port.read(until):
             answers.feed(data)
-        return sorted(answers.found)
+        garbled = answers.skipped + len(answers.rest) > 0
+        return RollCall(tuple(sorted(answers.found)), garbled)
 
     def answering(self, servo_ids: Iterable[int]) -> list[int]:
         """Which of ``servo_ids`` are there."""
@@ -251,6 +279,7 @@ class Bus:
         count: int,
         *,
         tries: int = 1,
+        silence_tries: int | None = None,
         given_up: Collection[int] = (),
     ) -> dict[int, Answer]:
         """``count`` bytes from ``start`` of many servos, in one transaction.
@@ -263,6 +292,8 @@ class Bus:
             start: The first address.
             count: How many bytes.
             tries: How often to ask those who do not answer.
+            silence_tries: The same as long as nobody at all has answered; ``tries`` by default. A
+                control loop had better ask again in its next cycle.
             given_up: Of those, who is asked only once: servos known to be silent.
 
         Returns:
@@ -276,6 +307,8 @@ class Bus:
         if start != self._start:
             self._expect_copies()
         for attempt in range(tries):
+            if not found and silence_tries is not None and attempt >= silence_tries:
+                break
             if attempt:
                 for servo_id in asked:
                     self._tally(servo_id).retries += 1

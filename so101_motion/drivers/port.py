@@ -2,7 +2,7 @@
 
 ``SerialPort`` is opened exclusively twice over, because there are two kinds of neighbours:
 ``flock`` refuses other programs that lock (pyserial does when asked), ``TIOCEXCL`` those that just
-open. Who holds a port is looked up in /proc and named in the error.
+open. Who holds a port is named in the error (``ports.py``).
 
 Reading sleeps in ``poll`` until bytes arrive or a moment has passed, so waiting for a servo costs
 nothing. A port that goes away under us (USB unplugged) shows as a hang-up, an I/O error or an end
@@ -15,7 +15,6 @@ adapter with a serial number, under whatever name that number has now.
 from __future__ import annotations
 
 import contextlib
-import errno
 import fcntl
 import logging
 import os
@@ -23,11 +22,11 @@ import select
 import termios
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import serial
 from serial.tools import list_ports
 
+from so101_motion.drivers.ports import why_not
 from so101_motion.errors import PortUnavailable
 
 _log = logging.getLogger(__name__)
@@ -71,13 +70,13 @@ class SerialPort:
         try:
             self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
-            raise PortUnavailable(name, _why_not(name, error)) from error
+            raise PortUnavailable(name, why_not(name, error)) from error
         self._fd = int(self._serial.fileno())
         try:
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
         except OSError as error:
             self._serial.close()
-            raise PortUnavailable(name, _why_not(name, error)) from error
+            raise PortUnavailable(name, why_not(name, error)) from error
         # FTDI adapters hold bytes back for 16 ms unless told not to; others do not know the call.
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
             self._serial.set_low_latency_mode(True)
@@ -203,32 +202,3 @@ def find_again(name: str, usb: UsbIdentity | None) -> str | None:
         if (port.vid, port.pid, port.serial_number) == (usb.vendor, usb.product, usb.serial_number):
             return str(port.device)
     return None
-
-
-def holders(name: str) -> list[str]:
-    """Programs that have the port open, e.g. ``python3 (process 4711)``; as far as we may look."""
-    device = os.path.realpath(name)
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            links = (process / "fd").iterdir()
-            if any(os.path.realpath(link) == device for link in links):
-                command = (process / "comm").read_text().strip()
-                own = ", this program" if int(process.name) == os.getpid() else ""
-                found.append(f"{command} (process {process.name}{own})")
-    return found
-
-
-def _why_not(name: str, error: Exception) -> str:
-    number = error.errno if isinstance(error, OSError) else None
-    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
-        return "there is no such port; check the USB cable and the name"
-    if number in (errno.EACCES, errno.EPERM):
-        return (
-            "not allowed; add yourself to the group that owns it"
-            " (sudo usermod -aG dialout $USER) and log in again"
-        )
-    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
-        by = ", ".join(holders(name)) or "another program"
-        return f"in use by {by}; end that first"
-    return f"cannot be opened: {error}"

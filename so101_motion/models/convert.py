@@ -29,10 +29,12 @@ from so101_motion.errors import (
     InCollision,
     Interrupted,
     MotionError,
+    MotorSetupError,
     NoPath,
     NoReply,
     NotHolding,
     OutsideLimits,
+    Overloaded,
     PlanningError,
     PortUnavailable,
     ServoAlarm,
@@ -255,6 +257,7 @@ STATUS: dict[type[So101Error], Status] = {
     Unreachable: Status.FAILED_PRECONDITION,
     OutsideLimits: Status.OUT_OF_RANGE,
     InCollision: Status.FAILED_PRECONDITION,
+    Overloaded: Status.FAILED_PRECONDITION,
     NoPath: Status.FAILED_PRECONDITION,
     BusError: Status.UNAVAILABLE,
     PortUnavailable: Status.UNAVAILABLE,
@@ -267,6 +270,7 @@ STATUS: dict[type[So101Error], Status] = {
     FollowingError: Status.ABORTED,
     ServoAlarm: Status.ABORTED,
     CalibrationError: Status.FAILED_PRECONDITION,
+    MotorSetupError: Status.FAILED_PRECONDITION,
     WorkerError: Status.INTERNAL,
 }
 """What each error is to a gRPC client. ``Interrupted`` by a stop is the exception: see below."""

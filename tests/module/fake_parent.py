@@ -40,6 +40,7 @@ ROOT = Path(__file__).parents[2]
 
 ARM = "rdk:component:arm"
 GRIPPER = "rdk:component:gripper"
+DISCOVERY = "devrel:so101:discovery"
 HARDWARE_ARM = "devrel:so101:arm"
 HARDWARE_GRIPPER = "devrel:so101:gripper"
 SIMULATED = "devrel:so101:simulated"

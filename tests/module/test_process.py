@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from fake_parent import (
     ARM,
+    DISCOVERY,
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
@@ -70,8 +71,9 @@ async def test_a_session_from_the_handshake_to_the_end():
         assert models == {
             "arm": [HARDWARE_ARM, SIMULATED],
             "gripper": [HARDWARE_GRIPPER, SIMULATED_GRIPPER],
+            "discovery": [DISCOVERY],
         }
-        assert len(MODELS) == 4
+        assert len(MODELS) == 5
 
         answer = await module.validate(ARM, SIMULATED, {})
         assert (list(answer.dependencies), list(answer.optional_dependencies)) == ([], [])
@@ -219,7 +221,7 @@ async def test_run_sh_starts_the_module_wherever_it_is_called_from(cwd):
         models,
         _,
     ):
-        assert set(models) == {"arm", "gripper"}
+        assert set(models) == {"arm", "gripper", "discovery"}
         command_line = read(module.process.pid, "cmdline").split("\0")
         assert "so101_motion" in command_line, "it became the module, so signals reach it"
         assert "--log-level=info" in command_line

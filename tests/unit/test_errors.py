@@ -18,6 +18,7 @@ ONE_OF_EACH = [
     ),
     errors.OutsideLimits("elbow", joint="elbow_flex", value=2.0, lower=-1.69, upper=1.58),
     errors.InCollision("hits", first="gripper", second="floor", where="goal"),
+    errors.Overloaded("heavy", joint="shoulder_lift", torque=1.5, limit=1.1, q=np.zeros(5)),
     errors.NoPath("no way"),
     errors.BusError("no reply"),
     errors.PortUnavailable("/dev/ttyACM0", "in use by another program; end it first"),
@@ -29,6 +30,7 @@ ONE_OF_EACH = [
     errors.FollowingError("stuck", joint="elbow_flex", error=0.2, recent=()),
     errors.ServoAlarm("elbow_flex", "71 degC; let it cool", recent=()),
     errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"),
+    errors.MotorSetupError("gripper", "no servo", "none answers", "switch the power on"),
     errors.WorkerError("died"),
 ]
 

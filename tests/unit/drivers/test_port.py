@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import pytest
 
 from so101_motion.drivers import port as port_module
-from so101_motion.drivers.port import PortOpener, SerialPort, UsbIdentity, find_again, holders
+from so101_motion.drivers.port import PortOpener, SerialPort, UsbIdentity, find_again
+from so101_motion.drivers.ports import holders, why_not
 from so101_motion.errors import PortUnavailable
 
 
@@ -110,7 +111,7 @@ def test_something_that_is_no_port_is_reported(tmp_path):
 
 
 def test_forbidden_ports_say_which_group_to_join():
-    said = port_module._why_not("/dev/ttyACM0", PermissionError(13, "Permission denied"))
+    said = why_not("/dev/ttyACM0", PermissionError(13, "Permission denied"))
     assert "dialout" in said
 
 

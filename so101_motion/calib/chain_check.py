@@ -1,0 +1,152 @@
+"""Whether the six servos of a finished arm are as they must be; nothing is written."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from functools import partial
+
+from so101_motion.calib import servo_program
+from so101_motion.calib.recognise import SERVO_IDS, Seen, ServoFacts, look
+from so101_motion.calib.record import JOINTS
+from so101_motion.calib.servo_search import LIKELIEST_FIRST, Tuner
+from so101_motion.calib.setup_view import MotorCheck, Verification, supply_trouble
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Bus
+
+_AGAIN = "then verify again"
+
+
+def verify(tuner: Tuner) -> Verification:
+    """Look at all servos at the port's own rate, and for missing ones at the others.
+
+    Raises:
+        PortUnavailable: The port is gone.
+    """
+    seen = tuner.call(look)
+    missing = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
+    elsewhere = _at_other_rates(tuner, missing) if missing else {}
+    motors = {
+        joint: _check(joint, SERVO_IDS[joint], seen, elsewhere.get(SERVO_IDS[joint]))
+        for joint in JOINTS
+    }
+    return Verification(
+        motors=motors,
+        strangers=seen.strangers,
+        notes=tuple(_notes(seen)),
+        sentence=_verdict(seen, motors),
+    )
+
+
+def _at_other_rates(tuner: Tuner, missing: list[int]) -> dict[int, int]:
+    """The rate of each missing servo that answers at another one."""
+    found: dict[int, int] = {}
+    for baud in LIKELIEST_FIRST:
+        asked = [i for i in missing if i not in found]
+        if baud != tuner.home and asked:
+            tuner.tune(baud)
+            found |= dict.fromkeys(tuner.call(partial(Bus.answering, servo_ids=asked)), baud)
+    tuner.tune(tuner.home)
+    return found
+
+
+def _check(joint: str, servo_id: int, seen: Seen, other_baud: int | None) -> MotorCheck:
+    if servo_id in seen.shared:
+        return MotorCheck(
+            joint=joint,
+            servo_id=servo_id,
+            status="duplicate",
+            error=f"several servos answer as {servo_id} ({joint}) at once{_absent(seen)}",
+            fix=f"connect them one at a time and set each up, {joint} first; {_AGAIN}",
+        )
+    facts = seen.servos.get(servo_id)
+    if facts is None:
+        return _missing(joint, servo_id, seen, other_baud)
+    status, error, fix = _trouble(joint, facts, seen)
+    return MotorCheck(
+        joint=joint, servo_id=servo_id, status=status, facts=facts, error=error, fix=fix
+    )
+
+
+def _missing(joint: str, servo_id: int, seen: Seen, other_baud: int | None) -> MotorCheck:
+    if other_baud is not None:
+        error = f"servo {servo_id} ({joint}) talks at {other_baud} baud, not at {seen.baud}"
+        fix = f"connect it alone and assign {joint}; {_AGAIN}"
+    elif seen.is_empty:
+        error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
+        fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
+    elif all(i < servo_id for i in seen.servos):
+        error = f"servo {servo_id} ({joint}) does not answer"
+        fix = f"check the cable between servos {servo_id - 1} and {servo_id}; {_AGAIN}"
+    else:
+        error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
+        fix = f"connect it alone and discover {joint}, it may have another id; {_AGAIN}"
+    return MotorCheck(joint=joint, servo_id=servo_id, status="not_responding", error=error, fix=fix)
+
+
+def _trouble(joint: str, facts: ServoFacts, seen: Seen) -> tuple[str, str, str]:
+    """Status, what is wrong, and what to do."""
+    if not facts.is_sts3215:
+        error = f"servo {facts.servo_id} ({joint}) is a {facts.model}, not an STS3215"
+        return "wrong_model", error, f"replace it; {_AGAIN}"
+    supply = supply_trouble(facts)
+    if supply is not None:
+        return "wrong_voltage", f"servo {facts.servo_id} ({joint}): {supply[0]}", supply[1]
+    odd = _odd_settings(joint, facts)
+    if odd:
+        error = f"servo {facts.servo_id} ({joint}): {', '.join(odd)}"
+        return "wrong_settings", error, f"connect it alone and assign {joint}; {_AGAIN}"
+    kinds = Counter(servo.nominal_volts for servo in seen.servos.values())
+    usual = kinds.most_common(1)[0][0]
+    if facts.nominal_volts != usual:
+        error = f"servo {facts.servo_id} ({joint}) is a {facts.nominal_volts:g} V servo"
+        return "wrong_voltage", f"{error} among {usual:g} V servos", f"replace it; {_AGAIN}"
+    return "ok", "", ""
+
+
+def _odd_settings(joint: str, facts: ServoFacts) -> list[str]:
+    """Settings that keep an arm from working; taste is none."""
+    odd = []
+    if facts.holds(reg.OPERATING_MODE) != 0:
+        odd.append(f"it is in mode {facts.holds(reg.OPERATING_MODE)}, not in position mode")
+    if facts.holds(reg.PHASE) & reg.MULTI_TURN:
+        odd.append("it counts more than one turn")
+    if not servo_program.has_sound_limits(facts):
+        lower, upper = facts.holds(reg.MIN_POSITION), facts.holds(reg.MAX_POSITION)
+        odd.append(f"its limits {lower} to {upper} leave it no travel")
+    if facts.holds(reg.STATUS_LEVEL) != 1:
+        odd.append("it does not acknowledge what it is told")
+    if facts.holds(reg.MAX_TORQUE) == 0:
+        odd.append("its largest torque is 0")
+    if facts.holds(reg.UNLOADING) & servo_program.PROTECTIONS != servo_program.PROTECTIONS:
+        odd.append("its protection against heat or overload is switched off")
+    return odd
+
+
+def _absent(seen: Seen) -> str:
+    absent = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
+    return f", and none as {' or '.join(map(str, absent))}" if absent else ""
+
+
+def _notes(seen: Seen) -> list[str]:
+    notes = []
+    versions = {servo_id: facts.firmware for servo_id, facts in seen.servos.items()}
+    if len(set(versions.values())) > 1:
+        table = ", ".join(f"servo {servo_id} {version}" for servo_id, version in versions.items())
+        notes.append(f"the servos have different firmware ({table}), which does not hurt")
+    if seen.strangers:
+        strangers = ", ".join(map(str, seen.strangers))
+        notes.append(f"there are servos with ids that are not an arm's: {strangers}")
+    return notes
+
+
+def _verdict(seen: Seen, motors: Mapping[str, MotorCheck]) -> str:
+    wrong = [check for check in motors.values() if check.status != "ok"]
+    if seen.is_empty:
+        return "no servo answers: is the arm's power supply on?"
+    if wrong:
+        more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        return f"not yet: {wrong[0].error}{more}"
+    if seen.strangers:
+        return f"all six are as they must be, but {', '.join(map(str, seen.strangers))} is too many"
+    return "all six servos are as they must be"

@@ -1,0 +1,275 @@
+"""Which serial ports there are, by which name to call them, and why one cannot be used.
+
+A port has several names, and most of them change. ``/dev/ttyACM0`` is whichever adapter came first;
+macOS shows a device as ``cu``, as ``tty`` and perhaps once more by a vendor's driver. Each adapter
+is listed once, under the name that stays: Linux keeps links by serial number and, for the cheap
+adapters without one, by the USB socket. ``key`` does the same for names of other things: it is made
+of the serial number, else of the socket, else of the port's name.
+
+Only USB adapters are listed, those that servo boards have first. A port that is none (a Raspberry
+Pi's own, a network one) has to be named by the user.
+
+Nothing here opens a port. Whoever opens one may reset what is behind it, and as root he would get
+into a conversation that another program is having.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from serial.tools import list_ports
+
+ADAPTERS = {
+    (0x1A86, 0x55D3): "CH343, as on the boards of the SO-101 kits",
+    (0x1A86, 0x7523): "CH340, as in the FE-URT-1",
+    (0x1A86, 0x55D4): "CH9102",
+    (0x10C4, 0xEA60): "CP210x",
+    (0x0403, 0x6001): "FT232R",
+    (0x0403, 0x6014): "FT232H",
+}
+"""USB ids of adapters that servo boards have, the likeliest first. The first two: users' reports;
+the others are the usual chips of such boards (Linux USB id list)."""
+
+_LINKS = Path("/dev/serial")
+_USB = Path("/sys/bus/usb/devices")
+_PROCESSES = Path("/proc")
+_MAC = re.compile(r"/dev/(?:cu|tty)\.(usbmodem|usbserial-?|wchusbserial)(.+)")
+_MAC_DRIVERS = ("usbmodem", "usbserial", "usbserial-", "wchusbserial")
+_USUAL_GROUP = "dialout"  # Debian's; Arch's is uucp
+_LONGEST_KEY = 40  # a resource's name has at most 60 characters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundPort:
+    """A serial port.
+
+    Attributes:
+        name: What to put into a configuration: the name that stays, or what the user called it.
+        device: What the system calls it today.
+        key: Short and lasting, for names of what is connected to it: letters, digits, ``-``, ``_``.
+        aliases: Its other names.
+        description: What the adapter calls itself, or what its chip is.
+        serial_number: The adapter's own; None if it has none that tells it apart.
+        is_servo_adapter: Whether its chip is one that servo boards have.
+    """
+
+    name: str
+    device: str
+    key: str
+    aliases: tuple[str, ...] = ()
+    description: str = ""
+    serial_number: str | None = None
+    is_servo_adapter: bool = False
+
+
+def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[FoundPort, ...]:
+    """The ports to which an arm may be connected, the likeliest first.
+
+    Args:
+        extra: Further ports, by any name; they come first.
+        links: Where Linux keeps the lasting names.
+    """
+    listed = [port for port in list_ports.comports() if port.vid is not None]
+    serial_numbers = Counter((port.vid, port.pid, port.serial_number) for port in listed)
+    shares = {id(port): _twins(port, serial_numbers) for port in listed}
+    found = [_describe(group, shares, links) for group in _merge(listed)]
+    found.sort(key=_rank)
+    return tuple(_named_by_user(extra, found)) + tuple(
+        port for port in found if not _is_among(port, extra)
+    )
+
+
+def obstacle(name: str) -> str | None:
+    """Why a port cannot be opened, as far as can be told without trying; None if nothing is seen.
+
+    The reason ends with what to do.
+    """
+    if sys.platform == "win32":
+        return None  # ports are no files there; opening will tell
+    if not os.path.exists(name):
+        return why_not(name, FileNotFoundError(errno.ENOENT, "no such port"))
+    if not os.access(name, os.R_OK | os.W_OK):
+        return why_not(name, PermissionError(errno.EACCES, "permission denied"))
+    # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.
+    if not os.path.realpath(name).startswith("/dev/pts/") and holders(name):
+        return why_not(name, OSError(errno.EBUSY, "in use"))
+    return None
+
+
+def holders(name: str) -> list[str]:
+    """Programs that have the port open, e.g. ``python3 (process 4711)``; as far as we may look."""
+    device = os.path.realpath(name)
+    found = []
+    for process in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            links = (process / "fd").iterdir()
+            if any(os.path.realpath(link) == device for link in links):
+                command = (process / "comm").read_text().strip()
+                own = ", this program" if int(process.name) == os.getpid() else ""
+                found.append(f"{command} (process {process.name}{own})")
+    return found
+
+
+def why_not(name: str, error: Exception) -> str:
+    """Why a port could not be opened and what to do, from the error of trying."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
+        lost = adapters_without_port()
+        return "there is no such port; " + (lost[0] if lost else "check the USB cable and the name")
+    if number in (errno.EACCES, errno.EPERM):
+        return _not_allowed(name)
+    if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
+        by = ", ".join(holders(name)) or "another program"
+        return f"in use by {by}; end that first"
+    return f"cannot be opened: {error}"
+
+
+def _not_allowed(name: str) -> str:
+    group = _USUAL_GROUP
+    with contextlib.suppress(ImportError, OSError, KeyError):
+        import grp  # Windows has none
+
+        group = grp.getgrgid(os.stat(name).st_gid).gr_name
+    if group == "root":  # no rule of the system has given it to a group
+        return "not allowed, it belongs to root alone; install the udev rule: so101 install-udev"
+    return (
+        f"not allowed; add yourself to the group that owns it (sudo usermod -aG {group} $USER) and"
+        " log in again"
+    )
+
+
+def adapters_without_port(*, usb: Path = _USB, processes: Path = _PROCESSES) -> tuple[str, ...]:
+    """Servo adapters that are plugged in but have no serial port, and what to do about each.
+
+    Linux only; elsewhere there are none.
+    """
+    found = []
+    for device in sorted(usb.glob("*")):
+        try:
+            ids = tuple(int((device / name).read_text(), 16) for name in ("idVendor", "idProduct"))
+        except (OSError, ValueError):
+            continue
+        if ids in ADAPTERS and not any(device.glob("*/tty*")):
+            chip = f"a {ADAPTERS[ids]} adapter ({ids[0]:04x}:{ids[1]:04x})"
+            found.append(
+                f"{chip} is plugged in, but there is no serial port for it: {_thief(processes)}"
+            )
+    return tuple(found)
+
+
+def _thief(processes: Path) -> str:
+    for comm in processes.glob("[0-9]*/comm"):
+        try:
+            if comm.read_text().strip() == "brltty":
+                return (
+                    "brltty, which drives Braille displays, has taken it for one. Unless you use"
+                    " one, remove it (sudo apt remove brltty) and plug the adapter in again"
+                )
+        except OSError:
+            continue
+    return "its driver is missing (try sudo modprobe ch341 cdc_acm cp210x ftdi_sio)"
+
+
+# Names
+
+
+def _describe(group: list[Any], shares: dict[int, bool], links: Path) -> FoundPort:
+    port = group[0]
+    serial_number = None if shares[id(port)] else port.serial_number
+    by_id, by_path = (
+        _links_to(port.device, links / "by-id"),
+        _links_to(port.device, links / "by-path"),
+    )
+    lasting = by_id if serial_number else by_path
+    name = lasting[0] if lasting else str(port.device)
+    known = ADAPTERS.get((port.vid, port.pid))
+    others = [str(other.device) for other in group] + by_id + by_path
+    return FoundPort(
+        name=name,
+        device=str(port.device),
+        key=_key(serial_number, port.location, str(port.device)),
+        aliases=tuple(other for other in dict.fromkeys(others) if other != name),
+        description=str(port.product or known or "USB serial port"),
+        serial_number=serial_number,
+        is_servo_adapter=known is not None,
+    )
+
+
+def _twins(port: Any, serial_numbers: Counter[Any]) -> bool:
+    """Whether the serial number does not tell this port from others."""
+    same = serial_numbers[(port.vid, port.pid, port.serial_number)]
+    return not port.serial_number or (same > 1 and _MAC.fullmatch(str(port.device)) is None)
+
+
+def _merge(listed: Iterable[Any]) -> list[list[Any]]:
+    """Entries of one and the same port together, the best name first."""
+    groups: dict[str, list[Any]] = {}
+    for port in listed:
+        on_mac = _MAC.fullmatch(str(port.device))
+        same = on_mac[2] if on_mac else os.path.realpath(port.device)
+        groups.setdefault(same, []).append(port)
+    return [
+        sorted(group, key=lambda port: _mac_rank(str(port.device))) for group in groups.values()
+    ]
+
+
+def _mac_rank(device: str) -> tuple[bool, int]:
+    """``cu`` before ``tty``, which waits for a modem; the system's driver before a vendor's."""
+    form = _MAC.fullmatch(device)
+    return (device.startswith("/dev/tty."), _MAC_DRIVERS.index(form[1]) if form else 0)
+
+
+def _links_to(device: str, folder: Path) -> list[str]:
+    target = os.path.realpath(device)
+    if not folder.is_dir():
+        return []
+    return sorted(str(link) for link in folder.iterdir() if os.path.realpath(link) == target)
+
+
+def _key(serial_number: str | None, location: str | None, device: str) -> str:
+    if serial_number:
+        text = serial_number
+    elif location:
+        text = f"usb-{location}"
+    else:
+        text = re.sub(r"^(cu|tty)\.", "", os.path.basename(device))
+    plain = re.sub(r"[^A-Za-z0-9_]+", "-", text).strip("-")
+    return plain[-_LONGEST_KEY:].strip("-") or "port"
+
+
+def _rank(port: FoundPort) -> tuple[bool, list[str | int]]:
+    # "ttyACM10" after "ttyACM9"
+    parts = re.split(r"(\d+)", port.device)
+    return not port.is_servo_adapter, [int(p) if p.isdigit() else p for p in parts]
+
+
+def _named_by_user(extra: Iterable[str], found: list[FoundPort]) -> Iterable[FoundPort]:
+    for name in dict.fromkeys(extra):
+        known = next((port for port in found if _is_among(port, (name,))), None)
+        if known is None:
+            yield FoundPort(name=name, device=os.path.realpath(name), key=_key(None, None, name))
+            continue
+        others = (known.name, known.device, *known.aliases)
+        yield FoundPort(
+            name=name,
+            device=known.device,
+            key=known.key,
+            aliases=tuple(other for other in dict.fromkeys(others) if other != name),
+            description=known.description,
+            serial_number=known.serial_number,
+            is_servo_adapter=known.is_servo_adapter,
+        )
+
+
+def _is_among(port: FoundPort, names: Iterable[str]) -> bool:
+    own = {port.name, port.device, *port.aliases, os.path.realpath(port.device)}
+    return any(name in own or os.path.realpath(name) in own for name in names)

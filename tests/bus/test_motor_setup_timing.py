@@ -1,0 +1,59 @@
+"""Motor setup over a real pseudo-terminal, bytes and adapter as slow as in life."""
+
+import time
+from contextlib import nullcontext
+
+import pytest
+from port_access import PortAccess
+
+from so101_motion.calib.motor_setup import MotorSetup
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.emulator import registers as emulated
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.pty_port import Pacing
+from so101_motion.errors import MotorSetupError
+
+LIFELIKE = Pacing(realtime=True, latency=0.002)
+
+
+@pytest.fixture
+def loose():
+    """Makes one servo on an adapter, talking at a rate, and its setup."""
+    made = []
+
+    def make(baud, ids=None):
+        options = EmulatorOptions(ids=ids or {6: 1}, calibrated=False, pacing=LIFELIKE)
+        emulator = Emulator(options)
+        made.append(emulator)
+        memory = emulator.world.servo("6").memory
+        memory.keep(emulated.BAUD, reg.BAUDS.index(baud))
+        access = PortAccess(emulator.port)
+        made.append(access)
+        return emulator, MotorSetup(lambda: nullcontext(access))
+
+    yield make
+    for one in reversed(made):
+        one.close()
+
+
+def test_a_servo_at_the_likeliest_rate_is_found_at_once(loose):
+    _, setup = loose(1_000_000)
+    begin = time.monotonic()
+    setup.discover("gripper")
+    assert time.monotonic() - begin < 1.0
+
+
+def test_a_servo_at_the_rate_that_is_looked_at_last_is_found_within_three_seconds(loose):
+    _, setup = loose(76_800)
+    begin = time.monotonic()
+    assert setup.discover("gripper").baud == 76_800
+    assert time.monotonic() - begin < 3.0
+
+
+def test_silence_is_told_within_three_seconds(loose):
+    emulator, setup = loose(1_000_000)
+    emulator.world.power(0.0)
+    begin = time.monotonic()
+    with pytest.raises(MotorSetupError, match="power supply"):
+        setup.discover("gripper")
+    assert time.monotonic() - begin < 3.0
