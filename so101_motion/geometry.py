@@ -137,6 +137,43 @@ def frame_along(z: ArrayLike) -> Array:
     return np.column_stack([x, np.cross(axis, x), axis])
 
 
+def rotation_vector(R: Array) -> Array:
+    """The axis of a rotation times its angle, 0 to pi; shape (3,), [rad]."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()  # plain floats are faster one by one
+    sines = 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+    sine = math.hypot(*sines)
+    angle = math.atan2(sine, 0.5 * (xx + yy + zz - 1.0))
+    if sine > 1e-6 or angle < 1.0:
+        scale = angle / sine if sine > 1e-6 else 1.0
+        return np.array(sines) * scale
+    # Half a turn: R is 2 a a^T - 1, and either sign of the axis will do.
+    column = int(np.argmax(np.diag(R)))
+    axis = R[:, column] + np.eye(3)[column]
+    return np.asarray(axis * (angle / np.linalg.norm(axis)))
+
+
+def rotation_by(vector: ArrayLike) -> Array:
+    """The rotation about an axis by an angle, given as their product, shape (3,), [rad].
+
+    Source: O. Rodrigues' formula.
+    """
+    x, y, z = np.asarray(vector, dtype=np.float64).tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    if angle < 1e-9:
+        return np.asarray(np.eye(3) + turn)
+    half = math.sin(0.5 * angle) / (0.5 * angle)
+    return np.asarray(
+        np.eye(3) + (math.sin(angle) / angle) * turn + (0.5 * half * half) * (turn @ turn)
+    )
+
+
+def interpolated(T0: SE3, T1: SE3, share: float) -> SE3:
+    """Between two poses: a point of the straight line, turned by the same share of the turn."""
+    turn = rotation_vector(T0.R.T @ T1.R)
+    return SE3(T0.R @ rotation_by(share * turn), T0.p + share * (T1.p - T0.p))
+
+
 def rotation_angle(R: Array) -> float:
     """The angle of a rotation matrix, 0 to pi [rad]; accurate near both ends."""
     sine = 0.5 * math.sqrt(

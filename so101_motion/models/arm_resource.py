@@ -12,7 +12,7 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import aclosing
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh, MoveOptions, Pose
@@ -22,13 +22,14 @@ from viam.services.motion import Motion as MotionService
 
 from so101_motion.config import SimulatedArmConfig
 from so101_motion.errors import ConfigError, MotionError
-from so101_motion.geometry import Array
+from so101_motion.geometry import SE3, Array
 from so101_motion.hardware_config import HardwareArmConfig
 from so101_motion.models import convert, kinematics, meshes
 from so101_motion.models.awaiting import arrival, left_alone, rest
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_service
 from so101_motion.models.manual import ManualMode
+from so101_motion.models.planner_options import Ignored, PlannerOptions
 from so101_motion.models.streaming import played
 from so101_motion.motion import Motion
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
@@ -80,6 +81,16 @@ class ArmSettings:
         )
 
 
+    def goal(self, T_base_goal: SE3) -> PoseGoal:
+        """A goal with this arm's tolerances."""
+        goal = PoseGoal(T_base_tool=T_base_goal)
+        return replace(
+            goal,
+            position_tolerance=self.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.approach_tolerance or goal.approach_tolerance,
+        )
+
+
 class ArmResource(Arm):
     """An arm component.
 
@@ -89,12 +100,18 @@ class ArmResource(Arm):
         settings: How it behaves.
     """
 
+    here: ClassVar[dict[str, ArmResource]] = {}
+    """The arms of this process by name, for whoever names one: a gripper, a motion service."""
+
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name)
-        self._rig = rig
+        self.rig = rig
+        self.short_name = name.rpartition(":")[2]
+        self.here[self.short_name] = self
         self._arm = rig.arm
-        self._settings = settings
+        self.settings = settings
         self._manual = ManualMode(rig.arm, self.logger)
+        self._ignored = Ignored(self.logger)
         self._latest: Motion | None = None
 
     # Where it is
@@ -120,8 +137,8 @@ class ArmResource(Arm):
         """Bring the tool to a pose, along a way that is planned; returns on arrival."""
         extra = extra or {}
         with grpc_statuses():
-            if self._settings.motion is not None:
-                await self._move_by_service(self._settings.motion, pose, extra, **kwargs)
+            if self.settings.motion is not None:
+                await self._move_by_service(self.settings.motion, pose, extra, **kwargs)
                 return
             if "pose_cloud" in extra:
                 raise ConfigError(
@@ -130,26 +147,20 @@ class ArmResource(Arm):
                     "is not understood by our planner; use goal_metric_type, "
                     "or name another motion service in the configuration",
                 )
-            goal = self._pose_goal(pose, extra)
-            await self._arrival(self._watched(self._arm.start_move(goal)))
-
-    def _pose_goal(self, pose: Pose, extra: Mapping[str, object]) -> PoseGoal:
-        goal = PoseGoal(T_base_tool=convert.from_pose(pose), metric=convert.from_goal_metric(extra))
-        return replace(
-            goal,
-            position_tolerance=self._settings.position_tolerance or goal.position_tolerance,
-            approach_tolerance=self._settings.approach_tolerance or goal.approach_tolerance,
-        )
+            self._ignored.warn(extra)
+            options = PlannerOptions.of(extra)
+            goal = options.goal(self.settings.goal(convert.from_pose(pose)))
+            search = options.search(self._arm.scene)
+            await self.arrived(self.watched(self._arm.start_move(goal, search=search)))
 
     async def _move_by_service(
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
     ) -> None:
         convert.from_pose(pose)  # refuses what is not finite before the service sees it
-        short_name = self.name.rpartition(":")[2]
         try:
             moved = await service.move(
-                component_name=short_name,
-                destination=PoseInFrame(reference_frame=f"{short_name}_origin", pose=pose),
+                component_name=self.short_name,
+                destination=PoseInFrame(reference_frame=f"{self.short_name}_origin", pose=pose),
                 extra={"goal_metric_type": "position_only", **extra},
                 timeout=kwargs.get("timeout"),
             )
@@ -170,7 +181,7 @@ class ArmResource(Arm):
         with grpc_statuses():
             q_goal = self._checked(convert.from_joint_values(positions.values))
             if convert.flag(extra or {}, "wait", True):
-                await self._arrival(self._watched(self._arm.start_move(JointGoal(q=q_goal))))
+                await self.arrived(self.watched(self._arm.start_move(JointGoal(q=q_goal))))
             else:
                 left_alone(await self._retarget(q_goal, self._arm.limits), self.logger)
 
@@ -197,11 +208,11 @@ class ArmResource(Arm):
                 return
             if interpolate:
                 goal = PathGoal(waypoints=waypoints)
-                motion = self._watched(self._arm.start_move(goal, limits=limits))
+                motion = self.watched(self._arm.start_move(goal, limits=limits))
             else:
                 motion = await self._retarget(waypoints[-1], limits)
             if waits:
-                await self._arrival(motion)
+                await self.arrived(motion)
             else:
                 left_alone(motion, self.logger)
 
@@ -216,7 +227,7 @@ class ArmResource(Arm):
         """Play time-stamped points while they come in, an acknowledgement for each batch."""
         with grpc_statuses():
             stream = await asyncio.to_thread(self._arm.open_stream)
-            interrupt = self._rig.executor.interrupt
+            interrupt = self.rig.executor.interrupt
             playing = played(stream, interrupt, batches, self._point, self._come_to_rest)
             async with aclosing(playing) as updates:
                 async for update in updates:
@@ -229,7 +240,7 @@ class ArmResource(Arm):
     async def _retarget(self, q_goal: Array, limits: MotionLimits) -> Motion:
         if self._arm.in_manual:  # holding again waits for the control loop
             await asyncio.to_thread(self._arm.set_manual, False)
-        return self._watched(self._arm.start_retarget(q_goal, limits=limits))
+        return self.watched(self._arm.start_retarget(q_goal, limits=limits))
 
     def _waypoints(self, positions: list[JointPositions]) -> Array:
         """Waypoints without the start, shape (n, 5), [rad], every one within the limits."""
@@ -249,7 +260,8 @@ class ArmResource(Arm):
         self._arm.check_range(q)
         return q
 
-    def _watched(self, motion: Motion) -> Motion:
+    def watched(self, motion: Motion) -> Motion:
+        """``motion``, which from now on is what this component is doing."""
         self._latest = motion
         return motion
 
@@ -263,7 +275,8 @@ class ArmResource(Arm):
         await self._come_to_rest(stopping)
         stopping.result()
 
-    async def _arrival(self, motion: Motion) -> None:
+    async def arrived(self, motion: Motion) -> None:
+        """Wait until a motion of this arm has arrived; a cancelled wait ends it first."""
         await arrival(motion, self._come_to_rest)
 
     async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
@@ -289,20 +302,20 @@ class ArmResource(Arm):
 
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
         """The five-joint chain, as SVA or, if configured, as URDF."""
-        name = self.name.rpartition(":")[2]
-        if self._settings.use_urdf:
+        name = self.short_name
+        if self.settings.use_urdf:
             return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF, kinematics.arm_urdf(name)
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
 
     async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
         """What the parts look like, keyed as in the labels of the geometries."""
-        return meshes.arm_models(with_tool=self._settings.visualize_ee_frame)
+        return meshes.arm_models(with_tool=self.settings.visualize_ee_frame)
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
         """The parts as boxes where they are now, labelled ``<name>:<part>``."""
-        marker = self._arm.T_base("tool") if self._settings.visualize_ee_frame else None
+        marker = self._arm.T_base("tool") if self.settings.visualize_ee_frame else None
         links = self._arm.T_base_links()
-        return meshes.arm_geometries(self.name.rpartition(":")[2], links, marker)
+        return meshes.arm_geometries(self.short_name, links, marker)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """Mode, joints and how the control loop is doing."""
@@ -319,5 +332,7 @@ class ArmResource(Arm):
 
     async def close(self) -> None:
         """Stop and let go of everything; may be called twice."""
+        if self.here.get(self.short_name) is self:
+            del self.here[self.short_name]
         self._manual.forget()
-        await asyncio.to_thread(self._rig.close)
+        await asyncio.to_thread(self.rig.close)

@@ -82,6 +82,21 @@ class Frames:
         """
         return await self._resolve(frame, ())
 
+    async def T_tool(self, frame: str) -> SE3:
+        """Where ``frame`` is in the arm's tool frame.
+
+        Raises:
+            ConfigError: There is no such frame, or it does not move with the tool.
+        """
+        if not await self.is_held(frame):
+            raise ConfigError(
+                "component_name", frame, f"does not hang from {self.arm}, so it cannot be moved"
+            )
+        if frame in self._brought:
+            seen = self._brought[frame].pose_in_observer_frame
+            return await self.T_tool(seen.reference_frame) @ convert.from_pose(seen.pose)
+        return SE3.identity() if frame == self.arm else await self._ask(frame, self.arm)
+
     async def is_held(self, frame: str) -> bool:
         """Whether ``frame`` moves with the arm's tool.
 
@@ -109,18 +124,18 @@ class Frames:
             T_base_parent = await self._resolve(seen.reference_frame, (*trail, frame))
             found = T_base_parent @ convert.from_pose(seen.pose)
         else:
-            found = await self._ask(frame)
+            found = await self._ask(frame, f"{self.arm}_origin")
         self._known[frame] = found
         return found
 
-    async def _ask(self, frame: str) -> SE3:
+    async def _ask(self, frame: str, seen_from: str) -> SE3:
         machine = _Here.machine()
         if machine is None:
             raise self._unknown(frame, "no machine can be asked")
         # The identity, spelled so that an orientation vector of zeros is not what is sent.
         origin = PoseInFrame(reference_frame=frame, pose=Pose(o_z=1.0))
         try:
-            seen = await machine.transform_pose(origin, f"{self.arm}_origin")
+            seen = await machine.transform_pose(origin, seen_from)
         except GRPCError as error:
             raise self._unknown(frame, str(error.message)) from error
         return convert.from_pose(seen.pose)

@@ -1,16 +1,20 @@
-"""Viam's geometries as the planner's shapes: millimetres become metres, bytes become meshes."""
+"""Viam's geometries as the planner's shapes and back: millimetres and metres, bytes and meshes."""
 
 from __future__ import annotations
 
 import io
 
 import numpy as np
-from viam.proto.common import Geometry
+from viam.proto.common import Capsule as ViamCapsule
+from viam.proto.common import Geometry, RectangularPrism, Vector3
+from viam.proto.common import Mesh as ViamMesh
+from viam.proto.common import PointCloud as ViamCloud
+from viam.proto.common import Sphere as ViamSphere
 
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import Array
 from so101_motion.planning.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
-from so101_motion.units import to_m
+from so101_motion.units import to_m, to_mm
 
 MESH_TYPES = ("ply", "stl")
 """Kinds of mesh that viam-server sends."""
@@ -27,6 +31,33 @@ def from_geometry(geometry: Geometry) -> Shape:
     except ConfigError as error:
         label = geometry.label or "a geometry without a label"
         raise ConfigError(error.key, error.value, f"(of {label}) {error.reason}") from error
+
+
+def to_geometry(shape: Shape, label: str) -> Geometry:
+    """A shape as Viam draws it, around its own centre."""
+    if isinstance(shape, Box):
+        x, y, z = (float(edge) for edge in to_mm(shape.size))
+        return Geometry(label=label, box=RectangularPrism(dims_mm=Vector3(x=x, y=y, z=z)))
+    if isinstance(shape, Sphere):
+        return Geometry(label=label, sphere=ViamSphere(radius_mm=to_mm(shape.radius)))
+    if isinstance(shape, Capsule):
+        radius_mm, length_mm = to_mm(shape.radius), to_mm(shape.length)
+        capsule = ViamCapsule(radius_mm=radius_mm, length_mm=length_mm)
+        return Geometry(label=label, capsule=capsule)
+    if isinstance(shape, PointCloud):
+        points = shape.points.astype("<f4")
+        head = (
+            "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+            f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
+            f"POINTS {len(points)}\nDATA binary\n"
+        )
+        cloud = ViamCloud(point_cloud=head.encode() + points.tobytes())
+        return Geometry(label=label, pointcloud=cloud)
+    import trimesh
+
+    mesh = trimesh.Trimesh(shape.vertices, shape.triangles, process=False)
+    data = bytes(mesh.export(file_type="ply"))  # type: ignore[arg-type]  # a ply is bytes
+    return Geometry(label=label, mesh=ViamMesh(content_type="ply", mesh=data))
 
 
 def _shape(geometry: Geometry) -> Shape:

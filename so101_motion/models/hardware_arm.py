@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import aclosing
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
@@ -13,7 +14,7 @@ from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
-from so101_motion.calib import record
+from so101_motion.calib import store
 from so101_motion.errors import So101Error
 from so101_motion.hardware_config import HardwareArmConfig, PortConfig
 from so101_motion.models import convert
@@ -33,7 +34,7 @@ def servo_settings(connection: PortConfig) -> ServoSettings:
         port=connection.port,
         baudrate=connection.baudrate,
         timeout=connection.timeout,
-        calibration_file=record.resolve(file) if file else None,
+        calibration_file=store.resolve(file) if file else None,
     )
 
 
@@ -52,16 +53,13 @@ class HardwareArm(ArmResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
 
-    built: ClassVar[dict[str, HardwareArm]] = {}
-    """The arms of this process by name, so that a gripper can name its arm instead of a port."""
+    rig: HardwareRig
 
     def __init__(
         self, name: str, rig: HardwareRig, settings: ArmSettings, servo_ids: tuple[int, ...]
     ) -> None:
         super().__init__(name, rig, settings)
-        self.rig = rig
         self._commands = ServoCommands(rig, servo_ids, self._manual).commands
-        self.built[name] = self
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
@@ -82,11 +80,11 @@ class HardwareArm(ArmResource):
             wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
             settings = ArmSettings.of(wanted, dependencies)
             asked = servo_settings(wanted.connection)
-            rig = open_hardware(asked.with_arm(wanted.servo_ids))
+            rig = open_hardware(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             rig.arm.set_speed(wanted.speed)
             rig.arm.set_acceleration(wanted.acceleration)
-            rig.arm.floor_z = wanted.floor_z
+            rig.arm.scene = replace(rig.arm.scene, floor_z=wanted.floor_z)
             rig.warm_up()
             arm = cls(config.name, rig, settings, wanted.servo_ids)
         except BaseException:
@@ -165,8 +163,7 @@ class HardwareArm(ArmResource):
     async def close(self) -> None:
         """Come to rest, hold, and give up the port; may be called twice."""
         self._manual.forget()
-        if self.built.get(self.name) is self:
-            del self.built[self.name]
+        if self.here.get(self.short_name) is self:
             try:
                 await asyncio.to_thread(self._arm.stop)
             except So101Error as error:

@@ -272,9 +272,10 @@ def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
     if wanted.arm is None:
         assert wanted.connection is not None  # the configuration has one of the two
         return servo_settings(wanted.connection)
-    arm = HardwareArm.built.get(wanted.arm.rpartition("/")[2])
-    if arm is None:
-        known = ", ".join(HardwareArm.built) or "none so far"
+    arm = HardwareArm.here.get(wanted.arm.rpartition("/")[2])
+    if not isinstance(arm, HardwareArm):
+        real = (name for name, arm in HardwareArm.here.items() if isinstance(arm, HardwareArm))
+        known = ", ".join(real) or "none so far"
         raise ConfigError(
             "arm", wanted.arm, f"is no {HardwareArm.MODEL} of this module; there are: {known}"
         )

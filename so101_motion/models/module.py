@@ -16,12 +16,24 @@ from viam.logging import getLogger
 from viam.module.module import Module
 from viam.resource.registry import Registry, ResourceCreatorRegistration
 
+from so101_motion.models.discovery import So101Discovery
+from so101_motion.models.frames import set_machine
 from so101_motion.models.hardware_arm import HardwareArm
 from so101_motion.models.hardware_gripper import HardwareGripper
+from so101_motion.models.motion_service import So101Motion
 from so101_motion.models.simulated import SimulatedArm
 from so101_motion.models.simulated_gripper import SimulatedGripper
+from so101_motion.models.world_state_store import So101WorldState
 
-MODELS = (HardwareArm, HardwareGripper, SimulatedArm, SimulatedGripper)
+MODELS = (
+    HardwareArm,
+    HardwareGripper,
+    SimulatedArm,
+    SimulatedGripper,
+    So101Discovery,
+    So101Motion,
+    So101WorldState,
+)
 """Every model of this module."""
 
 for _model in MODELS:
@@ -40,6 +52,7 @@ _PATIENCE = 8.0  # [s] to end in order once the parent is gone; chosen, viam-ser
 async def run() -> None:
     """Serve until told to end."""
     module = Module.from_args()
+    set_machine(lambda: module.parent)
     for model in MODELS:
         module.add_model_from_registry(model.API, model.MODEL)
     watch = asyncio.create_task(_end_with_parent(os.getppid()))

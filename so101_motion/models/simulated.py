@@ -28,6 +28,7 @@ from so101_motion.models.commands import (
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_name
 from so101_motion.models.manual import LONGEST
+from so101_motion.planning.scene import Scene
 from so101_motion.rig import TICK, Rig, open_simulated
 
 LONGEST_STEP = 3600.0
@@ -79,7 +80,7 @@ class SimulatedArm(ArmResource):
             rig = open_simulated(
                 speed=wanted.speed,
                 acceleration=wanted.acceleration,
-                floor_z=wanted.floor_z,
+                scene=Scene(floor_z=wanted.floor_z),
                 clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
             )
         arm = cls(config.name, rig, settings)
@@ -115,7 +116,7 @@ class SimulatedArm(ArmResource):
     async def _advance_time(self, request: Request) -> dict[str, Any]:
         given = arguments(request, "seconds")
         seconds = given.number("seconds", 0.0, lower=0.0, upper=LONGEST_STEP, unit="s")
-        clock = self._rig.clock
+        clock = self.rig.clock
         if not isinstance(clock, ManualClock):
             raise ConfigError(
                 "command", "advance_time", 'time passes by itself; set "simulate_time": false'
@@ -136,7 +137,7 @@ class SimulatedArm(ArmResource):
             passing.cancel()
 
     async def _let_time_pass(self, over: asyncio.Future[None]) -> None:
-        clock = self._rig.clock
+        clock = self.rig.clock
         while isinstance(clock, ManualClock) and not over.done():
             if self._arm.is_moving:
                 await asyncio.to_thread(clock.advance, TICK)

@@ -16,11 +16,15 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import viam.components.arm
-import viam.components.gripper  # noqa: F401  # importing registers the clients
+import viam.components.gripper
+import viam.services.motion
+import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
 from google.protobuf.struct_pb2 import Struct
+from grpclib import GRPCError, Status
 from grpclib.client import Channel
 from grpclib.server import Server
 from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import Pose, PoseInFrame
 from viam.proto.module import (
     AddResourceRequest,
     ModuleServiceStub,
@@ -29,8 +33,10 @@ from viam.proto.module import (
     ValidateConfigRequest,
 )
 from viam.proto.robot import (
+    FrameSystemConfigResponse,
     LogResponse,
     ResourceNamesResponse,
+    TransformPoseResponse,
     UnimplementedRobotServiceBase,
 )
 from viam.resource.registry import Registry
@@ -43,6 +49,7 @@ GRIPPER = "rdk:component:gripper"
 DISCOVERY = "devrel:so101:discovery"
 HARDWARE_ARM = "devrel:so101:arm"
 HARDWARE_GRIPPER = "devrel:so101:gripper"
+MOTION = "rdk:service:motion"
 SIMULATED = "devrel:so101:simulated"
 SIMULATED_GRIPPER = "devrel:so101:simulated-gripper"
 
@@ -57,6 +64,18 @@ class ParentService(UnimplementedRobotServiceBase):
     async def ResourceNames(self, stream):
         await stream.recv_message()
         await stream.send_message(ResourceNamesResponse(resources=self.resources))
+
+    async def TransformPose(self, stream):
+        """The arm stands 100 mm above the world's origin; no other frame is known."""
+        request = await stream.recv_message()
+        if (request.source.reference_frame, request.destination) != ("world", "arm_origin"):
+            raise GRPCError(Status.NOT_FOUND, "no such frame")
+        pose = PoseInFrame(reference_frame="arm_origin", pose=Pose(z=-100.0, o_z=1.0))
+        await stream.send_message(TransformPoseResponse(pose=pose))
+
+    async def FrameSystemConfig(self, stream):
+        await stream.recv_message()
+        await stream.send_message(FrameSystemConfigResponse())
 
     async def Log(self, stream):
         request = await stream.recv_message()

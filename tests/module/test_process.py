@@ -14,6 +14,7 @@ from fake_parent import (
     GRIPPER,
     HARDWARE_ARM,
     HARDWARE_GRIPPER,
+    MOTION,
     ROOT,
     SIMULATED,
     SIMULATED_GRIPPER,
@@ -24,6 +25,14 @@ from fake_parent import (
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from viam.components.arm import JointPositions, Pose
+from viam.proto.common import (
+    GeometriesInFrame,
+    Geometry,
+    PoseInFrame,
+    RectangularPrism,
+    Vector3,
+    WorldState,
+)
 from viam.resource.manager import ResourceManager
 from viam.services.motion import Motion
 from viam.services.motion.service import MotionRPCService
@@ -72,8 +81,10 @@ async def test_a_session_from_the_handshake_to_the_end():
             "arm": [HARDWARE_ARM, SIMULATED],
             "gripper": [HARDWARE_GRIPPER, SIMULATED_GRIPPER],
             "discovery": [DISCOVERY],
+            "motion": ["devrel:so101:motion"],
+            "world_state_store": ["devrel:so101:world-state"],
         }
-        assert len(MODELS) == 5
+        assert len(MODELS) == sum(map(len, models.values()))
 
         answer = await module.validate(ARM, SIMULATED, {})
         assert (list(answer.dependencies), list(answer.optional_dependencies)) == ([], [])
@@ -185,6 +196,27 @@ async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_p
         await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
 
     assert service.asked == [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
+
+
+async def test_our_motion_service_asks_the_machine_where_the_arm_stands():
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
+        motion = await module.add(MOTION, "devrel:so101:motion", {}, "planner")
+        above = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=250, o_z=1))
+        crate = Geometry(
+            label="crate",
+            box=RectangularPrism(dims_mm=Vector3(x=80, y=80, z=80)),
+            center=Pose(x=250, y=30, z=140, o_z=1),
+        )
+        around = WorldState(
+            obstacles=[GeometriesInFrame(reference_frame="world", geometries=[crate])]
+        )
+        assert await motion.move("arm", above, around)
+        pose = await arm.get_end_position()
+        assert (pose.x, pose.y, pose.z) == pytest.approx((250, 30, 150), abs=0.2)
+        below = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=150, o_z=1))
+        with pytest.raises(GRPCError, match="crate"):
+            await motion.move("arm", below, around)
 
 
 PARENT = """

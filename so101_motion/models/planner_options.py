@@ -1,0 +1,138 @@
+"""What a request's ``extra`` says to the planner.
+
+Our own options and those of viam-server's planner that mean something here are honoured; its others
+are known and ignored, each with one warning. A wrong value of a known option is refused, because a
+misspelt metric that silently means "the whole pose" costs people an afternoon.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from so101_motion.config import checked_number
+from so101_motion.errors import ConfigError
+from so101_motion.geometry import SE3
+from so101_motion.models import convert
+from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.plan import Search
+from so101_motion.planning.scene import Scene
+from so101_motion.units import to_m, to_rad
+
+_IGNORED = frozenset(
+    {
+        "max_ik_solutions",
+        "min_ik_score",
+        "resolution",
+        "goal_threshold",
+        "frame_step",
+        "input_ident_dist",
+        "iter_before_rand",
+        "position_seeds",
+        "return_partial_plan",
+        "configuration_distance_metric",
+        "meshes_as_octrees",
+        "collect_solution_diagnostics",
+        "waypoints",
+        "start_state",
+    }
+)
+"""Options of viam-server's planner that mean nothing to ours."""
+
+_LONGEST = 600.0  # [s] of searching; chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerOptions:
+    """How one request wants to be planned.
+
+    Attributes:
+        metric: How much of a pose counts.
+        position_tolerance: Largest error that counts as arrived [m]; None for the arm's own.
+        orientation_tolerance: Largest error of the direction, or of all of the orientation [rad];
+            None for the arm's own.
+        seed: Of the random choices.
+        time_budget: When to give up searching [s]; None for the planner's own.
+        margin: How far bodies must stay apart [m]; None for the scene's own.
+    """
+
+    metric: GoalMetric = GoalMetric.POSITION_ONLY
+    position_tolerance: float | None = None
+    orientation_tolerance: float | None = None
+    seed: int = 0
+    time_budget: float | None = None
+    margin: float | None = None
+
+    @classmethod
+    def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
+        """What ``extra`` says.
+
+        Raises:
+            ConfigError: A value cannot be used.
+        """
+        position_mm = _number(extra, "position_tolerance_mm", 1000.0, "mm")
+        orientation_deg = _number(extra, "orientation_tolerance_deg", 180.0, "deg")
+        margin_mm = _number(extra, "collision_buffer_mm", 100.0, "mm")
+        return cls(
+            metric=convert.from_goal_metric(extra),
+            position_tolerance=to_m(position_mm) if position_mm else None,
+            orientation_tolerance=to_rad(orientation_deg) if orientation_deg else None,
+            seed=_whole(extra, "rseed"),
+            time_budget=_number(extra, "timeout", _LONGEST, "s") or None,
+            # Theirs is on top of touching, ours is the whole distance; ours is never undercut.
+            margin=to_m(margin_mm) if margin_mm else None,
+        )
+
+    def goal(self, goal: PoseGoal) -> PoseGoal:
+        """``goal`` with the tolerances that were asked for."""
+        return replace(
+            goal,
+            metric=self.metric,
+            position_tolerance=self.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.orientation_tolerance or goal.approach_tolerance,
+        )
+
+    def search(self, scene: Scene, frames: Mapping[str, SE3] | None = None) -> Search:
+        """How to look for a plan.
+
+        Args:
+            scene: What is around; with the margin that was asked for, if it is the wider one.
+            frames: Frames that the goal may name.
+        """
+        search = Search(
+            scene=replace(scene, margin=max(scene.margin, self.margin or 0.0)),
+            frames=frames or {},
+            seed=self.seed,
+        )
+        return replace(search, time_budget=self.time_budget or search.time_budget)
+
+
+class Ignored:
+    """Warns once of each option that has no effect.
+
+    Args:
+        logger: Where to say so.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._said: set[str] = set()
+
+    def warn(self, extra: Mapping[str, object]) -> None:
+        """Say which options of ``extra`` are ignored, those not said before."""
+        for key in sorted(_IGNORED & extra.keys() - self._said):
+            self._said.add(key)
+            self._logger.warning('planner option "%s" has no effect on our planner', key)
+
+
+def _number(extra: Mapping[str, object], key: str, most: float, unit: str) -> float | None:
+    value = extra.get(key)
+    return None if value is None else checked_number(key, value, lower=0.0, upper=most, unit=unit)
+
+
+def _whole(extra: Mapping[str, object], key: str) -> int:
+    value = _number(extra, key, 2.0**31, "") or 0.0
+    if value != round(value):
+        raise ConfigError(key, value, "must be a whole number")
+    return round(value)

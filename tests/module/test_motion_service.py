@@ -1,0 +1,245 @@
+"""The motion service over gRPC, with a simulated arm whose time is let pass by the test."""
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from fake_parent import config_of, until
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness import arm_client, in_time, new_arm
+from viam.components.arm import JointPositions
+from viam.proto.common import (
+    GeometriesInFrame,
+    Geometry,
+    Pose,
+    PoseInFrame,
+    RectangularPrism,
+    Transform,
+    Vector3,
+    WorldState,
+)
+from viam.proto.robot import FrameSystemConfig
+from viam.proto.service.motion import (
+    CollisionSpecification,
+    Constraints,
+    LinearConstraint,
+    OrientationConstraint,
+    PseudolinearConstraint,
+)
+from viam.resource.manager import ResourceManager
+from viam.services.motion import MotionClient
+from viam.services.motion.service import MotionRPCService
+
+from so101_motion.models.frames import set_machine
+from so101_motion.models.motion_service import So101Motion
+
+MOTION = "rdk:service:motion"
+READY = [0.0, -45.0, 45.0, 60.0, 0.0]
+
+
+class MachineWithGripper:
+    """The arm stands on the world's origin; a gripper's frame is 60 mm ahead of the tool."""
+
+    async def transform_pose(self, query, destination):
+        offsets = {("world", "arm_origin"): 0.0, ("gripper", "arm"): 60.0}
+        z = offsets.get((query.reference_frame, destination))
+        if z is None:
+            raise GRPCError(Status.NOT_FOUND, f"frame {query.reference_frame} not found")
+        return PoseInFrame(reference_frame=destination, pose=Pose(z=z, o_z=1.0))
+
+    async def get_frame_system_config(self):
+        frames = {"arm": "world", "gripper": "arm", "camera": "world"}
+        return [
+            FrameSystemConfig(
+                frame=Transform(
+                    reference_frame=name,
+                    pose_in_observer_frame=PoseInFrame(reference_frame=parent, pose=Pose(o_z=1.0)),
+                )
+            )
+            for name, parent in frames.items()
+        ]
+
+
+@asynccontextmanager
+async def motion_client(service):
+    async with ChannelFor([MotionRPCService(ResourceManager([service]))]) as channel:
+        yield MotionClient(service.name, channel)
+
+
+@pytest.fixture
+async def arm():
+    resource = new_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0)
+    async with arm_client(resource) as client:
+        client.resource = resource
+        await in_time(client, client.move_to_joint_positions(JointPositions(values=READY)))
+        yield client
+    await resource.close()
+
+
+@pytest.fixture
+async def motion(arm):
+    set_machine(MachineWithGripper)
+    service = So101Motion.new(config_of(MOTION, "devrel:so101:motion", {}, "planner"), {})
+    async with motion_client(service) as client:
+        yield client
+    set_machine(lambda: None)
+
+
+def at(x, y, z, frame="world", **orientation):
+    return PoseInFrame(
+        reference_frame=frame, pose=Pose(x=x, y=y, z=z, **(orientation or {"o_z": 1}))
+    )
+
+
+def box(name, size, x, y, z):
+    dims = Vector3(x=size[0], y=size[1], z=size[2])
+    return Geometry(
+        label=name, box=RectangularPrism(dims_mm=dims), center=Pose(x=x, y=y, z=z, o_z=1)
+    )
+
+
+def around(*geometries):
+    return WorldState(
+        obstacles=[GeometriesInFrame(reference_frame="world", geometries=list(geometries))]
+    )
+
+
+WALL = around(box("wall", (20, 120, 300), 230, 0, 150))
+"""Between the two sides of the arm, reaching far out."""
+
+
+async def tool(arm):
+    pose = await arm.get_end_position()
+    return np.array([pose.x, pose.y, pose.z])
+
+
+async def test_the_arm_is_brought_to_a_point_in_the_world(arm, motion):
+    assert await in_time(arm, motion.move("arm", at(220, 100, 120)))
+    np.testing.assert_allclose(await tool(arm), (220, 100, 120), atol=0.2)
+
+
+async def test_the_gripper_may_be_named_instead_of_the_arm(arm, motion):
+    assert await in_time(arm, motion.move("gripper", at(240, 60, 100)))
+    T = arm.resource.rig.arm.T_base()
+    np.testing.assert_allclose(1000 * T.p + 60 * T.R[:, 2], (240, 60, 100), atol=0.2)
+
+
+async def test_the_way_goes_around_what_the_request_says_is_there(arm, motion):
+    await in_time(arm, motion.move("arm", at(200, -140, 120)))
+    await in_time(arm, motion.move("arm", at(200, 140, 120), WALL))
+    np.testing.assert_allclose(await tool(arm), (200, 140, 120), atol=0.2)
+    request, plan = arm.resource.rig.arm.newest
+    assert [o.name for o in request.scene.obstacles] == ["wall"]
+    assert not plan.report.straight
+
+
+async def test_what_was_said_to_be_there_counts_for_that_request_alone(arm, motion):
+    with pytest.raises(GRPCError, match="wall"):
+        await motion.move("arm", at(230, 0, 150), WALL)
+    assert await in_time(arm, motion.move("arm", at(230, 0, 150)))
+
+
+async def test_a_line_is_kept_when_asked_for(arm, motion):
+    await in_time(arm, motion.move("arm", at(220, -50, 100)))
+    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+    await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=straight))
+    path = arm.resource.rig.arm.newest[1].tool_path
+    assert np.abs(path[:, [0, 2]] - (0.22, 0.1)).max() < 1e-3
+
+
+async def test_a_line_that_cannot_be_is_refused_with_how_far_it_goes(arm, motion):
+    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+    await in_time(arm, motion.move("arm", at(100, -200, 100)))
+    with pytest.raises(GRPCError) as refused:
+        await motion.move("arm", at(-100, 200, 100), constraints=straight)
+    assert "mm" in refused.value.message
+
+
+async def test_turns_are_limited_when_asked_for(arm, motion):
+    await in_time(arm, motion.move("arm", at(220, -80, 100)))
+    upright = Constraints(
+        orientation_constraint=[OrientationConstraint(orientation_tolerance_degs=0.01)]
+    )
+    with pytest.raises(GRPCError, match="constraint"):
+        await motion.move("arm", at(160, 150, 220), constraints=upright)
+    loose = Constraints(
+        orientation_constraint=[OrientationConstraint(orientation_tolerance_degs=90)]
+    )
+    assert await in_time(arm, motion.move("arm", at(220, 80, 100), constraints=loose))
+
+
+async def test_a_nearly_straight_way_is_measured(arm, motion):
+    await in_time(arm, motion.move("arm", at(220, -50, 100)))
+    nearly = Constraints(
+        pseudolinear_constraint=[PseudolinearConstraint(line_tolerance_factor=0.05)]
+    )
+    assert await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=nearly))
+
+
+async def test_contacts_can_be_allowed_by_name(arm, motion):
+    crate = around(box("crate", (60, 60, 60), 250, 0, 30))
+    with pytest.raises(GRPCError, match="crate"):
+        await motion.move("arm", at(250, 0, 60), crate)
+    allow = CollisionSpecification.AllowedFrameCollisions(frame1="arm", frame2="crate")
+    allowed = Constraints(collision_specification=[CollisionSpecification(allows=[allow])])
+    assert await in_time(arm, motion.move("arm", at(250, 0, 60), crate, allowed))
+
+
+@pytest.mark.parametrize(
+    ("component", "destination", "extra", "says"),
+    [
+        ("arm", at(900, 0, 100), {}, "reach"),
+        ("arm", at(200, 0, 100, "moon"), {}, "moon"),
+        ("camera", at(200, 0, 100), {}, "does not hang from arm"),
+        ("arm", at(200, 0, 100), {"goal_metric_type": "positon_only"}, "position_only"),
+        ("arm", at(200, 0, 100), {"timeout": -1}, "timeout"),
+        ("arm", at(float("nan"), 0, 100), {}, "finite"),
+    ],
+)
+async def test_what_cannot_be_is_refused_in_a_sentence(motion, component, destination, extra, says):
+    with pytest.raises(GRPCError, match=says):
+        await motion.move(component, destination, extra=extra)
+
+
+async def test_giving_up_the_call_stops_the_arm(arm, motion):
+    call = asyncio.ensure_future(in_time(arm, motion.move("arm", at(100, -200, 150)), 0.01))
+    await until(lambda: arm.resource.rig.arm.is_moving)
+    call.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    await arm.stop()
+    assert not arm.resource.rig.arm.is_moving
+    assert np.linalg.norm(await tool(arm) - (100, -200, 150)) > 10
+
+
+async def test_a_plan_can_be_asked_for_looked_at_and_executed(arm, motion):
+    request = json.dumps(
+        {
+            "componentName": "arm",
+            "destination": {
+                "referenceFrame": "world",
+                "pose": {"x": 220, "y": 90, "z": 120, "oZ": 1},
+            },
+        }
+    )
+    before = await tool(arm)
+    told = (await motion.do_command({"preview": request}))["preview"]
+    np.testing.assert_allclose(told["tool_path_mm"][-1], (220, 90, 120), atol=0.2)
+    np.testing.assert_allclose(await tool(arm), before)
+    steps = (await motion.do_command({"plan": request}))["plan"]
+    assert (await in_time(arm, motion.do_command({"execute": steps})))["execute"]
+    np.testing.assert_allclose(await tool(arm), (220, 90, 120), atol=0.5)
+
+
+async def test_where_a_component_is_can_be_asked(arm, motion):
+    pose = (await motion.get_pose("arm", "world")).pose
+    np.testing.assert_allclose((pose.x, pose.y, pose.z), await tool(arm), atol=1e-6)
+
+
+async def test_what_is_for_machines_that_drive_is_refused_as_such(motion):
+    with pytest.raises(GRPCError) as refused:
+        await motion.stop_plan("arm")
+    assert refused.value.status is Status.UNIMPLEMENTED

@@ -1,0 +1,129 @@
+"""The world-state store over gRPC: what an arm plans with, as Viam's 3D view is told."""
+
+import asyncio
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from fake_parent import config_of
+from grpclib import GRPCError
+from grpclib.testing import ChannelFor
+from harness import new_arm
+from viam.resource.manager import ResourceManager
+from viam.services.worldstatestore import WorldStateStoreClient
+from viam.services.worldstatestore.service import WorldStateStoreService
+
+from so101_motion.geometry import SE3
+from so101_motion.models.world_state_store import So101WorldState
+from so101_motion.planning.goals import PoseGoal
+from so101_motion.planning.scene import (
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Sphere,
+)
+
+STORE = "rdk:service:world_state_store"
+
+
+@asynccontextmanager
+async def store_client(service):
+    async with ChannelFor([WorldStateStoreService(ResourceManager([service]))]) as channel:
+        yield WorldStateStoreClient(service.name, channel)
+
+
+@pytest.fixture
+async def arm():
+    resource = new_arm(simulate_time=False)
+    yield resource.rig.arm
+    await resource.close()
+
+
+@pytest.fixture
+async def store(arm):
+    service = So101WorldState.new(config_of(STORE, "devrel:so101:world-state", {}, "world"), {})
+    async with store_client(service) as client:
+        yield client
+
+
+async def everything(store):
+    return {
+        t.reference_frame: t
+        for t in [await store.get_transform(u) for u in await store.list_uuids()]
+    }
+
+
+def scene():
+    at = SE3.from_translation((0.3, 0.1, 0.05))
+    triangle = Mesh(vertices=[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], triangles=[[0, 1, 2]])
+    return Scene(
+        obstacles=(
+            Obstacle(name="box", shape=Box(size=(0.1, 0.2, 0.3)), T_base_obstacle=at),
+            Obstacle(name="post", shape=Capsule(radius=0.01, length=0.1), T_base_obstacle=at),
+            Obstacle(name="plate", shape=triangle, T_base_obstacle=at),
+            Obstacle(name="seen", shape=PointCloud(points=[[0, 0, 0.5]]), T_base_obstacle=at),
+            Obstacle(name="zone", shape=Sphere(radius=0.05), T_base_obstacle=at, keep_out=True),
+        ),
+        attached=(
+            Attached(
+                name="cube",
+                shape=Box(size=(0.02, 0.02, 0.02)),
+                T_tool_object=SE3.from_translation((0, 0, 0.1)),
+            ),
+        ),
+    )
+
+
+async def test_what_is_around_and_in_the_hand_is_shown_where_it_is(arm, store):
+    arm.scene = scene()
+    shown = await everything(store)
+    assert set(shown) == {"box", "post", "plate", "seen", "zone", "cube"}
+    assert shown["box"].physical_object.box.dims_mm.z == pytest.approx(300)
+    assert shown["box"].pose_in_observer_frame.reference_frame == "arm_origin"
+    assert shown["box"].pose_in_observer_frame.pose.x == pytest.approx(300)
+    assert shown["cube"].pose_in_observer_frame.reference_frame == "arm"
+    assert shown["zone"].metadata["opacity"] < shown["box"].metadata["opacity"]
+
+
+async def test_the_newest_plan_is_shown_with_its_goal(arm, store):
+    plan = await asyncio.to_thread(arm.plan, PoseGoal.at_point((0.2, 0.1, 0.12)))
+    shown = await everything(store)
+    goal = shown["arm goal"].pose_in_observer_frame.pose
+    np.testing.assert_allclose((goal.x, goal.y, goal.z), 1000 * plan.tool_path[-1], atol=1e-6)
+    assert sum("way" in name for name in shown) > 20
+
+
+async def test_a_stream_tells_what_comes_changes_and_goes(arm, store):
+    changes = store.stream_transform_changes()
+    arm.scene = Scene(obstacles=scene().obstacles[:1])
+    added = await anext(changes)
+    assert (added.change_type, added.transform.reference_frame) == (1, "box")
+    moved = Obstacle(
+        name="box",
+        shape=Box(size=(0.1, 0.2, 0.3)),
+        T_base_obstacle=SE3.from_translation((0.4, 0, 0)),
+    )
+    arm.scene = Scene(obstacles=(moved,))
+    updated = await anext(changes)
+    assert updated.change_type == 3
+    assert list(updated.updated_fields.paths) == ["pose_in_observer_frame"]
+    arm.scene = Scene()
+    gone = await anext(changes)
+    assert (gone.change_type, gone.transform.uuid) == (2, added.transform.uuid)
+    await changes.aclose()
+
+
+async def test_what_is_no_longer_there_is_said_to_be_gone(store):
+    with pytest.raises(GRPCError, match="any more"):
+        await store.get_transform(b"nothing")
+
+
+async def test_without_an_arm_there_is_nothing_to_show():
+    service = So101WorldState.new(
+        config_of(STORE, "devrel:so101:world-state", {"arm": "later"}, "world"), {}
+    )
+    assert await service.list_uuids() == []
