@@ -32,7 +32,8 @@ class BusAccess(Protocol):
     def watch(self, job: Callable[[Bus], None] | None) -> None:
         """Run ``job`` on the port's thread at every tick, 100 times a second; None ends it.
 
-        A job that raises is not called again; the next ``call`` raises what it raised.
+        A job that raises is not called again; the next ``call`` raises what it raised. While there
+        is no port (``PortUnavailable``) it waits, and goes on when the port is back.
         """
 
     def at_baud(self, baud: int) -> None:

@@ -1,7 +1,7 @@
 """Where calibration files of this computer may be, and which there are.
 
-In this order, likeliest first: this module's data directory; the data and program folders of other
-modules (the published module saved into its program folder, where a calibration of before an
+In this order, likeliest first: this module's data directory; wherever this package has saved one
+for this user, by its own account; the data and program folders of other modules (the published module saved into its program folder, where a calibration of before an
 upgrade may still be); LeRobot's folders, old and new; and the second copies of files that are gone.
 """
 
@@ -28,7 +28,8 @@ class Found:
 
     Attributes:
         path: Where it is, absolute.
-        origin: ``"module data"``, ``"module folder"``, ``"LeRobot"`` or ``"kept copy"``.
+        origin: ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``,
+            ``"LeRobot"`` or ``"kept copy"``.
         role: ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in.
         name: What the arm is called: the file's name without its ending; of a kept copy, the path
             of the file that is gone.
@@ -65,6 +66,7 @@ def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
     data = os.environ.get("VIAM_MODULE_DATA")
     if data:
         yield "module data", "unknown", _files(Path(data), "*.json")
+    yield "saved", "unknown", (path for _, path in _kept() if path.exists())
     home = _home()
     viam = Path(os.environ.get("VIAM_HOME") or (home / ".viam" if home else "/root/.viam"))
     yield "module data", "unknown", _files(viam / "module-data", "*/*/*.json")
@@ -102,14 +104,22 @@ def _files(folder: Path, pattern: str) -> Iterator[Path]:
 
 def _kept_copies() -> Iterator[tuple[Path, Path]]:
     """The last version of every file that is gone, and that file."""
+    for folder, path in _kept():
+        versions = history.listed(folder)
+        if versions and not path.exists():
+            yield versions[0].path, path
+
+
+def _kept() -> Iterator[tuple[Path, Path]]:
+    """Where versions of a file are kept, and that file, there or gone."""
     try:
         folders = sorted(history.root().iterdir())
     except OSError:
         return
     for folder in folders:
-        gone, versions = history.subject(folder), history.listed(folder)
-        if gone is not None and versions and not gone.exists():
-            yield versions[0].path, gone
+        path = history.subject(folder)
+        if path is not None:
+            yield folder, path
 
 
 def _found(path: Path, origin: str, role: str, name: str = "") -> Found | None:

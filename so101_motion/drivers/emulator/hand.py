@@ -26,7 +26,9 @@ from so101_motion.errors import ConfigError
 STRENGTH = 2.0
 """Largest torque of the hand [N m]; chosen: enough for any limp joint, not for a driven one."""
 
-_STIFFNESS = 25.0  # [N m/rad], chosen
+STIFFNESS = 25.0
+"""Of the hand [N m/rad]; chosen."""
+
 _DAMPING = 1.5  # [N m s/rad], chosen: about critical with a servo's inertia
 
 OBJECT_STIFFNESS = 120.0
@@ -131,7 +133,7 @@ class Hand:
         if joint not in self._behind:
             return 0.0
         wanted = self._wanted(joint, now)
-        pull = _STIFFNESS * (wanted - q) - _DAMPING * qd
+        pull = STIFFNESS * (wanted - q) - _DAMPING * qd
         return max(min(pull, STRENGTH), -STRENGTH)
 
     def _pass(self, joint: str, waypoint: Waypoint, q: float) -> None:

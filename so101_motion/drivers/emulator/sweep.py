@@ -1,0 +1,93 @@
+"""The hand of somebody who calibrates: it holds the arm up and leads each joint to its stops.
+
+The script it makes is text like any other, see ``hand.py``; write it to a file for ``so101 emulate
+--hand``, or type ``pose`` and ``sweep`` while the emulator runs. The hand carries what the joint it
+leads would have to carry there, and presses against a stop with little more than its own weight: a
+stop gives, and a calibration believes what it sees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from so101_motion.drivers.emulator.hand import STIFFNESS
+from so101_motion.drivers.emulator.hardware import FRICTION, JOINTS, SO101
+from so101_motion.geometry import Array
+
+SPEED = math.radians(120.0)
+"""How fast it leads a joint [rad/s]; chosen, a person is slower."""
+
+REST = 0.3
+"""For how long it stays at a stop [s]; chosen."""
+
+_PRESS = 2.0 * FRICTION  # [N m], chosen: enough to get there, too little to push the stop in
+
+
+UPRIGHT = {"wrist_roll": 0.0486795}
+"""How a person who was asked to turn the gripper so that it opens straight upwards holds it [rad]:
+the robot description mounts it 2.8 deg off."""
+
+
+def holding_script(
+    weight: Callable[[Array], Array], *, by: float, pose: Mapping[str, float] | None = None
+) -> str:
+    """A script that takes the arm into a pose and holds it there.
+
+    Args:
+        weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
+        by: When it is there [s].
+        pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
+    """
+    lines = [f"0 {joint} start" for joint in JOINTS]
+    lines += [_line(weight, by, i, _angles(pose)) for i in range(len(JOINTS))]
+    return "\n".join(lines)
+
+
+def sweeping_script(
+    weight: Callable[[Array], Array],
+    *,
+    start: float = 2.0,
+    pose: Mapping[str, float] | None = None,
+    speed: float = SPEED,
+) -> tuple[str, float]:
+    """A script that takes the arm into a pose and then sweeps the joints, base to jaw.
+
+    Args:
+        weight: Holding torque [N m] as a function of the six joint angles [rad], shapes (6,).
+        start: When to begin to sweep [s]; from half that time on the hand holds the pose.
+        pose: The joint angles of the pose [rad]; those left out as in ``UPRIGHT``, else zero.
+        speed: How fast it leads a joint [rad/s].
+
+    Returns:
+        The script, and when it is over [s].
+    """
+    held = _angles(pose)
+
+    def line(t: float, i: int, q: Array, press: float = 0.0) -> str:
+        return _line(weight, t, i, q, press)
+
+    lines = [holding_script(weight, by=start / 2.0, pose=pose)]
+    t = start
+    for i, joint in enumerate(SO101):
+        lines.append(line(t, i, held))
+        q = held.copy()
+        for there, press in ((joint.lower, -_PRESS), (joint.upper, _PRESS), (held[i], 0.0)):
+            t += abs(there - q[i]) / speed
+            q[i] = there
+            lines += [line(t, i, q, press), line(t + REST, i, q, press)]
+            t += REST
+    return "\n".join(lines) + "\n", t
+
+
+def _angles(pose: Mapping[str, float] | None) -> Array:
+    wanted = {**UPRIGHT, **(pose or {})}
+    return np.array([wanted.get(joint, 0.0) for joint in JOINTS])
+
+
+def _line(weight: Callable[[Array], Array], t: float, i: int, q: Array, press: float = 0.0) -> str:
+    """Lead joint ``i`` to its angle in ``q`` and carry it there."""
+    aim = q[i] + (press + float(weight(q)[i])) / STIFFNESS
+    return f"{t:.3f} {JOINTS[i]} {math.degrees(aim):.4f}"

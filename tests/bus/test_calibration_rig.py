@@ -1,0 +1,155 @@
+"""A new arm is calibrated on a real port by a hand that nobody tells what to do."""
+
+import math
+
+import pytest
+
+from so101_motion.calib import store
+from so101_motion.calib.session import Session
+from so101_motion.clock import ManualClock
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.sweep import sweeping_script
+from so101_motion.errors import MotionError
+from so101_motion.modes import Mode
+from so101_motion.planning.model import RobotModel
+from so101_motion.rig import open_hardware
+from so101_motion.servos import ServoSettings
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
+
+PATIENCE = 0.05
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A new arm on a port, a hand, and a rig that drives nothing of it yet."""
+    weight = RobotModel.load().gravity_torque
+    script, end = sweeping_script(weight, pose={"elbow_flex": -0.2, "gripper": 0.5})
+    clock = ManualClock()
+    emulator = Emulator(
+        EmulatorOptions(link=tmp_path / "port", calibrated=False, hand=script),
+        now=clock.now,
+        gravity=weight,
+    )
+    settings = ServoSettings(
+        port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
+    )
+    rig = open_hardware(settings, clock=clock, patience=PATIENCE)
+    yield rig, emulator, clock, end
+    rig.close()
+    emulator.close()
+
+
+def pass_time(bench, seconds):
+    _, emulator, clock, _ = bench
+    for _ in range(round(seconds / 0.1)):
+        clock.advance(0.1)
+        emulator.advance()
+
+
+def test_a_new_arm_is_calibrated_without_any_input(bench, tmp_path):
+    rig, emulator, clock, end = bench
+    session = Session(tmp_path / "arm.json")
+    loan = rig.lend_bus("calibration")
+    session.start(loan)
+    with pytest.raises(MotionError, match="calibration"):
+        rig.lend_bus("motor setup")
+    pass_time(bench, 1.8)
+    session.set_homing()
+    session.start_recording()
+    pass_time(bench, end - clock.now() + 0.5)
+    view = session.view
+    assert all(joint.is_done for joint in view.joints.values()), view.joints
+    assert view.samples >= 50 * view.recording_time
+    session.stop_recording()
+    stored = session.save()
+    assert not session.is_active
+    loan.give_back(hold=True)
+
+    for joint in JOINTS:
+        shaft = emulator.world.servo(joint).drive.shaft
+        entry = stored.calibration[joint]
+        found = (entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset)
+        assert found == pytest.approx((shaft.lower, shaft.upper), abs=3.0), joint
+
+    pass_time(bench, 0.5)
+    state = rig.executor.state
+    assert state.mode is Mode.HOLDING
+    truth = emulator.world.q
+    for i, joint in enumerate(ARM_JOINTS):
+        assert math.degrees(state.q[i] - truth[i]) == pytest.approx(0.0, abs=0.5), joint
+    assert store.read(tmp_path / "arm.json").calibration == rig.servos.calibration
+
+
+def put(bench, share):
+    """Put all joints at a share of their travel and let the calibration see it."""
+    _, emulator, clock, _ = bench
+    with emulator.world.lock:
+        for servo in emulator.world.servos:
+            shaft = servo.drive.shaft
+            shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+    clock.advance(0.05)
+
+
+@pytest.fixture
+def limp(tmp_path):
+    """A new arm without weight that nobody touches."""
+    clock = ManualClock()
+    emulator = Emulator(EmulatorOptions(link=tmp_path / "port", calibrated=False), now=clock.now)
+    settings = ServoSettings(
+        port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
+    )
+    rig = open_hardware(settings, clock=clock, patience=PATIENCE)
+    yield rig, emulator, clock, 0.0
+    rig.close()
+    emulator.close()
+
+
+def test_a_recording_outlives_the_usb_plug(limp, tmp_path):
+    rig, emulator, clock, _ = limp
+    session = Session(tmp_path / "arm.json")
+    with rig.lend_bus("calibration") as loan:
+        session.start(loan)
+        session.set_homing()
+        session.start_recording()
+        for share in (0.5, 0.1):
+            put(limp, share)
+        emulator.unplug()
+        clock.advance(1.5)
+        assert "USB cable" in session.view.error
+        emulator.plug()
+        clock.advance(1.0)
+        assert session.view.error is None
+        for share in (0.0, 0.4, 0.8, 1.0):
+            put(limp, share)
+        session.stop_recording()
+        stored = session.save()
+    shaft = emulator.world.servo("elbow_flex").drive.shaft
+    elbow = stored.calibration["elbow_flex"]
+    assert elbow.range_min + elbow.homing_offset == pytest.approx(shaft.lower, abs=1.0)
+
+
+def test_a_bus_that_was_lent_twice_leaves_the_arm_as_the_first_calibration_had_it(limp, tmp_path):
+    rig, _, _, _ = limp
+    first, second = Session(tmp_path / "arm.json"), Session(tmp_path / "arm.json")
+    with rig.lend_bus("calibration") as loan:
+        first.start(loan)
+        first.set_homing()
+        first.start_recording()
+        for share in (0.0, 0.4, 0.8, 1.0):
+            put(limp, share)
+        first.stop_recording()
+        stored = first.save()
+    assert rig.servos.calibration == stored.calibration
+    with rig.lend_bus("calibration") as loan:
+        second.start(loan)
+        put(limp, 0.2)
+        second.set_homing()
+        second.abort()
+    assert rig.servos.calibration == stored.calibration
+    assert store.read(tmp_path / "arm.json").calibration == stored.calibration
