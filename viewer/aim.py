@@ -15,6 +15,7 @@ from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.ik import IkSolution, IkSolver
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Scene
 from so101_motion.units import to_mm
 
 
@@ -60,10 +61,10 @@ class Aimer:
         self._contact = contact
 
     @classmethod
-    def load(cls, *, floor_z: float | None) -> Aimer:
-        """One for the SO-101 on a floor at ``floor_z`` [m], or on none."""
+    def load(cls, *, scene: Scene) -> Aimer:
+        """One for the SO-101 with what is around it and in its hand."""
         model = RobotModel.load()
-        collisions = CollisionModel(model, floor_z=floor_z)
+        collisions = CollisionModel(model, scene)
         return cls(
             tool_point=lambda q: model.frame(q).p,
             candidates=IkSolver(model).candidates,

@@ -59,7 +59,7 @@ class Preview:
         self._page = ViewModel(
             arm=rig.arm,
             gripper=rig.gripper,
-            aimer=Aimer.load(floor_z=rig.arm.floor_z),
+            aimer=Aimer.load(scene=rig.arm.scene),
             submit=self._planning.submit,
             welcome=f"{title}. Drag the arrows, then press Plan.",
         )
@@ -68,7 +68,7 @@ class Preview:
         gui = server.viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
         self._stage = Stage(
-            server.viser, model=model, floor_z=rig.arm.floor_z, on_drag=self._dragged
+            server.viser, model=model, surroundings=rig.arm.scene, on_drag=self._dragged
         )
         self._state_panel = StatePanel(
             gui,

@@ -10,8 +10,10 @@ import viser
 
 from so101_motion.geometry import SE3, Array, rotation_angle
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Scene
 
 from .robot_view import RobotView
+from .scene_view import SceneView
 from .screen import Screen, Way
 
 _GHOST = (60, 130, 246)
@@ -30,7 +32,7 @@ class Stage:
     Args:
         server: Whose scene it is.
         model: Kinematics; used by the thread that calls ``show`` alone.
-        floor_z: Height of the floor in the base frame [m]; None for no floor.
+        surroundings: What stands around the arm and what it holds.
         on_drag: Called with the new target point, shape (3,), [m].
     """
 
@@ -39,11 +41,12 @@ class Stage:
         server: viser.ViserServer,
         *,
         model: RobotModel,
-        floor_z: float | None,
+        surroundings: Scene,
         on_drag: Callable[[Array], None],
     ) -> None:
         self._scene, self._model = server.scene, model
-        _furnish(server, floor_z)
+        _furnish(server, surroundings.floor_z)
+        self._around = SceneView(server.scene, surroundings)
         self._live = RobotView(self._scene, "/live")
         self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
         self._target = self._scene.add_transform_controls(
@@ -67,6 +70,8 @@ class Stage:
         state = screen.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)
+        if self._around.holds:
+            self._around.move(self._model.frame(state.q))
         self._show_ghost(screen, T_live)
         if not np.array_equal(screen.aim.p_base, self._p_target):
             self._p_target = screen.aim.p_base

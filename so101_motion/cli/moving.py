@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import sys
 import threading
@@ -264,4 +265,5 @@ def _show(rig: Rig, found: Plan, source: Source) -> None:
     with serve(rig, title=source.what.capitalize(), plan=found) as page:
         click.echo(f"open   {page.url}")
         click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
-        threading.Event().wait()
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

@@ -21,7 +21,7 @@ from viam.resource.base import ResourceBase
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.config import SimulatedArmConfig
-from so101_motion.errors import ConfigError, MotionError
+from so101_motion.errors import MotionError
 from so101_motion.geometry import SE3, Array
 from so101_motion.hardware_config import HardwareArmConfig
 from so101_motion.models import convert, kinematics, meshes
@@ -29,7 +29,7 @@ from so101_motion.models.awaiting import arrival, left_alone, rest
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_service
 from so101_motion.models.manual import ManualMode
-from so101_motion.models.planner_options import Ignored, PlannerOptions
+from so101_motion.models.planner_options import Ignored, PlannerOptions, cloud_in, to_goal_cloud
 from so101_motion.models.streaming import played
 from so101_motion.motion import Motion
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
@@ -140,13 +140,6 @@ class ArmResource(Arm):
             if self.settings.motion is not None:
                 await self._move_by_service(self.settings.motion, pose, extra, **kwargs)
                 return
-            if "pose_cloud" in extra:
-                raise ConfigError(
-                    "pose_cloud",
-                    extra["pose_cloud"],
-                    "is not understood by our planner; use goal_metric_type, "
-                    "or name another motion service in the configuration",
-                )
             self._ignored.warn(extra)
             options = PlannerOptions.of(extra)
             goal = options.goal(self.settings.goal(convert.from_pose(pose)))
@@ -157,11 +150,18 @@ class ArmResource(Arm):
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
     ) -> None:
         convert.from_pose(pose)  # refuses what is not finite before the service sees it
+        cloud = cloud_in(extra)
+        destination = PoseInFrame(reference_frame=f"{self.short_name}_origin", pose=pose)
+        if cloud is not None:
+            extra = {key: value for key, value in extra.items() if key != "pose_cloud"}
+            destination.goal_cloud.CopyFrom(to_goal_cloud(cloud))
+        else:
+            extra = {"goal_metric_type": "position_only", **extra}
         try:
             moved = await service.move(
                 component_name=self.short_name,
-                destination=PoseInFrame(reference_frame=f"{self.short_name}_origin", pose=pose),
-                extra={"goal_metric_type": "position_only", **extra},
+                destination=destination,
+                extra=extra,
                 timeout=kwargs.get("timeout"),
             )
         except asyncio.CancelledError:

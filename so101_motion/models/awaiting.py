@@ -13,9 +13,12 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
+from typing import Any, TypeVar
 
 from so101_motion.errors import Interrupted
 from so101_motion.motion import Motion
+
+T = TypeVar("T")
 
 Rest = Callable[[asyncio.Future[None]], Awaitable[None]]
 """Waits until a motion that is being ended is over, well or not."""
@@ -41,7 +44,7 @@ async def arrival(motion: Motion, come_to_rest: Rest | None = None) -> None:
         raise
 
 
-async def rest(future: asyncio.Future[None]) -> None:
+async def rest(future: asyncio.Future[Any]) -> None:
     """Wait until a motion is over, well or not; cancelling this wait takes effect only then."""
     cancelled: asyncio.CancelledError | None = None
     while not future.done():
@@ -52,6 +55,23 @@ async def rest(future: asyncio.Future[None]) -> None:
     future.exception()  # looked at, so that asyncio does not report it as forgotten
     if cancelled is not None:
         raise cancelled
+
+
+async def carried_out(job: Callable[[], T]) -> T:
+    """Run ``job`` in a thread and wait for it; a step that was begun is finished in any case.
+
+    When the wait is cancelled that takes effect only then, so nobody overtakes the step.
+
+    Raises:
+        Exception: What ``job`` raised.
+        asyncio.CancelledError: The wait was cancelled; the job is over.
+    """
+    future = asyncio.ensure_future(asyncio.to_thread(job))
+    try:
+        return await asyncio.shield(future)
+    except asyncio.CancelledError:
+        await rest(future)
+        raise
 
 
 def left_alone(motion: Motion, logger: logging.Logger) -> None:

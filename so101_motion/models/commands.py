@@ -30,14 +30,17 @@ KEYS = ("set_speed", "set_acceleration", "get_motion_params")
 
 
 async def answer(
-    request: Request, commands: Mapping[str, Command], keys: Command, names: tuple[str, ...]
+    request: Request,
+    commands: Mapping[str, Command],
+    keys: Command | None = None,
+    names: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Do what ``request`` says.
 
     Args:
         request: As it came.
         commands: What a ``command`` may be, and who answers it.
-        keys: Who answers a request without ``command``.
+        keys: Who answers a request without ``command``; None if it must have one.
         names: The keys such a request may have.
 
     Raises:
@@ -45,7 +48,7 @@ async def answer(
     """
     command = request.get("command")
     if command is None:
-        if not any(name in request for name in names):
+        if keys is None or not any(name in request for name in names):
             known = (*(f'"command": "{name}"' for name in commands), *names)
             raise ConfigError("request", dict(request), suggest(next(iter(request), ""), known))
         return await keys(request)

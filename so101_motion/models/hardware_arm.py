@@ -15,6 +15,7 @@ from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.calib import store
+from so101_motion.entry import remarks
 from so101_motion.errors import So101Error
 from so101_motion.hardware_config import HardwareArmConfig, PortConfig
 from so101_motion.models import convert
@@ -84,6 +85,7 @@ class HardwareArm(ArmResource):
         try:
             rig.arm.set_speed(wanted.speed)
             rig.arm.set_acceleration(wanted.acceleration)
+            rig.arm.set_load(wanted.load)
             rig.arm.scene = replace(rig.arm.scene, floor_z=wanted.floor_z)
             rig.warm_up()
             arm = cls(config.name, rig, settings, wanted.servo_ids)
@@ -156,7 +158,10 @@ class HardwareArm(ArmResource):
         status = dict(await super().get_status(**kwargs))
         status["connected"] = self.rig.servos.is_connected
         status["port_losses"] = self.rig.servos.port_losses
-        status["alarms"] = dict(self._arm.state.reading.alarms)
+        state = self._arm.state
+        status["alarms"] = dict(state.reading.alarms)
+        status["notes"] = [*self.rig.servos.notes, *remarks(state.reading)]
+        status["lent_to"] = state.lent_to
         status["health"] = health(self.rig.servos)
         return convert.to_result(status)
 

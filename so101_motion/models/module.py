@@ -16,6 +16,7 @@ from viam.logging import getLogger
 from viam.module.module import Module
 from viam.resource.registry import Registry, ResourceCreatorRegistration
 
+from so101_motion.models.calibration import So101Calibration
 from so101_motion.models.discovery import So101Discovery
 from so101_motion.models.frames import set_machine
 from so101_motion.models.hardware_arm import HardwareArm
@@ -30,6 +31,7 @@ MODELS = (
     HardwareGripper,
     SimulatedArm,
     SimulatedGripper,
+    So101Calibration,
     So101Discovery,
     So101Motion,
     So101WorldState,

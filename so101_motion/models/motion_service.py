@@ -36,7 +36,7 @@ from so101_motion.models.arm_resource import AT_START, ArmResource
 from so101_motion.models.commands import Request, answer
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.frames import WORLD, Frames
-from so101_motion.models.planner_options import Ignored, PlannerOptions
+from so101_motion.models.planner_options import Ignored, PlannerOptions, from_goal_cloud
 from so101_motion.models.tool_constraints import ToolConstraints
 from so101_motion.models.world_state import allowing, scene_with
 from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, PoseGoal
@@ -183,6 +183,8 @@ class So101Motion(MotionService):
         resource = self._arm_for(wanted.component)
         arm, name = resource.rig.arm, resource.short_name
         options = PlannerOptions.of(wanted.extra)
+        if wanted.destination.HasField("goal_cloud"):
+            options = replace(options, cloud=from_goal_cloud(wanted.destination.goal_cloud))
         transforms = wanted.world.transforms if wanted.world is not None else ()
         frames = Frames(name, arm.T_base(), transforms)
         scene = await scene_with(arm.scene, wanted.world, frames)

@@ -11,14 +11,16 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from so101_motion.config import checked_number
+from viam.proto.common import PoseCloud as ViamCloud
+
+from so101_motion.config import Attributes, checked_number
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3
 from so101_motion.models import convert
-from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.plan import Search
 from so101_motion.planning.scene import Scene
-from so101_motion.units import to_m, to_rad
+from so101_motion.units import to_deg, to_m, to_mm, to_rad
 
 _IGNORED = frozenset(
     {
@@ -55,6 +57,7 @@ class PlannerOptions:
         seed: Of the random choices.
         time_budget: When to give up searching [s]; None for the planner's own.
         margin: How far bodies must stay apart [m]; None for the scene's own.
+        cloud: Poses that will do as well as the goal; it replaces metric and tolerances.
     """
 
     metric: GoalMetric = GoalMetric.POSITION_ONLY
@@ -63,6 +66,7 @@ class PlannerOptions:
     seed: int = 0
     time_budget: float | None = None
     margin: float | None = None
+    cloud: PoseCloud | None = None
 
     @classmethod
     def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
@@ -73,6 +77,13 @@ class PlannerOptions:
         """
         position_mm = _number(extra, "position_tolerance_mm", 1000.0, "mm")
         orientation_deg = _number(extra, "orientation_tolerance_deg", 180.0, "deg")
+        cloud = extra.get("pose_cloud")
+        if cloud is not None and "goal_metric_type" in extra:
+            raise ConfigError(
+                "pose_cloud",
+                cloud,
+                "and goal_metric_type are two answers to one question; give one",
+            )
         margin_mm = _number(extra, "collision_buffer_mm", 100.0, "mm")
         return cls(
             metric=convert.from_goal_metric(extra),
@@ -82,6 +93,7 @@ class PlannerOptions:
             time_budget=_number(extra, "timeout", _LONGEST, "s") or None,
             # Theirs is on top of touching, ours is the whole distance; ours is never undercut.
             margin=to_m(margin_mm) if margin_mm else None,
+            cloud=cloud_in(extra),
         )
 
     def goal(self, goal: PoseGoal) -> PoseGoal:
@@ -91,6 +103,7 @@ class PlannerOptions:
             metric=self.metric,
             position_tolerance=self.position_tolerance or goal.position_tolerance,
             approach_tolerance=self.orientation_tolerance or goal.approach_tolerance,
+            cloud=self.cloud,
         )
 
     def search(self, scene: Scene, frames: Mapping[str, SE3] | None = None) -> Search:
@@ -106,6 +119,53 @@ class PlannerOptions:
             seed=self.seed,
         )
         return replace(search, time_budget=self.time_budget or search.time_budget)
+
+
+def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
+    """Viam's cloud around a pose: millimetres and degrees become metres and radians.
+
+    Raises:
+        ConfigError: A leeway is negative or not finite.
+    """
+    names = ("x", "y", "z", "o_x", "o_y", "o_z", "theta")
+    return _leeways({name: getattr(cloud, name) for name in names})
+
+
+def to_goal_cloud(cloud: PoseCloud) -> ViamCloud:
+    """The same in Viam's units."""
+    lengths_mm = {name: to_mm(getattr(cloud, name)) for name in ("x", "y", "z")}
+    shares = {name: getattr(cloud, name) for name in ("o_x", "o_y", "o_z")}
+    return ViamCloud(**lengths_mm, **shares, theta=to_deg(cloud.theta))
+
+
+def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
+    """The ``pose_cloud`` of a request, if it has one.
+
+    Raises:
+        ConfigError: It cannot be meant, or a metric is named as well.
+    """
+    value = extra.get("pose_cloud")
+    if value is None:
+        return None
+    if "goal_metric_type" in extra:
+        raise ConfigError(
+            "pose_cloud", value, "and goal_metric_type answer the same question; give one"
+        )
+    if not isinstance(value, Mapping):
+        raise ConfigError("pose_cloud", value, 'must be an object such as {"x": 3, "theta": 180}')
+    keys = {"x": "x", "y": "y", "z": "z", "ox": "o_x", "oy": "o_y", "oz": "o_z", "theta": "theta"}
+    given = Attributes(value, keys, kind="key of pose_cloud")
+    return _leeways(
+        {name: given.number(key, 0.0, lower=0.0, upper=float("inf")) for key, name in keys.items()}
+    )
+
+
+def _leeways(values: Mapping[str, float]) -> PoseCloud:
+    for key, value in values.items():
+        checked_number(f"pose_cloud.{key}", value, lower=0.0)
+    shares = {name: to_m(values[name]) for name in ("x", "y", "z")}
+    shares |= {name: values[name] for name in ("o_x", "o_y", "o_z")}
+    return PoseCloud(**shares, theta=to_rad(values["theta"]))
 
 
 class Ignored:

@@ -11,9 +11,10 @@ import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from so101_motion.calib import record
+from so101_motion.calib import store
 from so101_motion.config import checked_number
 from so101_motion.diagnosis import examine, explain
+from so101_motion.entry import remarks
 from so101_motion.errors import ConfigError, NoReply, So101Error
 from so101_motion.hardware_config import MANUAL_RANGES
 from so101_motion.models.commands import Command, Request, arguments
@@ -22,6 +23,7 @@ from so101_motion.modes import Mode
 from so101_motion.rig import HardwareRig
 from so101_motion.servos import Servos
 from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg
 
 T = TypeVar("T")
 
@@ -193,7 +195,7 @@ class ServoCommands:
             seen = await on_bus(self._rig, lambda servos: examine(servos.bus, names))
         except So101Error as error:
             return {"success": False, "error": str(error), "findings": [str(error)]}
-        findings = [*explain(seen), *servos.notes]
+        findings = [*explain(seen), *servos.notes, *remarks(self._rig.arm.state.reading)]
         if servos.port_losses:
             findings.append(
                 f"the port went away {servos.port_losses} times since the start; check the USB"
@@ -247,26 +249,32 @@ class ServoCommands:
 
     async def _reload_calibration(self, request: Request) -> dict[str, Any]:
         arguments(request)
-        file = self._rig.servos.settings.calibration_file
+        file = self._rig.servos.settings.file
         try:
             if file is None:
                 raise ConfigError(
                     "calibration_file", None, "is not configured; there is no file to reload"
                 )
-            found = record.read(file)
+            found = await asyncio.to_thread(store.load, file)
             await asyncio.to_thread(self._rig.reload)
         except So101Error as error:
             return {"success": False, "error": str(error)}
-        message = f"calibration of {len(found)} joints loaded; the arm stayed where it was"
+        told = f"calibration of {len(found.calibration)} joints loaded; the arm stayed where it was"
+        message = "; ".join((told, *found.notes))
         return {"success": True, "calibration_file": str(file), "message": message}
 
     async def _get_calibration(self, request: Request) -> dict[str, Any]:
         arguments(request)
-        setups, file = self._rig.servos.setups, self._rig.servos.settings.calibration_file
+        setups, file = self._rig.servos.setups, self._rig.servos.settings.file
         return {
             "success": True,
             "calibration": {j: setup.calibration.to_json() for j, setup in setups.items()},
             "source": {joint: setup.source for joint, setup in setups.items()},
+            "zero": {
+                joint: {"by": setup.zero.by, "middle_deg": to_deg(setup.zero.angle)}
+                for joint, setup in setups.items()
+                if joint in ARM_JOINTS
+            },
             "calibration_file": str(file or ""),
         }
 

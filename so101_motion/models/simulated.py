@@ -83,6 +83,7 @@ class SimulatedArm(ArmResource):
                 scene=Scene(floor_z=wanted.floor_z),
                 clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
             )
+        rig.arm.set_load(wanted.load)
         arm = cls(config.name, rig, settings)
         if wanted.mesh_ratios_given:
             arm.logger.info("mesh_decimation_ratios has no effect: these meshes are light as is")

@@ -16,11 +16,11 @@ ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
 
 
 @pytest.fixture
-def arm():
+async def arm():
     """An arm whose time moves only when told to."""
     arm = new_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0)
     yield arm
-    arm._rig.close()
+    await arm.close()
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ async def test_a_full_pose_that_five_joints_cannot_reach_is_refused(client):
     ("extra", "says"),
     [
         ({"goal_metric_type": "position_onli"}, 'did you mean "position_only"?'),
-        ({"pose_cloud": {"x": 1.0}}, "pose_cloud"),
+        ({"pose_cloud": {"X": 1.0}}, "pose_cloud"),
     ],
 )
 async def test_a_request_that_is_not_understood_moves_nothing(client, extra, says):
