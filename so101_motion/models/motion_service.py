@@ -35,6 +35,7 @@ from so101_motion.models import convert
 from so101_motion.models.arm_resource import AT_START, ArmResource
 from so101_motion.models.commands import Request, answer
 from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.for_an_arm import arm_here, arm_named
 from so101_motion.models.frames import WORLD, Frames
 from so101_motion.models.planner_options import Ignored, PlannerOptions, from_goal_cloud
 from so101_motion.models.tool_constraints import ToolConstraints
@@ -53,7 +54,7 @@ class So101Motion(MotionService):
 
     Args:
         name: The service's name.
-        arm: Name of the arm; None for the only one.
+        arm: Name of the arm; None for the only one, or for the one that a request names.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
@@ -66,12 +67,12 @@ class So101Motion(MotionService):
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes. The arm is no dependency, for it may name this service itself.
+        """Check the attributes.
 
         Raises:
             ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
         """
-        _arm_named(config)
+        arm_named(config)
         return [], []
 
     @classmethod
@@ -80,7 +81,7 @@ class So101Motion(MotionService):
     ) -> So101Motion:
         """Build the service from its configuration."""
         with grpc_statuses():
-            return cls(config.name, _arm_named(config))
+            return cls(config.name, arm_named(config))
 
     async def move(
         self,
@@ -164,18 +165,15 @@ class So101Motion(MotionService):
     # How
 
     def _arm_for(self, component: str) -> ArmResource:
-        here = ArmResource.here
-        name = self._arm_name or (component if component in here else None)
-        if name is None and len(here) == 1:
-            name = next(iter(here))
-        if name not in here:
-            known = ", ".join(here) or "none"
+        arm = arm_here(self._arm_name) or ArmResource.here.get(component)
+        if arm is None:
+            known = ", ".join(ArmResource.here) or "none"
             raise ConfigError(
                 "component_name",
                 component,
                 f'which arm moves it? set "arm" in the configuration; arms here: {known}',
             )
-        return here[name]
+        return arm
 
     async def _planned(self, wanted: Wanted) -> Plan:
         """A plan for a request, every constraint checked; moves nothing."""
@@ -321,11 +319,6 @@ def _read_steps(steps: object) -> tuple[str, Array]:
             raise ConfigError(f"execute[{i}]", angles, f"must be {len(ARM_JOINTS)} angles [rad]")
         rows.append([checked_number(f"execute[{i}]", angle, unit="rad") for angle in angles])
     return str(name), np.array(rows)
-
-
-def _arm_named(config: ComponentConfig) -> str | None:
-    given = Attributes(convert.from_struct(config.attributes), ("arm",))
-    return given.text("arm", "").rpartition("/")[2] or None
 
 
 def _not_for_arms(what: str) -> GRPCError:

@@ -30,11 +30,10 @@ from viam.resource.types import Model
 from viam.services.worldstatestore import WorldStateStore
 
 from so101_motion.arm import Arm
-from so101_motion.config import Attributes
 from so101_motion.geometry import SE3
 from so101_motion.models import convert
-from so101_motion.models.arm_resource import ArmResource
 from so101_motion.models.convert import grpc_statuses
+from so101_motion.models.for_an_arm import arm_here, arm_named
 from so101_motion.models.geometries import to_geometry
 from so101_motion.planning.scene import Scene, Shape, Sphere
 
@@ -82,7 +81,7 @@ class So101WorldState(WorldStateStore):
         Raises:
             ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
         """
-        _arm_named(config)
+        arm_named(config)
         return [], []
 
     @classmethod
@@ -91,7 +90,7 @@ class So101WorldState(WorldStateStore):
     ) -> So101WorldState:
         """Build the service from its configuration."""
         with grpc_statuses():
-            return cls(config.name, _arm_named(config))
+            return cls(config.name, arm_named(config))
 
     async def list_uuids(self, **kwargs: Any) -> list[bytes]:
         """Everything that is shown now."""
@@ -118,12 +117,9 @@ class So101WorldState(WorldStateStore):
             await asyncio.sleep(_PERIOD)
 
     def _now(self) -> Shown:
-        here = ArmResource.here
-        resource = here.get(self._arm_name) if self._arm_name else None
-        if self._arm_name is None and len(here) == 1:
-            resource = next(iter(here.values()))
+        resource = arm_here(self._arm_name)
         if resource is None:
-            return {}  # it may be built later, or be rebuilt right now
+            return {}
         return {t.uuid: t for t in shown_of(resource.short_name, resource.rig.arm)}
 
 
@@ -193,8 +189,3 @@ def _changes(before: Shown, now: Shown) -> Iterator[StreamTransformChangesRespon
                 transform=transform,
                 updated_fields=FieldMask(paths=fields),
             )
-
-
-def _arm_named(config: ComponentConfig) -> str | None:
-    given = Attributes(convert.from_struct(config.attributes), ("arm",))
-    return given.text("arm", "").rpartition("/")[2] or None

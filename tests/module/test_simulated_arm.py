@@ -601,3 +601,19 @@ def test_a_motion_service_that_is_not_there_is_named():
 
     assert caught.value.status is Status.INVALID_ARGUMENT
     assert "mine" in caught.value.message
+
+
+async def test_what_always_stands_around_is_said_in_the_configuration():
+    crate = {"name": "crate", "box_mm": [80, 80, 80], "position_mm": [250, 0, 120]}
+    arm = new_arm(obstacles=[crate])
+    try:
+        async with arm_client(arm) as client:
+            with pytest.raises(GRPCError, match="crate"):
+                await client.move_to_position(Pose(x=250, y=0, z=120, o_z=1))
+    finally:
+        await arm.close()
+
+
+def test_an_obstacle_that_cannot_be_meant_is_named():
+    with pytest.raises(GRPCError, match="crate"):
+        new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
