@@ -10,11 +10,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from so101_motion.errors import So101Error as So101Error
     from so101_motion.geometry import SE3 as SE3
+    from so101_motion.planning.goals import ApproachGoal as ApproachGoal
+    from so101_motion.planning.goals import ArcTo as ArcTo
     from so101_motion.planning.goals import GoalMetric as GoalMetric
     from so101_motion.planning.goals import JointGoal as JointGoal
     from so101_motion.planning.goals import LineGoal as LineGoal
+    from so101_motion.planning.goals import LineTo as LineTo
     from so101_motion.planning.goals import PathGoal as PathGoal
+    from so101_motion.planning.goals import PoseCloud as PoseCloud
     from so101_motion.planning.goals import PoseGoal as PoseGoal
+    from so101_motion.planning.goals import ToolPathGoal as ToolPathGoal
+    from so101_motion.planning.scene import Attached as Attached
+    from so101_motion.planning.scene import Box as Box
+    from so101_motion.planning.scene import Capsule as Capsule
+    from so101_motion.planning.scene import Mesh as Mesh
+    from so101_motion.planning.scene import Obstacle as Obstacle
+    from so101_motion.planning.scene import PointCloud as PointCloud
+    from so101_motion.planning.scene import Scene as Scene
+    from so101_motion.planning.scene import Sphere as Sphere
     from so101_motion.rig import Rig as Rig
     from so101_motion.rig import open_hardware as open_hardware
     from so101_motion.rig import open_simulated as open_simulated
@@ -25,13 +38,26 @@ __version__ = "0.1.0"
 _HOMES = {
     "So101Error": "errors",
     "SE3": "geometry",
+    "ApproachGoal": "planning.goals",
+    "ArcTo": "planning.goals",
+    "Attached": "planning.scene",
+    "Box": "planning.scene",
+    "Capsule": "planning.scene",
     "GoalMetric": "planning.goals",
     "JointGoal": "planning.goals",
     "LineGoal": "planning.goals",
+    "LineTo": "planning.goals",
+    "Mesh": "planning.scene",
+    "Obstacle": "planning.scene",
     "PathGoal": "planning.goals",
+    "PointCloud": "planning.scene",
+    "PoseCloud": "planning.goals",
     "PoseGoal": "planning.goals",
     "Rig": "rig",
+    "Scene": "planning.scene",
     "ServoSettings": "servos",
+    "Sphere": "planning.scene",
+    "ToolPathGoal": "planning.goals",
     "open_hardware": "rig",
     "open_simulated": "rig",
 }

@@ -1,0 +1,86 @@
+"""Every code block of the README and of docs/ does what it shows, on the simulated arm."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+from google.protobuf.struct_pb2 import Struct
+from viam.proto.app.robot import ComponentConfig
+
+from so101_motion.cli import main
+from so101_motion.models.convert import to_result
+from so101_motion.models.module import MODELS
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def blocks(page, language):
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text(), flags=re.DOTALL)
+
+
+def having(language):
+    return [page for page in PAGES if blocks(page, language)]
+
+
+def called(page):
+    return str(page.relative_to(ROOT))
+
+
+def shown_commands():
+    """Every ``so101 …`` on any page, once."""
+    lines = [
+        line for page in PAGES for block in blocks(page, "console") for line in block.split("\n")
+    ]
+    shown = [re.search(r"^\$ (?:\S*/)?so101 (.*?)(?:\s+#.*)?$", line) for line in lines]
+    return sorted({match[1] for match in shown if match})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", having("python"), ids=called)
+def test_the_python_examples_run(page, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    for block in blocks(page, "python"):
+        exec(compile(block, called(page), "exec"), {})
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", having("json"), ids=called)
+def test_the_machine_configurations_are_accepted(page):
+    models = {str(model.MODEL): model for model in MODELS}
+    for block in blocks(page, "json"):
+        content = json.loads(block)
+        for resource in (*content.get("components", []), *content.get("services", [])):
+            model = models[resource["model"]]
+            assert str(model.API) == resource["api"]
+            attributes = to_result(resource.get("attributes", {}))
+            struct = Struct()
+            struct.update(attributes)
+            model.validate_config(ComponentConfig(name=resource["name"], attributes=struct))
+
+
+def test_every_make_target_that_is_shown_exists():
+    targets = re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+    shown = re.findall(r"make (\w+)", " ".join(blocks(ROOT / "README.md", "console")))
+    assert shown
+    assert set(shown) <= set(targets)
+
+
+@pytest.mark.parametrize("shown", shown_commands())
+def test_every_command_that_is_shown_is_understood(shown):
+    words = shlex.split(shown)
+    command, context = main, click.Context(main, info_name="so101")
+    while words and isinstance(command, click.Group):
+        found = command.get_command(context, words[0])
+        assert found is not None, f"no such verb: {words[0]}"
+        command, context = found, click.Context(found, parent=context, info_name=words.pop(0))
+    command.make_parser(context).parse_args(list(words))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=called)
+def test_every_local_link_leads_somewhere(page):
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text())
+    assert [link for link in links if not (page.parent / link).exists()] == []
