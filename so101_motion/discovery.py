@@ -146,7 +146,7 @@ def _report_use(port: FoundPort, use: rig.PortUse) -> PortReport:
         servo_ids=tuple(use.settings.ids()[joint] for joint in use.joints),
         baudrate=use.settings.baudrate,
         in_use=True,
-        calibration=use.settings.calibration_file,
+        calibration=use.settings.file,
     )
 
 
@@ -210,18 +210,22 @@ def _calibration(
     this module are configured: the calibration sensor will write to them, and LeRobot does not read
     what others wrote into its files.
     """
-    own = [found for found in fitting if name_in_data(_place(found)) is not None]
+    own = [found for found in fitting if _is_own(found)]
     if own:
         return _place(own[0]), f"its servos hold what {_place(own[0])} says"
     for found in files:
         place = _place(found)
-        if found.stored is not None and name_in_data(place) == file_name(port):
+        if found.stored is not None and _is_own(found) and place.name == file_name(port):
             return place, f"{place} is its calibration file, though its servos hold something else"
     if fitting:
         return None, f"its servos hold what {fitting[0].path} says"
     if any(seen.servos[i].is_calibrated for i in SERVO_IDS.values() if i in seen.servos):
         return None, "its servos hold a calibration, no file does"
     return None, "it is not calibrated"
+
+
+def _is_own(found: Found) -> bool:
+    return found.origin == "saved" or name_in_data(_place(found)) is not None
 
 
 def _place(found: Found) -> Path:

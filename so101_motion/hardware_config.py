@@ -11,14 +11,16 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from so101_motion.compliance import Compliance
 from so101_motion.config import (
     ACCELERATION_RANGE_DEG,
     SPEED_RANGE_DEG,
     Attributes,
+    LoadConfig,
     checked_number,
 )
 from so101_motion.errors import ConfigError
-from so101_motion.state import ARM_JOINTS
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.units import to_m, to_rad
 
 BAUDRATE = 1_000_000
@@ -32,6 +34,9 @@ SERVO_IDS = (1, 2, 3, 4, 5)
 
 GRIPPER_ID = 6
 """The jaw's servo."""
+
+CALIBRATION_FILE = "so101_calibration.json"
+"""Where a calibration is saved when nobody says where; the published module's default."""
 
 _SPEED_DEG, _ACCELERATION_DEG = 50.0, 100.0  # the seed's defaults
 _NANOSECONDS = 1e5  # from here up a bare number was meant for the published module
@@ -71,8 +76,11 @@ class HardwareArmConfig:
         visualize_ee_frame: Whether the tool frame is drawn.
         use_urdf: Whether kinematics are served as URDF instead of SVA.
         floor_z: Height of the floor in the base frame [m].
+        obstacles: What always stands around the arm, as in a scene file.
+        load: What it carries and can bear.
         position_tolerance: Largest position error that counts as arrived [m]; None for ours.
         approach_tolerance: Largest error of the approach direction [rad]; None for ours.
+        compliance: How it yields to a hand in manual mode.
         unused: Settings that were given, are understood, and have no effect here.
     """
 
@@ -85,8 +93,11 @@ class HardwareArmConfig:
     visualize_ee_frame: bool
     use_urdf: bool
     floor_z: float
+    obstacles: tuple[Mapping[str, object], ...]
+    load: LoadConfig
     position_tolerance: float | None
     approach_tolerance: float | None
+    compliance: Compliance
     unused: tuple[str, ...]
 
     @classmethod
@@ -103,7 +114,7 @@ class HardwareArmConfig:
             "orientation_tolerance_deg", 0.0, lower=0.0, upper=180.0, unit="deg"
         )
         given.numbers("mesh_decimation_ratios", count=5, lower=0.0, upper=1.0)
-        manual_mode_options(attributes.get("manual_mode"))
+        manual = _manual_mode(attributes.get("manual_mode"))
         return cls(
             connection=_connection(given, attributes),
             servo_ids=_servo_ids(given, attributes),
@@ -122,10 +133,14 @@ class HardwareArmConfig:
             visualize_ee_frame=given.flag("visualize_ee_frame", False),
             use_urdf=given.flag("use_urdf", False),
             floor_z=to_m(given.number("floor_z_mm", -2.4, lower=-2000.0, upper=500.0, unit="mm")),
+            obstacles=given.objects("obstacles"),
+            load=LoadConfig.of(given),
             position_tolerance=to_m(position_mm) if position_mm > 0.0 else None,
             approach_tolerance=to_rad(approach_deg) if approach_deg > 0.0 else None,
-            unused=tuple(
-                key for key in ("mesh_decimation_ratios", "manual_mode") if given.given(key)
+            compliance=compliance(manual),
+            unused=(
+                *(["mesh_decimation_ratios"] if given.given("mesh_decimation_ratios") else []),
+                *(["manual_mode.loop_hz"] if manual.given("loop_hz") else []),
             ),
         )
 
@@ -171,6 +186,36 @@ class HardwareGripperConfig:
         )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationConfig:
+    """Settings of ``devrel:so101:calibration``.
+
+    Attributes:
+        connection: How to get at the servos; ``calibration_file`` is where a calibration is saved,
+            None to leave that to the arm on the port, or to ``CALIBRATION_FILE``.
+        joints: The joints to calibrate, base to jaw.
+        unused: Settings that were given, are understood, and have no effect here.
+    """
+
+    connection: PortConfig
+    joints: tuple[str, ...]
+    unused: tuple[str, ...]
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> CalibrationConfig:
+        """Read and check the attributes of a component configuration.
+
+        Raises:
+            ConfigError: A name is unknown or a value cannot be used.
+        """
+        given = Attributes(attributes, (*_PORT, "servo_ids"))
+        return cls(
+            connection=_connection(given, attributes),
+            joints=_calibrated(given, attributes),
+            unused=("timeout",) if given.given("timeout") else (),
+        )
+
+
 _PORT = ("port", "calibration_file", "baudrate", "timeout")
 _ARM = (
     *_PORT,
@@ -182,10 +227,12 @@ _ARM = (
     "visualize_ee_frame",
     "use_urdf",
     "floor_z_mm",
+    "obstacles",
     "position_tolerance_mm",
     "orientation_tolerance_deg",
     "mesh_decimation_ratios",
     "manual_mode",
+    *LoadConfig.KEYS,
 )
 _GRIPPER = (*_PORT, "arm", "servo_id", "gripper_type", "mesh_detail")
 
@@ -212,26 +259,37 @@ def duration(key: str, value: object) -> float:
     return seconds
 
 
-def manual_mode_options(value: object) -> Mapping[str, float]:
-    """The settings of hand guiding, checked.
+def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compliance:
+    """How an arm shall yield to a hand.
+
+    Args:
+        given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
+            module.
+        otherwise: What holds where nothing is given; the defaults if None.
 
     Raises:
-        ConfigError: One is unknown or outside its range.
+        ConfigError: A value is outside its range.
     """
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise ConfigError("manual_mode", value, "must be an object")
-    given = Attributes(value, MANUAL_RANGES, kind="key of manual_mode")
-    return {
-        key: given.number(key, 0.0, lower=0.0, upper=upper)
-        for key, upper in MANUAL_RANGES.items()
-        if given.given(key)
+    asked = {
+        key: given.number(key, 0.0, lower=0.0, upper=upper) for key, upper in MANUAL_RANGES.items()
     }
+    base = otherwise or Compliance()
+    return Compliance(
+        dead_band=to_rad(asked["pos_deadband_deg"]) or base.dead_band,
+        p_gain=asked["p_gain"] or base.p_gain,
+        resistance=asked["torque_limit"] / 1000.0 or base.resistance,
+    )
+
+
+def _manual_mode(value: object) -> Attributes:
+    if value is not None and not isinstance(value, Mapping):
+        raise ConfigError("manual_mode", value, "must be an object")
+    return Attributes(value or {}, MANUAL_RANGES, kind="key of manual_mode")
 
 
 MANUAL_RANGES = {"pos_deadband_deg": 45.0, "loop_hz": 200.0, "p_gain": 255.0, "torque_limit": 1e3}
-"""Keys of ``manual_mode`` and their largest values; the published module's."""
+"""Keys of ``manual_mode`` and their largest values; the published module's. Ours follows the hand
+at the rate of the control loop, so ``loop_hz`` has no effect."""
 
 
 def _connection(given: Attributes, attributes: Mapping[str, object]) -> PortConfig:
@@ -261,6 +319,16 @@ def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int
             f" usually {list(SERVO_IDS)}",
         )
     return ids
+
+
+def _calibrated(given: Attributes, attributes: Mapping[str, object]) -> tuple[str, ...]:
+    """The joints whose servos are listed; all when none is."""
+    joints = (*ARM_JOINTS, GRIPPER_JOINT)
+    value = attributes.get("servo_ids")
+    ids = [round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=6.0)]
+    if ids and (len(set(ids)) != len(ids) or ids != value):
+        raise ConfigError("servo_ids", value, "must list different whole numbers from 1 to 6")
+    return tuple(joints[i - 1] for i in sorted(ids)) or joints
 
 
 def _zero_offsets(

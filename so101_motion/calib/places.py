@@ -1,8 +1,9 @@
 """Where calibration files of this computer may be, and which there are.
 
 In this order, likeliest first: this module's data directory; wherever this package has saved one
-for this user, by its own account; the data and program folders of other modules (the published module saved into its program folder, where a calibration of before an
-upgrade may still be); LeRobot's folders, old and new; and the second copies of files that are gone.
+for this user, by its own account; the data and program folders of other modules (the published
+module saved into its program folder, where a calibration of before an upgrade may still be);
+LeRobot's folders, old and new; and the second copies of files that are gone.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
     data = os.environ.get("VIAM_MODULE_DATA")
     if data:
         yield "module data", "unknown", _files(Path(data), "*.json")
-    yield "saved", "unknown", (path for _, path in _kept() if path.exists())
+    yield "saved", "unknown", (path for _, path in _kept() if os.path.exists(path))
     home = _home()
     viam = Path(os.environ.get("VIAM_HOME") or (home / ".viam" if home else "/root/.viam"))
     yield "module data", "unknown", _files(viam / "module-data", "*/*/*.json")

@@ -72,8 +72,8 @@ class Sampler:
         answers = bus.sync_read(
             tuple(self._joints), _ROW.address, _ROW.size, given_up=self._presence.silent
         )
-        self._presence.judge(answers)
         now = self._clock.now()
+        self._presence.judge(answers, now)
         found = {
             self._joints[servo_id]: _ROW.decode(answer.data) % TICKS_PER_TURN
             for servo_id, answer in answers.items()

@@ -119,8 +119,10 @@ def first_heard(
         PortUnavailable: The port is gone.
     """
     rates = dict.fromkeys((hint or tuner.home, tuner.home, *LIKELIEST_FIRST))
-    # The likeliest once more: a single answer may have been lost.
-    for heard in sweep(tuner, (*rates, tuner.home), tell):
+    # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
+    # single answer may have been lost.
+    order = [rate for baud in rates for rate in (baud, tuner.home)]
+    for heard in sweep(tuner, order, tell):
         if heard.ids or heard.garbled:
             return heard
     return None

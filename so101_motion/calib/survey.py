@@ -84,7 +84,7 @@ def survey(
         BusError: The port went away, or a servo could not be let go of.
     """
     present = _find(bus, ids, required, timeout)
-    interrupted = _end_interrupted(bus, file, required)
+    interrupted = _end_interrupted(bus, file)
     stored, notes = _read_file(file)
     notes = interrupted + notes
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
@@ -147,18 +147,12 @@ def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: 
     return present
 
 
-def _end_interrupted(bus: Bus, path: Path | None, required: Collection[str]) -> tuple[str, ...]:
+def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
     """End a calibration that a crash interrupted, before anybody goes by what it left."""
     try:
         said = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
         return (str(error),)
-    except PortUnavailable:
-        raise
-    except BusError as error:
-        if required:
-            raise
-        return (f"a calibration was interrupted and cannot be ended yet: {error}",)
     return (said,) if said else ()
 
 

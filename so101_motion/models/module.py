@@ -25,6 +25,7 @@ from so101_motion.models.motion_service import So101Motion
 from so101_motion.models.simulated import SimulatedArm
 from so101_motion.models.simulated_gripper import SimulatedGripper
 from so101_motion.models.world_state_store import So101WorldState
+from so101_motion.realtime import steady_interpreter
 
 MODELS = (
     HardwareArm,
@@ -57,6 +58,7 @@ async def run() -> None:
     set_machine(lambda: module.parent)
     for model in MODELS:
         module.add_model_from_registry(model.API, model.MODEL)
+    steady_interpreter()
     watch = asyncio.create_task(_end_with_parent(os.getppid()))
     try:
         await module.start()  # type: ignore[no-untyped-call]  # the SDK left it unannotated

@@ -15,14 +15,14 @@ from so101_motion.calib import store
 from so101_motion.config import checked_number
 from so101_motion.diagnosis import examine, explain
 from so101_motion.entry import remarks
-from so101_motion.errors import ConfigError, NoReply, So101Error
-from so101_motion.hardware_config import MANUAL_RANGES
+from so101_motion.errors import ConfigError, MotionError, NoReply, So101Error
+from so101_motion.hardware_config import MANUAL_RANGES, compliance
 from so101_motion.models.commands import Command, Request, arguments
 from so101_motion.models.manual import LONGEST, ManualMode
 from so101_motion.modes import Mode
 from so101_motion.rig import HardwareRig
 from so101_motion.servos import Servos
-from so101_motion.state import ARM_JOINTS
+from so101_motion.state import ARM_JOINTS, lent_out
 from so101_motion.units import to_deg
 
 T = TypeVar("T")
@@ -42,9 +42,13 @@ async def out_of_fault(rig: HardwareRig) -> None:
     """Let the arm hold again after a fault; what it is asked to do next needs that.
 
     Raises:
+        MotionError: The servos are being calibrated or set up; said before anything is planned.
         So101Error: The cause is still there.
     """
-    if rig.arm.state.mode is Mode.FAULT:
+    state = rig.arm.state
+    if state.lent_to is not None:
+        raise MotionError(lent_out(state.lent_to))
+    if state.mode is Mode.FAULT:
         await asyncio.wrap_future(rig.executor.hold())
         rig.gripper.regrip()
 
@@ -121,17 +125,17 @@ class ServoCommands:
         if not given.given("enable"):
             raise ConfigError("enable", None, "is missing; true to hold, false to let go")
         enable = given.flag("enable", True)
+        self._manual.forget()
         if enable:
             await out_of_fault(self._rig)
-        await self._manual.set(not enable)
+        await asyncio.to_thread(self._rig.arm.set_torque, enable)
         return {"success": True}
 
     async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
         given = arguments(request, "enabled_for", *MANUAL_RANGES)
-        for key, upper in MANUAL_RANGES.items():
-            given.number(key, 0.0, lower=0.0, upper=upper)
+        how = compliance(given, self._rig.arm.compliance)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
-        await self._manual.set(True, seconds)
+        await self._manual.set(True, seconds, how)
         return {"mode": "manual", "servos": list(self._ids)}
 
     async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:

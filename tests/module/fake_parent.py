@@ -17,6 +17,7 @@ from pathlib import Path
 
 import viam.components.arm
 import viam.components.gripper
+import viam.components.sensor
 import viam.services.motion
 import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
 from google.protobuf.struct_pb2 import Struct
@@ -46,6 +47,8 @@ ROOT = Path(__file__).parents[2]
 
 ARM = "rdk:component:arm"
 GRIPPER = "rdk:component:gripper"
+SENSOR = "rdk:component:sensor"
+CALIBRATION = "devrel:so101:calibration"
 DISCOVERY = "devrel:so101:discovery"
 HARDWARE_ARM = "devrel:so101:arm"
 HARDWARE_GRIPPER = "devrel:so101:gripper"

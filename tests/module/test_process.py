@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from fake_parent import (
     ARM,
+    CALIBRATION,
     DISCOVERY,
     GRIPPER,
     HARDWARE_ARM,
@@ -80,6 +81,7 @@ async def test_a_session_from_the_handshake_to_the_end():
         assert models == {
             "arm": [HARDWARE_ARM, SIMULATED],
             "gripper": [HARDWARE_GRIPPER, SIMULATED_GRIPPER],
+            "sensor": [CALIBRATION],
             "discovery": [DISCOVERY],
             "motion": ["devrel:so101:motion"],
             "world_state_store": ["devrel:so101:world-state"],

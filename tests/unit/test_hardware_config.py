@@ -3,7 +3,12 @@ import math
 import pytest
 
 from so101_motion.errors import ConfigError
-from so101_motion.hardware_config import HardwareArmConfig, HardwareGripperConfig, duration
+from so101_motion.hardware_config import (
+    CalibrationConfig,
+    HardwareArmConfig,
+    HardwareGripperConfig,
+    duration,
+)
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_rad
 
@@ -147,3 +152,44 @@ def test_no_zeros_are_none(given):
 def test_zeros_that_make_no_sense_are_refused_by_joint(given, says):
     with pytest.raises(ConfigError, match=says):
         HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+
+def test_a_calibration_needs_a_port_and_takes_what_the_published_module_takes():
+    fresh = CalibrationConfig.from_attributes(PORT)
+    full = CalibrationConfig.from_attributes(
+        {
+            **PORT,
+            "calibration_file": "my_awesome_arm.json",
+            "baudrate": 500000.0,
+            "timeout": "5s",
+            "servo_ids": [3.0, 1.0, 6.0],
+        }
+    )
+
+    assert fresh.connection.calibration_file is None
+    assert fresh.joints == (*ARM_JOINTS, "gripper")
+    assert fresh.unused == ()
+    assert full.connection.calibration_file == "my_awesome_arm.json"
+    assert full.joints == ("shoulder_pan", "elbow_flex", "gripper")
+    assert full.unused == ("timeout",)
+    assert CalibrationConfig.from_attributes({**PORT, "servo_ids": []}).joints == fresh.joints
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({}, "name the serial port"),
+        ({**PORT, "calibration": "arm.json"}, 'did you mean "calibration_file"'),
+        ({**PORT, "servo_ids": [1, 1]}, "different"),
+        ({**PORT, "servo_ids": [1.5]}, "whole numbers"),
+        ({**PORT, "servo_ids": [0]}, "from 1 to 6"),
+        ({**PORT, "servo_ids": [7]}, "from 1 to 6"),
+        ({**PORT, "servo_ids": "1-6"}, "list"),
+        ({**PORT, "timeout": "soon"}, "500ms"),
+    ],
+)
+def test_a_calibration_says_what_is_wrong_with_its_settings(attributes, says):
+    with pytest.raises(ConfigError) as caught:
+        CalibrationConfig.from_attributes(attributes)
+
+    assert says in str(caught.value)

@@ -1,7 +1,11 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from so101_motion.calib import journal, record, store
+from so101_motion.calib.eeprom import Held
+from so101_motion.calib.journal import Journal
 from so101_motion.errors import ConfigError
 from so101_motion.servos import ServoSettings
 
@@ -46,3 +50,46 @@ def test_a_jaw_may_be_another_servo_but_not_one_of_the_arm_s():
     assert "elbow_flex" not in alone.ids()
     with pytest.raises(ConfigError, match="belongs to the arm"):
         ARM.joined_with(alone)
+
+
+SENSOR = replace(PORT, timeout=None, fallback_file=Path("/data/so101_calibration.json"))
+
+
+def test_who_asks_for_no_servo_does_not_care_how_long_they_are_asked():
+    hurried = replace(ARM, timeout=5.0)
+
+    assert hurried.joined_with(SENSOR).timeout == 5.0
+    assert SENSOR.joined_with(hurried).timeout == 5.0
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    return tmp_path
+
+
+def test_a_file_that_nobody_names_counts_once_an_arm_was_calibrated_to_it(data):
+    own = data / "so101_calibration.json"
+    joined = ARM.joined_with(replace(SENSOR, fallback_file=own))
+    assert joined.file is None
+    store.save(own, {"elbow_flex": record.default("elbow_flex")})
+    assert joined.file == own
+    own.unlink()
+    assert joined.file == own, "viam-server deleted it; there is a copy"
+
+
+def test_a_calibration_that_was_interrupted_is_found_by_the_file_that_nobody_names(data):
+    own = data / "so101_calibration.json"
+    held = {"elbow_flex": Held(homing_offset=3)}
+    journal.write(own, Journal(before=held, meanwhile=held))
+
+    assert replace(SENSOR, fallback_file=own).file == own
+
+
+def test_a_file_that_is_named_counts_whatever_there_is(data):
+    own = data / "so101_calibration.json"
+    store.save(own, {"elbow_flex": record.default("elbow_flex")})
+    named = replace(ARM, calibration_file=Path("/data/arm.json"))
+
+    assert named.joined_with(replace(SENSOR, fallback_file=own)).file == Path("/data/arm.json")

@@ -1,0 +1,271 @@
+"""Calibration and motor setup on a serial port that an arm may be using.
+
+``calib`` knows how a calibration goes and how a servo is set up; ``rig`` knows who has the port.
+Here the two meet. The bus is borrowed when a calibration starts, and for the length of each motor
+setup request. It goes back when the calibration is saved, aborted or reset, whoever asks for that,
+and what it finds then is in force at once: a saved calibration for a running arm, with the joints
+held where they stand; after an abort the former calibration, with the joints held if they were.
+
+Commands may come from any thread, are carried out one at a time, and take as long as they take.
+``situation`` never waits.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.calib import record
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.motor_setup import MotorSetup
+from so101_motion.calib.record import JOINTS
+from so101_motion.calib.session import Session
+from so101_motion.calib.setup_view import SetupView
+from so101_motion.calib.steps import State
+from so101_motion.calib.store import Stored
+from so101_motion.calib.survey import JointSetup
+from so101_motion.calib.view import CalibrationView, JointView
+from so101_motion.calib.zero import expected_travel
+from so101_motion.drivers.registers import TICKS_PER_TURN
+from so101_motion.drivers.ticks import RAD_PER_TICK, Ticks
+from so101_motion.errors import So101Error
+from so101_motion.loan import BusLoan
+from so101_motion.modes import Mode
+from so101_motion.rig import HardwareRig
+from so101_motion.state import GRIPPER_JOINT
+from so101_motion.units import to_deg
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ended:
+    """A calibration that is over.
+
+    Attributes:
+        stored: What the file says now; None if it was not saved.
+        holds: Whether the joints are held.
+        trouble: Why the arm does not do what it should now; None if it does.
+    """
+
+    stored: Stored | None
+    holds: bool
+    trouble: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """Everything there is to know at one instant.
+
+    Attributes:
+        view: How far the calibration is.
+        setup: How far the motor setup is.
+        joints: The joints that are calibrated, base to jaw: of the calibration under way, else of
+            the one in force.
+        angles: Where they are [rad], those that are known. From ``set_homing`` on that is counted
+            from the middle of the joint's limits, for no calibration is in force then.
+        calibration_file: Where a calibration is saved, absolute.
+        is_connected: Whether the port is there.
+        notes: What a person should know besides.
+    """
+
+    view: CalibrationView
+    setup: SetupView
+    joints: Mapping[str, JointView]
+    angles: Mapping[str, float]
+    calibration_file: Path
+    is_connected: bool
+    notes: tuple[str, ...]
+
+
+class Calibrator:
+    """Calibrates the arm on a port, and sets its servos up.
+
+    Args:
+        rig: A share of the port, closed by ``close``. Its settings' ``calibration_file``, else
+            their ``fallback_file``, is where a calibration is saved.
+        joints: Which joints are calibrated.
+
+    Attributes:
+        motor_setup: The setup of the servos; borrows the bus by itself.
+
+    Raises:
+        ConfigError: There is no such joint, or none at all.
+    """
+
+    def __init__(self, rig: HardwareRig, joints: Collection[str] = JOINTS) -> None:
+        self._rig = rig
+        self._lock = threading.RLock()  # one command at a time, those of the motor setup included
+        self._session = Session(self._file(), joints)
+        self._loan: BusLoan | None = None
+        self.motor_setup = MotorSetup(self._borrow)
+
+    # Looking
+
+    @property
+    def situation(self) -> Situation:
+        """Everything there is to know now; never waits."""
+        session, servos = self._session, self._rig.servos
+        view, is_active = session.view, session.is_active
+        joints = view.joints  # none yet while a start is on its way
+        if not is_active or not joints:
+            joints = {joint: self._at_rest(joint) for joint in session.joints}
+        notes = servos.notes if view.note is None else (view.note, *servos.notes)
+        return Situation(
+            view=view,
+            setup=self.motor_setup.view,
+            joints=joints,
+            angles=self._angles(joints, is_active and view.state is not State.STARTED),
+            calibration_file=session.calibration_file if is_active else self._file(),
+            is_connected=servos.is_connected,
+            notes=notes,
+        )
+
+    # Calibrating
+
+    def start(self) -> CalibrationView:
+        """Borrow the bus and let go of the joints; a calibration under way is begun anew.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent to somebody else.
+            CalibrationError: Not possible now, or an interrupted calibration cannot be ended.
+            BusError: A servo cannot be reached.
+        """
+        with self._lock:
+            loan = self._loan
+            if loan is None:
+                loan = self._rig.lend_bus("calibration")
+                if self._session.calibration_file != self._file():
+                    self._session = Session(self._file(), self._session.joints)
+            try:
+                return self._session.start(loan)
+            finally:
+                self._loan = loan if self._session.is_active else None
+                if self._loan is None:  # it failed, and nothing has to be put back
+                    loan.abandon()
+
+    def set_homing(self) -> CalibrationView:
+        """As ``Session.set_homing``."""
+        return self._do(lambda session: session.set_homing())
+
+    def start_recording(self) -> CalibrationView:
+        """As ``Session.start_recording``."""
+        return self._do(lambda session: session.start_recording())
+
+    def stop_recording(self, *, accept: Collection[str] = ()) -> CalibrationView:
+        """As ``Session.stop_recording``."""
+        return self._do(lambda session: session.stop_recording(accept=accept))
+
+    def save(self) -> Ended:
+        """Save, let the arm have the new calibration, and hold the joints where they stand.
+
+        Raises:
+            CalibrationError: Not possible now, or the file cannot be written; try again.
+            BusError: A servo cannot be reached; try again.
+        """
+        with self._lock:
+            stored = self._session.save()
+            return self._give_back(hold=True, stored=stored)
+
+    def abort(self) -> Ended:
+        """Put everything back as it was before ``start``.
+
+        Raises:
+            CalibrationError: The journal cannot be written or removed; try again.
+            BusError: A servo cannot be reached; try again, or start again, which does the same.
+        """
+        with self._lock:
+            self._session.abort()
+            return self._give_back(hold=self._session.held_before)
+
+    def reset(self) -> Ended:
+        """``abort``, under the name it has after an error."""
+        with self._lock:
+            self._session.reset()
+            return self._give_back(hold=self._session.held_before)
+
+    def close(self) -> None:
+        """Abort what is under way and give up the port; what is being done is finished first."""
+        with self._lock:
+            self._session.close()
+            self._give_back(hold=self._session.held_before)
+            self._rig.close()
+
+    # How
+
+    def _file(self) -> Path:
+        settings = self._rig.settings
+        file = settings.calibration_file or settings.fallback_file
+        assert file is not None  # who calibrates has said where to
+        return file
+
+    def _do(self, step: Callable[[Session], CalibrationView]) -> CalibrationView:
+        with self._lock:
+            return step(self._session)
+
+    def _give_back(self, *, hold: bool, stored: Stored | None = None) -> Ended:
+        loan, self._loan = self._loan, None
+        trouble = None
+        if loan is not None:
+            try:
+                loan.give_back(hold=hold)
+            except So101Error as error:
+                trouble = str(error)
+        holds = self._rig.arm.state.mode is Mode.HOLDING
+        return Ended(stored=stored, holds=holds, trouble=trouble)
+
+    @contextmanager
+    def _borrow(self) -> Iterator[BusAccess]:
+        """The bus for one request of the motor setup."""
+        with self._lock:
+            loan = self._rig.lend_bus("motor setup")
+            try:
+                yield loan
+            finally:
+                loan.abandon()  # servos are missing during a setup, and that is no error
+
+    def _at_rest(self, joint: str) -> JointView:
+        """A joint that is not being calibrated."""
+        setup = self._rig.servos.setups.get(joint)
+        ticks = self._ticks(joint, setup)
+        entry = record.default(joint) if setup is None else setup.calibration
+        return JointView(
+            joint=joint,
+            servo_id=JOINTS.index(joint) + 1,
+            ticks=ticks,
+            homing_offset=entry.homing_offset,
+            range_min=entry.range_min,
+            range_max=entry.range_max,
+            recorded_min=None,
+            recorded_max=None,
+            expected_deg=to_deg(expected_travel(joint) * RAD_PER_TICK),
+            verdict=None,
+            sentence="its servo does not answer" if ticks is None else "",
+            is_done=setup is not None and setup.source == "file",
+        )
+
+    def _ticks(self, joint: str, setup: JointSetup | None) -> int | None:
+        """Where a joint's servo is; None if that is not known."""
+        servos = self._rig.servos
+        if not servos.is_ours:
+            ticks = servos.positions.get(joint)
+            return None if ticks is None else ticks % TICKS_PER_TURN
+        silent = (health.joint for health in servos.health if health.is_silent)
+        if not servos.is_connected or setup is None or joint in silent:
+            return None
+        reading = self._rig.arm.state.reading
+        q = reading.q_jaw if joint == GRIPPER_JOINT else float(reading.q[JOINTS.index(joint)])
+        return setup.map.to_ticks(q) % TICKS_PER_TURN
+
+    def _angles(self, joints: Mapping[str, JointView], by_middle: bool) -> dict[str, float]:
+        setups, angles = self._rig.servos.setups, {}
+        for joint, view in joints.items():
+            if view.ticks is None:
+                continue
+            if by_middle or joint not in setups:
+                middle = (view.range_min + view.range_max) / 2.0
+                angles[joint] = (view.ticks - middle) * RAD_PER_TICK
+            else:
+                angles[joint] = setups[joint].map.to_rad(Ticks(view.ticks))
+        return angles

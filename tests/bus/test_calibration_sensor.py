@@ -1,0 +1,373 @@
+"""The calibration sensor on a port that an arm and a gripper use as well."""
+
+import asyncio
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from hardware_harness import ModelBench
+from viam.components.arm import JointPositions
+
+from so101_motion.calib import journal, store
+from so101_motion.calib.eeprom import Held
+from so101_motion.calib.journal import Journal
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.models.calibration import So101Calibration
+from so101_motion.modes import Mode
+
+HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+@pytest.fixture
+def data(tmp_path, monkeypatch):
+    """The module's data directory."""
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    return tmp_path
+
+
+@pytest.fixture
+async def bench(data, planning_process):
+    bench = ModelBench(data, q_start=HOME)
+    yield bench
+    await bench.end()
+
+
+def new_sensor(bench, **attributes):
+    return bench.new(So101Calibration, "calibration", port=str(bench.port), **attributes)
+
+
+async def do(component, command, **arguments):
+    return await component.do_command({"command": command, **arguments})
+
+
+async def refused(component, command, **arguments):
+    with pytest.raises(GRPCError) as caught:
+        await do(component, command, **arguments)
+    return caught.value.message
+
+
+def put(bench, share, joints=JOINTS):
+    with bench.world.lock:
+        for joint in joints:
+            shaft = bench.world.servo(joint).drive.shaft
+            shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+
+
+async def record(bench, sensor, joints=JOINTS):
+    """Everything before it is saved."""
+    await do(sensor, "start")
+    put(bench, 0.5, joints)
+    await do(sensor, "set_homing")
+    await do(sensor, "start_range_recording")
+    for share in (0.5, 0.2, 0.0, 0.3, 0.6, 0.9, 1.0, 0.7):
+        put(bench, share, joints)
+        await bench.pass_time(0.05)
+    for servo, q in zip(bench.world.servos, HOME, strict=True):
+        servo.drive.shaft.put(servo.drive.to_ticks(q))
+    await do(sensor, "stop_range_recording")
+
+
+def held(bench):
+    """What the servos hold, and whether they are driven."""
+    rows = (emu.OFFSET, emu.MIN_POSITION, emu.MAX_POSITION, emu.TORQUE_ENABLE)
+    return [[servo.memory.raw(row) for row in rows] for servo in bench.world.servos]
+
+
+def driven(bench):
+    return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in bench.world.servos]
+
+
+# Sharing the port
+
+
+@pytest.mark.parametrize("first", ["sensor", "arm", "gripper"])
+async def test_it_shares_the_port_whoever_comes_first(bench, first):
+    builders = {
+        "sensor": lambda: new_sensor(bench, timeout="5s"),
+        "arm": bench.new_arm,
+        "gripper": bench.new_gripper,
+    }
+    built = {first: builders.pop(first)()}
+    built |= {name: build() for name, build in builders.items()}
+    await bench.pass_time(0.5)
+
+    assert (await do(built["arm"], "controller_status"))["ref_count"] == 4, "and the bench itself"
+    assert built["arm"].rig.arm.state.mode is Mode.HOLDING
+    positions = (await do(built["sensor"], "get_current_positions"))["positions"]
+    assert len(positions) == 6
+    q = (await built["arm"].get_joint_positions()).values
+    assert positions["elbow_flex"]["degrees"] == pytest.approx(q[2], abs=0.05)
+
+
+async def test_a_file_that_is_named_counts_for_all_and_two_names_are_refused(bench, data):
+    arm = bench.new_arm(calibration_file="ours.json")
+    with pytest.raises(GRPCError, match=r"calibration_file .*ours\.json and .*mine\.json"):
+        new_sensor(bench, calibration_file="mine.json")
+    sensor = new_sensor(bench)
+    await record(bench, sensor)
+    saved = await do(sensor, "save_calibration")
+
+    assert saved["calibration_file"] == str(data / "ours.json")
+    assert (await do(arm, "get_calibration"))["calibration_file"] == str(data / "ours.json")
+
+
+# Calibrating beside an arm
+
+
+async def test_nothing_is_let_go_of_while_the_arm_moves(bench):
+    arm, sensor = bench.new_arm(), new_sensor(bench)
+    await bench.pass_time(1.0)
+    goal = JointPositions(values=[30.0, *np.degrees(HOME[1:5])])
+    move = await bench.start(arm.move_to_joint_positions(goal), lambda: arm.rig.arm.is_moving)
+
+    for command in ("start", "motor_setup_scan_bus"):
+        assert "while the arm is moving" in await bench.in_time(refused(sensor, command), 0.01)
+    assert (await sensor.get_readings())["calibration_state"] == "idle"
+    await bench.in_time(move)  # to its end, undisturbed
+
+
+async def test_a_running_arm_waits_and_then_has_the_new_calibration(bench):
+    arm, gripper, sensor = bench.new_arm(), bench.new_gripper(), new_sensor(bench)
+    await bench.pass_time(1.0)
+    before = (await do(arm, "get_calibration"))["calibration"]
+    await record(bench, sensor)
+    goal = JointPositions(values=list(np.degrees(HOME[:5])))
+    for call in (arm.move_to_joint_positions(goal), gripper.open(), arm.set_manual_mode(True)):
+        with pytest.raises(GRPCError, match="in use for calibration; finish or abort that"):
+            await bench.in_time(call)
+    assert "in use for calibration" in await refused(sensor, "motor_setup_scan_bus")
+    assert "in use for calibration" in (await do(arm, "diagnose"))["error"]
+    saved = await do(sensor, "save_calibration")
+
+    assert saved["torque_enabled"] is True
+    assert "The joints are held" in saved["message"]
+    assert all(driven(bench))
+    after = await do(arm, "get_calibration")
+    assert after["calibration"] != before
+    assert after["calibration_file"] == saved["calibration_file"]
+    assert after["zero"]["elbow_flex"]["by"] == "stops"
+    await bench.in_time(arm.move_to_joint_positions(goal))
+    assert bench.q_deg[:5] == pytest.approx(np.degrees(HOME[:5]), abs=1.5)
+
+
+async def test_a_calibration_that_is_aborted_leaves_no_trace(bench, data):
+    arm, sensor = bench.new_arm(), new_sensor(bench)
+    await bench.pass_time(1.0)
+    before = held(bench)
+    await record(bench, sensor)
+    assert held(bench) != before
+    await do(sensor, "start")  # anew: what was held before the first is still known
+    assert not any(driven(bench))
+    put(bench, 0.4)
+    await do(sensor, "set_homing")
+    answer = await do(sensor, "abort")
+
+    assert (answer["state"], answer["torque_enabled"]) == ("idle", True)
+    assert held(bench) == before
+    assert arm.rig.arm.state.mode is Mode.HOLDING
+    assert [path.name for path in data.glob("*calib*")] == []
+
+
+async def test_an_arm_that_was_limp_stays_limp_when_it_is_aborted(bench):
+    arm, sensor = bench.new_arm(), new_sensor(bench)
+    await do(arm, "set_torque", enable=False)
+    await do(sensor, "start")
+    answer = await do(sensor, "abort")
+
+    assert answer["torque_enabled"] is False
+    assert "limp" in answer["message"]
+    assert not any(driven(bench))
+
+
+@pytest.mark.parametrize("with_arm", [True, False])
+async def test_removing_the_sensor_half_way_puts_everything_back(bench, with_arm):
+    if with_arm:
+        bench.new_arm()
+        await bench.pass_time(0.5)
+    before = held(bench)
+    sensor = new_sensor(bench)
+    await record(bench, sensor)
+    await sensor.close()
+    await sensor.close()
+
+    assert held(bench) == before
+
+
+async def test_an_arm_that_cannot_hold_again_is_told_with_the_answer(bench):
+    bench.new_arm()
+    sensor = new_sensor(bench)
+    await do(sensor, "start")
+    bench.world.disconnect("wrist_flex")
+    answer = await do(sensor, "abort")
+
+    assert (answer["success"], answer["torque_enabled"]) == (True, False)
+    assert "no reply from servo 4" in answer["message"]
+
+
+async def test_only_the_joints_it_was_given_are_calibrated(bench, data):
+    arm, sensor = bench.new_arm(), new_sensor(bench, servo_ids=[6.0, 3.0])
+    await bench.pass_time(0.5)
+    before = held(bench)
+    await record(bench, sensor, ("elbow_flex", "gripper"))
+    now = await sensor.get_readings()
+    assert (now["servo_count"], set(now["joints"])) == (2, {"elbow_flex", "gripper"})
+    saved = await do(sensor, "save_calibration")
+
+    assert saved["joints_calibrated"] == 2
+    assert set(store.read(data / "so101_calibration.json").calibration) == {"elbow_flex", "gripper"}
+    unchanged = [i for i, row in enumerate(held(bench)) if row == before[i]]
+    assert unchanged == [0, 1, 3, 4]
+    sources = (await do(arm, "get_calibration"))["source"]
+    assert (sources["elbow_flex"], sources["wrist_flex"]) == ("file", "registers")
+
+
+# When things go wrong
+
+
+async def test_steps_out_of_order_are_refused_with_what_is_possible(bench):
+    sensor = new_sensor(bench)
+    for command in ("set_homing", "start_range_recording", "stop_range_recording",
+                    "save_calibration"):  # fmt: skip
+        says = await refused(sensor, command)
+        assert f'"{command}" is not possible in the state "idle"; now possible: "start"' in says
+    await do(sensor, "start")
+    assert 'now possible: "set_homing" or "abort"' in await refused(sensor, "start")
+    assert (await sensor.get_readings())["calibration_state"] == "started"
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "start_recording"}, 'did you mean "start_range_recording"'),
+        ({"command": "motor_setup_asign_id"}, 'did you mean "motor_setup_assign_id"'),
+        ({"command": "start", "retries": 3}, "unknown argument"),
+        ({"command": "motor_setup_discover"}, 'name the motor, such as "gripper"'),
+        ({"command": "motor_setup_discover", "motor_name": "elbow"}, 'did you mean "elbow_flex"'),
+        ({"command": "stop_range_recording", "accept": "elbow_flex"}, "list of joint names"),
+        ({"comand": "start"}, "known"),
+        ({}, "known"),
+    ],
+)
+async def test_requests_that_cannot_be_meant_are_refused_by_name(bench, request_, says):
+    sensor = new_sensor(bench)
+    with pytest.raises(GRPCError) as caught:
+        await sensor.do_command(request_)
+
+    assert caught.value.status in (Status.INVALID_ARGUMENT, Status.FAILED_PRECONDITION)
+    assert says in caught.value.message
+
+
+async def test_a_recording_goes_on_until_all_joints_are_done(bench):
+    sensor = new_sensor(bench)
+    await do(sensor, "start")
+    put(bench, 0.5)
+    await do(sensor, "set_homing")
+    await do(sensor, "start_range_recording")
+    for share in (0.0, 0.4, 0.8, 1.0):
+        put(bench, share, JOINTS[:2] + JOINTS[3:])
+        await bench.pass_time(0.05)
+    assert "elbow_flex: not moved yet" in await refused(sensor, "stop_range_recording")
+    now = await sensor.get_readings()
+    assert now["calibration_state"] == "range_recording"
+    assert "elbow_flex" in now["instruction"]
+    assert now["joints"]["elbow_flex"]["verdict"] == "untouched"
+    assert now["joints"]["elbow_flex"]["is_completed"] is False
+    for share in (0.3, 0.7):  # something is mounted there
+        put(bench, share, ["elbow_flex"])
+        await bench.pass_time(0.05)
+    assert "elbow_flex" in await refused(sensor, "stop_range_recording")
+    answer = await do(sensor, "stop_range_recording", accept=["elbow_flex"])
+    assert answer["ranges"]["elbow_flex"]["range"] == pytest.approx(0.4 * 2198, abs=20)
+
+
+async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
+    sensor = new_sensor(bench)
+    await record(bench, sensor)
+    bench.world.disconnect("wrist_roll")
+    await bench.pass_time(0.2)
+    assert "no reply" in await refused(sensor, "save_calibration")
+    now = await sensor.get_readings()
+    assert (now["calibration_state"], "error" in now) == ("completed", True)
+    assert "message" in now["joints"]["wrist_roll"]
+    bench.world.connect("wrist_roll")
+    await bench.pass_time(1.2)
+    assert (await do(sensor, "save_calibration"))["state"] == "idle"
+
+
+async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_up(bench):
+    arm, sensor = bench.new_arm(), new_sensor(bench)
+    await bench.pass_time(0.5)
+    bench.world.disconnect("gripper")
+    says = await refused(sensor, "start")
+    now = await sensor.get_readings()
+
+    assert "no reply from servo 6 (gripper)" in says
+    assert (now["calibration_state"], now["error"]) == ("error", says)
+    assert now["available_commands"] == ["reset", "start"]
+    assert driven(bench)[:5] == [True] * 5
+    assert arm.rig.arm.state.mode is Mode.HOLDING
+    assert (await do(sensor, "reset"))["state"] == "idle"
+
+
+async def test_a_cable_that_comes_off_while_recording_is_told(bench):
+    sensor = new_sensor(bench)
+    await do(sensor, "start")
+    await do(sensor, "set_homing")
+    await do(sensor, "start_range_recording")
+    await bench.pass_time(0.1)
+    bench.emulator.unplug()
+    await bench.pass_time(1.5)
+    assert "USB cable" in (await sensor.get_readings())["error"]
+    bench.emulator.plug()
+    await bench.pass_time(1.5)
+    now = await sensor.get_readings()
+    assert (now["calibration_state"], "error" in now) == ("range_recording", False)
+
+
+async def test_a_client_that_goes_away_leaves_no_half_step(bench):
+    sensor = new_sensor(bench)
+    for command, state in (("start", "started"), ("set_homing", "homing_position")):
+        step = asyncio.create_task(do(sensor, command))
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        step.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await step
+        now = await sensor.get_readings()
+        assert (now["calibration_state"], "error" in now) == (state, False)
+
+
+async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, planning_process):
+    bench = ModelBench(data, ids={})
+    try:
+        file = data / "so101_calibration.json"
+        before = Held(homing_offset=0, range_min=800, range_max=3000)
+        meanwhile = Held(homing_offset=77)
+        journal.write(file, Journal(before={"gripper": before}, meanwhile={"gripper": meanwhile}))
+        gripper = bench.world.servo("gripper")
+        gripper.memory.keep(emu.OFFSET, 77)
+        gripper.memory.keep(emu.MIN_POSITION, 0)
+        gripper.memory.keep(emu.MAX_POSITION, 4095)
+
+        sensor = new_sensor(bench)
+        assert "cannot be put right" in (await sensor.get_readings())["notes"][0]
+        bench.world.connect("gripper")
+        await bench.pass_time(1.5)
+        notes = (await sensor.get_readings())["notes"]
+        assert "the servos were put back" in notes[0]
+        assert held(bench)[5][:3] == [0, 800, 3000]
+        assert not journal.path_for(file).exists()
+    finally:
+        await bench.end()
+
+
+async def test_status_and_closing(bench):
+    sensor = new_sensor(bench)
+    status = await sensor.get_status()
+    await sensor.close()
+
+    assert status["calibration_state"] == "idle"
+    assert status["connected"] is True
+    assert status["calibration_file"].endswith("so101_calibration.json")
