@@ -166,7 +166,7 @@ def print_table(title: str, rows: Sequence[Row]) -> None:
 
 
 def _cell(key: str, value: Any) -> str:
-    if isinstance(value, float) and key in ("median", "p99", "max"):
+    if isinstance(value, float) and key in ("median", "p95", "p99", "max"):
         return f"{value * 1e6:.1f} us" if value < 1e-3 else f"{value * 1e3:.2f} ms"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 

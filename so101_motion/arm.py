@@ -16,16 +16,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
-from so101_motion.errors import MotionError, NotHolding, OutsideLimits
+from so101_motion.compliance import Compliance
+from so101_motion.config import (
+    ACCELERATION_RANGE_DEG,
+    SPEED_RANGE_DEG,
+    LoadConfig,
+    checked_number,
+    suggest,
+)
+from so101_motion.errors import ConfigError, MotionError, NotHolding, OutsideLimits
 from so101_motion.executor import Channel, Executor, Stream
 from so101_motion.geometry import SE3, Array, frozen_array
+from so101_motion.jog import Jog
 from so101_motion.modes import Mode
 from so101_motion.motion import Motion
+from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.plan import Plan, PlanRequest
-from so101_motion.state import ARM_JOINTS, JointState
+from so101_motion.planning.plan import Plan, PlanRequest, Search
+from so101_motion.planning.scene import Scene
+from so101_motion.planning.servo import Servo
+from so101_motion.planning.torque import Payload, Strength
+from so101_motion.state import ARM_JOINTS, JointState, lent_out
 from so101_motion.units import to_deg, to_rad
 
 if TYPE_CHECKING:
@@ -51,9 +63,12 @@ class Arm:
         planner: Takes a request to the planning process.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
-        floor_z: Height of the floor in the base frame [m]; None for no floor.
+        scene: What is around it and in its hand.
 
     Attributes:
+        scene: The same, for plans made from now on; replace it when things have changed.
+        newest: The newest plan and what it was made for, for whoever shows it; None before.
+        compliance: How it yields to a hand in manual mode.
         slowdown: Asked before each motion what share of its caps it may use, 0 to 1: hot servos
             are spared.
     """
@@ -66,14 +81,17 @@ class Arm:
         planner: Callable[[PlanRequest], Future[Plan]],
         speed: float,
         acceleration: float,
-        floor_z: float | None,
+        scene: Scene,
     ) -> None:
         self.model = model
-        self.floor_z = floor_z
+        self.scene = scene
         self._executor = executor
         self._planner = planner
         self._speed = self._acceleration = math.nan
         self._range = (model.lower, model.upper)
+        self.set_load(LoadConfig())
+        self.newest: tuple[PlanRequest, Plan] | None = None
+        self.compliance = Compliance()
         self.slowdown: Callable[[], float] = lambda: 1.0
         self.set_speed(speed)
         self.set_acceleration(acceleration)
@@ -97,8 +115,8 @@ class Arm:
 
     @property
     def in_manual(self) -> bool:
-        """Whether the joints are limp, to be moved by hand."""
-        return self.state.mode is Mode.LIMP
+        """Whether the joints are to be moved by hand: guided, or limp."""
+        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
 
     def T_base(self, frame: str = "tool") -> SE3:
         """Where ``frame`` is now, from the measured joints; maps to the base frame."""
@@ -156,7 +174,28 @@ class Arm:
             return caps
         return caps.scaled_to(share * caps.velocity, share * caps.acceleration)
 
+    # What it bears
+
+    def set_load(self, load: LoadConfig) -> None:
+        """Say what the gripper always carries, beside what the scene attaches to it.
+
+        Counts for plans made from now on, and with it what the arm's servos can bear.
+
+        Raises:
+            ConfigError: A mass or a place that cannot be meant, or servos that are not known.
+        """
+        zero = np.zeros(5)
+        tip = (self.model.frame(zero).inverse @ self.model.frame(zero, "jaw_tip")).p
+        x, y, z = tip.tolist() if load.com is None else load.com
+        self._payload = Payload(mass=load.mass, com=(x, y, z)) if load.mass > 0.0 else None
+        self._strength = Strength.of_servos(load.servo_voltage)
+
     # How far it may go
+
+    @property
+    def range(self) -> tuple[Array, Array]:
+        """The smallest and the largest joint angles it may be sent to, shapes (5,), [rad]."""
+        return self._range
 
     def set_range(self, lower: Array, upper: Array) -> None:
         """Narrow the joint limits to what this very arm was calibrated for, shapes (5,), [rad]."""
@@ -197,18 +236,28 @@ class Arm:
 
     # Planning and moving
 
-    def plan(self, goal: Goal, *, limits: MotionLimits | None = None) -> Plan:
+    def plan(
+        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    ) -> Plan:
         """Plan from where the arm is wanted now; moves nothing.
+
+        Args:
+            goal: What is wanted.
+            limits: Caps of this motion; the arm's own if not given.
+            search: How to look for it.
 
         Raises:
             PlanningError: Why there is no trajectory, with figures.
             WorkerError: The planning process died.
         """
-        return self._planner(self._request(goal, limits)).result()
+        request = self._request(goal, limits, search)
+        return self._noted(request, self._planner(request).result())
 
-    def start_move(self, goal: Goal, *, limits: MotionLimits | None = None) -> Motion:
-        """Plan and move; supersedes what is under way."""
-        return self._start(lambda motion: self._plan_and_move(motion, goal, limits))
+    def start_move(
+        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    ) -> Motion:
+        """Plan and move; supersedes what is under way. Arguments as for ``plan``."""
+        return self._start(lambda motion: self._plan_and_move(motion, goal, limits, search))
 
     def start_execute(self, plan: Plan) -> Motion:
         """Move along exactly this plan; supersedes what is under way.
@@ -255,6 +304,43 @@ class Arm:
             self._leave_manual()
             return self._executor.open_stream(self._eased(limits))
 
+    def open_jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
+        """Let the tool be led by hand; supersedes what is under way.
+
+        Blocks until the arm is at rest, then returns what takes the wishes. The arm keeps clear of
+        itself and of the scene as it is now.
+
+        Args:
+            limits: Velocity and acceleration caps; the arm's own if not given.
+            frame: Which frame of the gripper is led.
+
+        Raises:
+            ConfigError: There is no such frame.
+        """
+        known = self.model.gripper_frames
+        if frame not in known:
+            raise ConfigError(
+                "frame", frame, f"is no frame of the gripper; {suggest(frame, known)}"
+            )
+        with self._lock:
+            previous = self._current
+        self._end(previous)
+        with self._lock:
+            self._leave_manual()
+            model = self.model.narrowed(*self._range)  # the I/O thread's own
+            executor = self._executor
+            servo = Servo(
+                model,
+                CollisionModel(model, self.scene),
+                self._eased(limits),
+                executor.dt,
+                self.state.q_ref,
+                frame=frame,
+            )
+            jog = Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+            executor.play(jog)
+            return jog
+
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm is at rest.
 
@@ -265,13 +351,26 @@ class Arm:
         current.interrupt("stop")
         self._executor.stop(Channel.ARM).result()
 
-    def set_manual(self, enabled: bool) -> None:
-        """Let go of the joints so that they can be moved by hand, or hold them where they are."""
+    def set_manual(self, enabled: bool, how: Compliance | None = None) -> None:
+        """Let the arm yield to a hand and carry its own weight, or hold it where it is.
+
+        Args:
+            enabled: Whether it shall yield. A motion, a stop and letting go end that as well.
+            how: How it yields; ``compliance`` if not given.
+        """
         if enabled:
             self.stop()
-            self._executor.release().result()
+            self._executor.guide(how or self.compliance).result()
         else:
             self._executor.hold().result()
+
+    def set_torque(self, on: bool) -> None:
+        """Hold the joints, the jaw too, or let go of them: the arm then sinks under its weight."""
+        if on:
+            self._executor.hold().result()
+        else:
+            self.stop()
+            self._executor.release().result()
 
     def close(self) -> None:
         """End what is under way and the arm's own threads; the executor belongs to the rig."""
@@ -282,16 +381,29 @@ class Arm:
 
     # How
 
-    def _request(self, goal: Goal, limits: MotionLimits | None) -> PlanRequest:
-        state = self.state
+    def _request(
+        self, goal: Goal, limits: MotionLimits | None, search: Search | None
+    ) -> PlanRequest:
+        state, search = self.state, search or Search()
         return PlanRequest(
             q_start=state.q_ref,
             goal=goal,
             limits=self._eased(limits),
             q_jaw=state.q_jaw_ref,
-            floor_z=self.floor_z,
+            scene=search.scene or self.scene,
+            payload=self._payload,
+            strength=self._strength,
+            frames=search.frames,
+            lower=self._range[0] - _RANGE_TOLERANCE,
+            upper=self._range[1] + _RANGE_TOLERANCE,
             dt=self._executor.dt,
+            seed=search.seed,
+            time_budget=search.time_budget,
         )
+
+    def _noted(self, request: PlanRequest, plan: Plan) -> Plan:
+        self.newest = (request, plan)
+        return plan
 
     def _start(self, run: Callable[[Motion], None]) -> Motion:
         motion = Motion()
@@ -314,9 +426,12 @@ class Arm:
         previous.future.exception()
         self._executor.stop(Channel.ARM).result()
 
-    def _plan_and_move(self, motion: Motion, goal: Goal, limits: MotionLimits | None) -> None:
+    def _plan_and_move(
+        self, motion: Motion, goal: Goal, limits: MotionLimits | None, search: Search | None
+    ) -> None:
         self._leave_manual()
-        plan = motion.wait_for(self._planner(self._request(goal, limits)))
+        request = self._request(goal, limits, search)
+        plan = self._noted(request, motion.wait_for(self._planner(request)))
         self._execute(motion, plan)
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
@@ -336,9 +451,11 @@ class Arm:
 
     def _leave_manual(self) -> None:
         state = self.state
+        if state.lent_to is not None:
+            raise MotionError(lent_out(state.lent_to))
         if state.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
-        if state.mode is Mode.LIMP:
+        if state.mode in (Mode.LIMP, Mode.GUIDING):
             self._executor.hold().result()
 
 

@@ -7,122 +7,45 @@ they spell it; each holds a ``HardwareRig``, and the last one out closes.
 
 from __future__ import annotations
 
-import itertools
+import atexit
 import os
 import threading
-from types import TracebackType
+from dataclasses import dataclass
 
-from so101_motion.arm import Arm
+from so101_motion.assembly import TICK, Rig
 from so101_motion.clock import Clock, MonotonicClock
 from so101_motion.drivers.bus import PATIENCE
 from so101_motion.drivers.feetech_arm import SETTLE_POSITION, SETTLE_TIMEOUT, SETTLE_VELOCITY
 from so101_motion.drivers.sim_arm import SimArm
-from so101_motion.executor import Executor, JointDriver, Tolerances
+from so101_motion.executor import Executor, Tolerances
 from so101_motion.geometry import Array
-from so101_motion.gripper import JAW_CLOSED, JAW_LIMITS, Gripper
-from so101_motion.planning.collision import FLOOR_Z
+from so101_motion.gripper import JAW_CLOSED
+from so101_motion.loan import BusLoan
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Scene
+from so101_motion.realtime import go_first
 from so101_motion.servos import Servos, ServoSettings
 from so101_motion.state import GRIPPER_JOINT
 from so101_motion.units import to_rad
-from so101_motion.worker import PlanningWorker
 
-TICK = 0.01
-"""Period of the control loop [s]."""
-
-HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(600.0), jerk=200.0)
-"""Caps of a stop, whatever the motion's own: 600 deg/s^2 is where the servos level off (460 to 620
-measured by the published module's authors); the jerk is chosen, braking builds up in 50 ms. A fifth
-more than any motion may have, so that a stop nearly always finds a way along the path."""
-
-JAW_HARD_STOP = MotionLimits.uniform(
-    velocity=JAW_LIMITS.velocity[0],
-    acceleration=1.2 * JAW_LIMITS.acceleration[0],
-    jerk=1.5 * JAW_LIMITS.jerk[0],
-    n=1,
-)
-"""The same for the jaw, which is light and moves faster than the arm."""
-
-_numbers = itertools.count(1)
-
-
-class Rig:
-    """An arm and a gripper on one driver, with their clock and their I/O thread.
-
-    Use it in a ``with`` block or call ``close``.
-    """
-
-    def __init__(
-        self,
-        driver: JointDriver,
-        *,
-        clock: Clock,
-        speed: float,
-        acceleration: float,
-        floor_z: float | None,
-        tolerances: Tolerances | None = None,
-        jaw_tolerances: Tolerances | None = None,
-    ) -> None:
-        self.clock = clock
-        self.executor = Executor(
-            driver,
-            clock,
-            dt=TICK,
-            stop_limits=HARD_STOP,
-            jaw_stop_limits=JAW_HARD_STOP,
-            tolerances=tolerances,
-            jaw_tolerances=jaw_tolerances,
-            name=f"so101-io-{next(_numbers)}",
-        )
-        self._worker = _acquire_worker()
-        self._closed = False
-        try:
-            self.arm = Arm(
-                model=RobotModel.load(),
-                executor=self.executor,
-                planner=self._worker.plan,
-                speed=speed,
-                acceleration=acceleration,
-                floor_z=floor_z,
-            )
-            self.gripper = Gripper(executor=self.executor)
-            self.executor.start()
-        except BaseException:
-            driver.close()
-            _release_worker()
-            raise
-
-    def warm_up(self) -> None:
-        """Start the planning process in the background, so that the first plan comes quickly."""
-        self._worker.start()
-
-    def close(self) -> None:
-        """Stop, end all threads, close the driver. May be called twice."""
-        if self._closed:
-            return
-        self._closed = True
-        self.executor.close()  # first: it lets pass the time that its motions need to come to rest
-        self.arm.close()
-        _release_worker()
-
-    def __enter__(self) -> Rig:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
+__all__ = [
+    "TICK",
+    "HardwareRig",
+    "PortUse",
+    "Rig",
+    "open_hardware",
+    "open_simulated",
+    "open_simulated_gripper",
+    "use_of",
+]
 
 
 def open_simulated(
     *,
     speed: float = to_rad(90.0),
     acceleration: float = to_rad(100.0),
-    floor_z: float | None = FLOOR_Z,
+    scene: Scene | None = None,
     q_start: Array | None = None,
     q_jaw_start: float = JAW_CLOSED,
     clock: Clock | None = None,
@@ -132,7 +55,7 @@ def open_simulated(
     Args:
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
-        floor_z: Height of the floor in the base frame [m]; None for no floor.
+        scene: What is around it and in its hand; just the floor if not given.
         q_start: Where the joints stand, shape (5,), [rad]; zeros by default.
         q_jaw_start: Where the jaw stands [rad].
         clock: What time it is; the real time by default.
@@ -142,7 +65,7 @@ def open_simulated(
     """
     clock = clock or MonotonicClock()
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
-    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, floor_z=floor_z)
+    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
     rig.warm_up()
     return rig
 
@@ -159,7 +82,7 @@ def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED) -> Rig:
         clock=clock,
         speed=to_rad(90.0),
         acceleration=to_rad(100.0),
-        floor_z=None,
+        scene=Scene(),
     )
 
 
@@ -200,6 +123,7 @@ class HardwareRig(Rig):
         self.servos, rig = live.servos, live.rig
         self.clock, self.executor = rig.clock, rig.executor
         self.arm, self.gripper = rig.arm, rig.gripper
+        self._loan: BusLoan | None = None
         self._closed = False
 
     @property
@@ -230,8 +154,33 @@ class HardwareRig(Rig):
         with _hardware_lock:
             self._live.rebuild(self.servos.settings)
 
+    def lend_bus(self, purpose: str) -> BusLoan:
+        """Have the bus to ourselves, to calibrate the servos or to set them up; see ``BusLoan``.
+
+        No servo need be there, and what is there need not be an arm.
+
+        Args:
+            purpose: What for, as it is told to those who are refused meanwhile.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent already; the message says for what.
+        """
+        loan = BusLoan(
+            self.executor,
+            self.servos,
+            self.clock,
+            purpose=purpose,
+            returned=self._live.take_ranges,
+        )
+        self._loan = loan
+        return loan
+
     def close(self) -> None:
-        """Give up this share; the last one closes the port. May be called twice."""
+        """Give up this share; the last one closes the port. May be called twice.
+
+        A bus lent by this share goes back first. If it is the last share, the servos stay as the
+        borrower left them.
+        """
         with _hardware_lock:
             if self._closed:
                 return
@@ -240,6 +189,8 @@ class HardwareRig(Rig):
             if self._live.users == 0:
                 _hardware.remove(self._live)
                 self._live.rig.close()
+            elif self._loan is not None:
+                self._loan.abandon()
 
 
 class _Live:
@@ -256,13 +207,16 @@ class _Live:
             clock=clock,
             speed=to_rad(50.0),
             acceleration=to_rad(100.0),
-            floor_z=FLOOR_Z,
+            scene=Scene(),
             tolerances=HARDWARE_TOLERANCES,
             jaw_tolerances=JAW_TOLERANCES,
+            start=Executor.start if settings.required() else Executor.start_limp,
         )
+        if isinstance(clock, MonotonicClock):
+            self.rig.executor.call(lambda _: go_first())
         self.rig.gripper.limits = HARDWARE_JAW_LIMITS
         self.rig.arm.slowdown = lambda: self.servos.slowdown
-        self._take_ranges()
+        self.take_ranges()
 
     def is_on(self, port: str) -> bool:
         """Whether ``port`` is another name, or the name, of this rig's."""
@@ -272,6 +226,8 @@ class _Live:
     def admit(self, settings: ServoSettings) -> None:
         """Let another component in; what it asks for beyond the others is set up.
 
+        While the bus is lent that waits until it is given back.
+
         Raises:
             ConfigError: It contradicts the others.
             BusError: What it asks for is not there.
@@ -279,8 +235,10 @@ class _Live:
         now, joined = self.servos.settings, self.servos.settings.joined_with(settings)
         ids = joined.ids()
         in_use = {joint: setup.map.servo_id for joint, setup in self.servos.setups.items()}
-        if (
-            joined.calibration_file != now.calibration_file
+        if self.rig.executor.state.lent_to is None and (
+            not now.required()
+            or joined.file != now.file
+            or joined.zero_offsets != now.zero_offsets
             or any(joint not in in_use for joint in joined.required())
             or any(ids.get(joint) != servo_id for joint, servo_id in in_use.items())
         ):
@@ -288,12 +246,19 @@ class _Live:
         self.servos.settings = joined
 
     def rebuild(self, settings: ServoSettings) -> None:
-        """Set the servos up anew; held joints stay put."""
-        self.rig.executor.renew(lambda _: self.servos.rebuild(settings)).result()
-        self._take_ranges()
+        """Set the servos up anew; held joints stay put, and what nobody drove until now is held."""
+        executor, first = self.rig.executor, not self.servos.settings.required()
+        executor.renew(lambda _: self._rebuild(settings)).result()
+        if first and settings.required():
+            executor.hold().result()
         self.rig.gripper.regrip()
 
-    def _take_ranges(self) -> None:
+    def _rebuild(self, settings: ServoSettings) -> None:
+        self.servos.rebuild(settings)
+        self.take_ranges()
+
+    def take_ranges(self) -> None:
+        """Let arm and gripper know how far their joints go by the calibration in force."""
         self.rig.arm.set_range(self.servos.lower, self.servos.upper)
         jaw = self.servos.setups.get(GRIPPER_JOINT)
         if jaw is not None:
@@ -305,7 +270,8 @@ def open_hardware(
 ) -> HardwareRig:
     """The arm and gripper on a serial port; nothing moves by being opened.
 
-    Several may be opened on one port: they share it, and what they ask for must agree.
+    Several may be opened on one port: they share it, and what they ask for must agree. As long as
+    none asks for a servo, nobody need be there and nothing is driven: that is for ``lend_bus``.
 
     Args:
         settings: Which port, and what is asked of it.
@@ -327,29 +293,36 @@ def open_hardware(
         return HardwareRig(live)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortUse:
+    """What the components of this process do with a port.
+
+    Attributes:
+        settings: What they ask of it.
+        joints: The joints they have found there, base to jaw.
+    """
+
+    settings: ServoSettings
+    joints: tuple[str, ...]
+
+
+def use_of(port: str) -> PortUse | None:
+    """What this process does with a port, by any of its names; None if nothing.
+
+    Asks nobody on the bus and waits for nobody.
+    """
+    for live in tuple(_hardware):
+        if live.is_on(port):
+            return PortUse(settings=live.servos.settings, joints=tuple(live.servos.setups))
+    return None
+
+
 _hardware_lock = threading.RLock()
 _hardware: list[_Live] = []
 
-_worker_lock = threading.Lock()
-_worker: PlanningWorker | None = None
-_worker_users = 0
 
-
-def _acquire_worker() -> PlanningWorker:
-    global _worker, _worker_users
-    with _worker_lock:
-        if _worker is None:
-            _worker = PlanningWorker()
-        _worker_users += 1
-        return _worker
-
-
-def _release_worker() -> None:
-    global _worker, _worker_users
-    with _worker_lock:
-        _worker_users -= 1
-        if _worker_users > 0:
-            return
-        worker, _worker = _worker, None
-    if worker is not None:
-        worker.close()
+@atexit.register
+def _close_all() -> None:
+    """A program that ends without closing leaves arms that hold, not ones in mid-motion."""
+    for live in tuple(_hardware):
+        live.rig.close()

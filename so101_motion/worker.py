@@ -4,7 +4,8 @@ Planning holds the interpreter lock for milliseconds at a time, and a control lo
 process then misses its ticks. So the planner lives in a child: it is started once, loads the model
 and the libraries while the parent is already answering, and from then on takes a ``PlanRequest``
 and gives back a ``Plan`` or the error it raised. Both are plain values, pickled over the child's
-standard streams.
+standard streams. A scene may be large and seldom changes, so it is sent once: both ends remember
+the last few, and from then on its digest stands for it.
 
 Why not ``multiprocessing``: its ``spawn`` runs the user's own script a second time in the child,
 which surprises everyone whose script opens an arm at top level, and it keeps a tracker process
@@ -15,21 +16,76 @@ even by ``kill -9``, the child reads end-of-file and leaves.
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import pickle
 import signal
 import subprocess
 import sys
 import threading
+from collections import OrderedDict
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import IO, TYPE_CHECKING, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 from so101_motion.errors import So101Error, WorkerError
+from so101_motion.planning.scene import Scene
 
 if TYPE_CHECKING:
     from so101_motion.planning.plan import Plan, PlanRequest
 
 _GRACE = 2.0  # [s] for the child to leave by itself before it is killed; chosen
+
+_REMEMBERED = 8
+"""So many scenes both ends remember. Chosen."""
+
+
+class Scenes:
+    """The scenes that went over a pipe of late. Both ends keep one, and both forget alike."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[bytes, Scene] = OrderedDict()
+
+    def note(self, scene: Scene) -> bool:
+        """Remember a scene that is being sent; whether the other end has it already."""
+        known = scene.digest in self._known
+        self._known[scene.digest] = scene
+        self._known.move_to_end(scene.digest)
+        if len(self._known) > _REMEMBERED:
+            self._known.popitem(last=False)
+        return known
+
+    def __getitem__(self, digest: bytes) -> Scene:
+        return self._known[digest]
+
+
+class Sender(pickle.Pickler):
+    """Pickles values into a stream, scenes by their digest once they have been sent."""
+
+    def __init__(self, stream: IO[bytes], scenes: Scenes) -> None:
+        super().__init__(stream, pickle.HIGHEST_PROTOCOL)
+        self._scenes = scenes
+
+    def persistent_id(self, value: Any) -> tuple[bytes, bytes] | None:
+        """What stands for a scene: its digest and, the first time, its content."""
+        if not isinstance(value, Scene):
+            return None
+        known = self._scenes.note(value)
+        return value.digest, b"" if known else pickle.dumps(value, pickle.HIGHEST_PROTOCOL)
+
+
+class Receiver(pickle.Unpickler):
+    """The other end of ``Sender``."""
+
+    def __init__(self, stream: IO[bytes], scenes: Scenes) -> None:
+        super().__init__(stream)
+        self._scenes = scenes
+
+    def persistent_load(self, sent: tuple[bytes, bytes]) -> Scene:
+        """The scene that was sent, now or earlier."""
+        digest, content = sent
+        scene = pickle.loads(content) if content else self._scenes[digest]
+        self._scenes.note(scene)
+        return cast("Scene", scene)
 
 
 class PlanningWorker:
@@ -43,6 +99,7 @@ class PlanningWorker:
         self._requests = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-planning")
         self._lock = threading.Lock()
         self._child: subprocess.Popen[bytes] | None = None
+        self._scenes = Scenes()
         self._closed = False
 
     def start(self) -> Future[None]:
@@ -81,7 +138,9 @@ class PlanningWorker:
     def _ask(self, request: PlanRequest | None) -> Plan | None:
         child = self._living_child()
         try:
-            pickle.dump(request, cast("IO[bytes]", child.stdin), pickle.HIGHEST_PROTOCOL)
+            message = io.BytesIO()
+            Sender(message, self._scenes).dump(request)
+            cast("IO[bytes]", child.stdin).write(message.getvalue())
             cast("IO[bytes]", child.stdin).flush()
             answer = pickle.load(cast("IO[bytes]", child.stdout))
         except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
@@ -105,7 +164,7 @@ class PlanningWorker:
                 _end(self._child)
                 self._child = None
             if self._child is None:
-                self._child = _spawn()
+                self._child, self._scenes = _spawn(), Scenes()
             return self._child
 
 
@@ -145,10 +204,10 @@ def main() -> None:
     from so101_motion.planning.model import RobotModel
     from so101_motion.planning.planner import Planner
 
-    planner = Planner(RobotModel.load())
+    planner, scenes = Planner(RobotModel.load()), Scenes()
     while True:
         try:
-            request = pickle.load(sys.stdin.buffer)
+            request = Receiver(sys.stdin.buffer, scenes).load()
         except EOFError:
             return
         answer: Plan | BaseException | None

@@ -102,16 +102,16 @@ def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
         q_jaw: Jaw angle [rad].
     """
     travelled = collision.travel(points)
-    steps = max(1, math.ceil(travelled[-1] / collision.margin))
+    steps = max(1, math.ceil(travelled[-1] / float(collision.margins.min())))
     at = np.linspace(0.0, travelled[-1], steps + 1)
     columns = [np.interp(at, travelled, points[:, i]) for i in range(5)]
-    # What a pair has gained it must keep, up to the margin, which is enough for anybody.
+    # What a pair has gained it must keep, up to its margin, which is enough.
     kept = np.full(len(collision.pairs), -math.inf)
     for q in np.column_stack(columns):
         distances = collision.distances(q, q_jaw)
         if np.any(distances < kept - CLOSER):
             return False
-        kept = np.minimum(np.maximum(kept, distances), collision.margin)
+        kept = np.minimum(np.maximum(kept, distances), collision.margins)
     return True
 
 

@@ -52,12 +52,14 @@ def freed(
         q_jaw: Jaw angle [rad].
         seed: Of the variations.
     """
+    if goal.cloud is not None:  # its solutions are spread over all that it leaves open
+        return
     random = np.random.default_rng(seed)
-    rated = [(collision.clearance(each.q, q_jaw).distance, each) for each in solutions]
+    rated = [(collision.clearance(each.q, q_jaw).room, each) for each in solutions]
     rated.sort(key=lambda pair: -pair[0])
     tried: list[Array] = []
-    for clearance, solution in rated:
-        if clearance < collision.margin - HOPELESS or len(tried) == CLIMBERS:
+    for room, solution in rated:
+        if room < -HOPELESS or len(tried) == CLIMBERS:
             return
         if any(np.abs(solution.q - q).max() < APART for q in tried):
             continue
@@ -75,16 +77,16 @@ def _climbed(
     q_jaw: float,
     random: np.random.Generator,
 ) -> IkSolution | None:
-    best, step = collision.clearance(solution.q, q_jaw).distance, _FIRST_STEP
+    best, step = collision.clearance(solution.q, q_jaw).room, _FIRST_STEP
     for _ in range(STEPS):
         q_seed: Array = solution.q + step * random.standard_normal(5)
         try:
             varied = ik.solve(goal, q_seed)
         except Unreachable:
             return None
-        clearance = collision.clearance(varied.q, q_jaw).distance
-        if clearance > best:
-            best, solution = clearance, varied
+        room = collision.clearance(varied.q, q_jaw).room
+        if room > best:
+            best, solution = room, varied
             if collision.is_free(solution.q, q_jaw):
                 return solution
         else:

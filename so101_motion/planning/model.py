@@ -50,8 +50,15 @@ class RobotModel:
         gripper_frames: Names of the frames fixed to the gripper; goals may name one of these.
     """
 
-    def __init__(self, pin_model: Any, frames: dict[str, tuple[str, SE3]] | None = None) -> None:
+    def __init__(
+        self,
+        pin_model: Any,
+        frames: dict[str, tuple[str, SE3]] | None = None,
+        *,
+        bounds: str = "limits",
+    ) -> None:
         self.pin_model = pin_model
+        self._bounds = bounds  # what messages call the joint limits
         self._extra = dict(frames or {})
         self._full_data = pin_model.createData()
         jaw = [pin_model.getJointId(GRIPPER_JOINT)]
@@ -118,7 +125,43 @@ class RobotModel:
         """
         if name in self._ids:
             raise ConfigError("frame", name, "is the name of another frame; choose a new one")
-        return RobotModel(self.pin_model, {**self._extra, name: ("tool", T_tool_frame)})
+        frames = {**self._extra, name: ("tool", T_tool_frame)}
+        return RobotModel(self.pin_model, frames, bounds=self._bounds)
+
+    def with_payload(self, mass: float, p_tool: ArrayLike) -> RobotModel:
+        """This model with a mass fixed to the gripper, for torques.
+
+        Args:
+            mass: [kg].
+            p_tool: Its centre in the tool frame, shape (3,), [m].
+        """
+        loaded = pin.Model(self.pin_model)
+        tool = loaded.frames[loaded.getFrameId("tool")]
+        p_joint = tool.placement.act(np.asarray(p_tool, dtype=np.float64))
+        point = pin.Inertia(mass, p_joint, np.zeros((3, 3)))
+        loaded.appendBodyToJoint(tool.parentJoint, point, pin.SE3.Identity())
+        return RobotModel(loaded, self._extra, bounds=self._bounds)
+
+    def narrowed(self, lower: ArrayLike, upper: ArrayLike) -> RobotModel:
+        """This model with joint limits of one arm's own, where they are the narrower ones.
+
+        Args:
+            lower: Smallest joint angles, shape (5,), [rad].
+            upper: Largest joint angles, shape (5,), [rad].
+
+        Raises:
+            ConfigError: A joint is left without any angle; says which.
+        """
+        narrow = self.pin_model.copy()
+        lower, upper = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
+        for i in range(5):
+            if not lower[i] < upper[i]:
+                raise ConfigError(
+                    ARM_JOINTS[i], [to_deg(float(lower[i])), to_deg(float(upper[i]))],
+                    "are limits [deg] that leave the joint no angle; calibrate the arm again"
+                )  # fmt: skip
+        narrow.lowerPositionLimit[:5], narrow.upperPositionLimit[:5] = lower, upper
+        return RobotModel(narrow, self._extra, bounds="calibrated range")
 
     def frame(self, q: ArrayLike, name: str = "tool") -> SE3:
         """Where a frame is: ``T_base_<name>``.
@@ -204,6 +247,30 @@ class RobotModel:
         q_full = np.asarray(q_full, dtype=np.float64)
         return np.array(pin.computeGeneralizedGravity(self.pin_model, self._full_data, q_full))
 
+    def torques(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """What the arm joints must exert to move like this, friction left out.
+
+        Args:
+            q: Joint angles, shape (m, 5), [rad].
+            qd: Their velocities, same shape, [rad/s].
+            qdd: Their accelerations, same shape, [rad/s^2].
+
+        Returns:
+            Shape (m, 5), [N m].
+        """
+        found = np.empty_like(q)
+        rnea, model, data = pin.rnea, self._arm, self._data
+        for k in range(len(q)):
+            found[k] = rnea(model, data, q[k], qd[k], qdd[k])
+        return found
+
+    def holding_torques(self, q: Array) -> Array:
+        """What the arm joints must exert to stand still at ``q`` (m, 5); shape (m, 5), [N m]."""
+        found = np.empty_like(q)
+        for k, posture in enumerate(q):
+            found[k] = pin.computeGeneralizedGravity(self._arm, self._data, posture)
+        return found
+
     def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
         """Which joint is furthest outside its limits, as an index into ``q``, or None.
 
@@ -232,7 +299,7 @@ class RobotModel:
         value = float(np.asarray(q, dtype=np.float64)[i])
         lower, upper = float(self.lower[i]), float(self.upper[i])
         raise OutsideLimits(
-            f"{ARM_JOINTS[i]} = {to_deg(value):.2f} deg is outside its limits "
+            f"{ARM_JOINTS[i]} = {to_deg(value):.2f} deg is outside its {self._bounds} "
             f"{to_deg(lower):.2f} to {to_deg(upper):.2f} deg; choose a value between them",
             joint=ARM_JOINTS[i],
             value=value,

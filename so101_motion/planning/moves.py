@@ -10,7 +10,9 @@ stops at each corner, which keeps it exactly on the lines that were proven.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from so101_motion.errors import InCollision, OutsideLimits, PlanningError
 from so101_motion.geometry import Array
 from so101_motion.planning import verify
+from so101_motion.planning.arm_chain import ArmChain
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.departure import is_harmless
 from so101_motion.planning.limits import MotionLimits
@@ -25,12 +28,14 @@ from so101_motion.planning.model import RobotModel
 from so101_motion.planning.online import point_to_point
 from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
 from so101_motion.planning.retime import retime
+from so101_motion.planning.rounding import between_stops, roomy_corners
+from so101_motion.planning.torque import Load, slowed
 from so101_motion.planning.trajectory import Trajectory
 
 _WHEN = {"start": "leaving the start", "goal": "at the goal", "way": "on the way"}
 _ADVICE = {
     "start": "move the arm by hand (manual mode) and try again",
-    "goal": "choose another goal, or lower floor_z if the floor is not there",
+    "goal": "choose another goal, or correct the scene if that is not there",
     "way": "choose waypoints further away from it",
 }
 
@@ -54,6 +59,13 @@ NARROWEST, WIDEST = 0.002, 0.5
 _ROUNDER = 0.25
 """By how much smaller the second attempt to round corners is."""
 
+LEEWAY = 0.2
+"""Share of its margin that a pair may lack on the way. A path is proven at other postures than its
+motion is; between them it may come a little nearer. Chosen."""
+
+LOOK = 0.02
+"""Travel between the postures that are looked at before time is spent on a motion [m]."""
+
 _PER_PIECE = 16
 """Points of each piece of a rounded path that are looked at before time is spent on it."""
 
@@ -75,6 +87,8 @@ class MoveMaker:
         q_jaw: Jaw angle during the motion [rad].
         limits: Caps the motion keeps.
         dt: Time between samples [s].
+        tool: Kinematics of the tool point, whose speed has a cap.
+        load: What the servos have to bear; None not to look at it.
     """
 
     model: RobotModel
@@ -82,6 +96,8 @@ class MoveMaker:
     q_jaw: float
     limits: MotionLimits
     dt: float
+    tool: ArmChain
+    load: Load | None = None
 
     def straight(self, q_from: Array, q_to: Array) -> Trajectory:
         """Along the straight joint line, from rest to rest; none if the two are the same."""
@@ -90,7 +106,11 @@ class MoveMaker:
         limits = self.limits
         if limits.tool_speed is not None:
             limits = self._within_tool_speed(q_from, q_to, limits, limits.tool_speed)
-        return point_to_point(q_from, q_to, limits, self.dt)
+        trajectory = point_to_point(q_from, q_to, limits, self.dt)
+        if self.load is None or self.load.stretch(trajectory) == 1.0:
+            return trajectory
+        line = np.array([q_from, q_to])
+        return self._retimed(blended_path(line, WIDEST), line, SMOOTHING_MOST)
 
     def departing(self, q_from: Array, q_to: Array) -> Trajectory:
         """Along a way out of a bad start, slowly.
@@ -115,38 +135,56 @@ class MoveMaker:
             tolerance: How far each joint may leave it [rad].
             spline: Whether to try the curve through all waypoints before rounded corners.
         """
+        if self.load is not None:
+            self.load.check_holding(_between(waypoints), "on the way")
         tolerance = min(tolerance, WIDEST)
         if len(waypoints) > 2 and tolerance >= NARROWEST:
-            for path, smoothing in self._rounded(waypoints, tolerance, spline=spline):
-                # Most of what would be refused after timing is refused here, at once.
-                if self._is_blocked(_dense(path)):
-                    continue
-                try:
-                    trajectory = self._retimed(path, waypoints, smoothing)
-                except PlanningError:
-                    continue
-                yield [trajectory]
+            smoothing = min(SMOOTHING_SHARE * tolerance, SMOOTHING_MOST)
+            if spline:
+                yield from self._splined(waypoints, tolerance, smoothing)
+            look = self.collision.sight(self.q_jaw, spacing=LOOK)
+            corners = roomy_corners(waypoints, tolerance - smoothing, NARROWEST, look.is_free)
+            yield from self._rounded(waypoints, corners, smoothing)
+            tighter = np.where(_ROUNDER * corners < NARROWEST, 0.0, _ROUNDER * corners)
+            if np.any(tighter > 0.0):
+                yield from self._rounded(waypoints, tighter, _ROUNDER * smoothing)
         yield [self.straight(a, b) for a, b in pairwise(waypoints)]
 
     def _retimed(self, path: JointPath, waypoints: Array, smoothing: float) -> Trajectory:
-        tool_speed = self.tool_speed if self.limits.tool_speed else None
-        trajectory = retime(
-            path, self.limits, self.dt, tool_speed_fn=tool_speed, deviation=smoothing
+        tool_speed = self.tool.speeds if self.limits.tool_speed else None
+        make = partial(
+            retime, path, self.limits, self.dt, tool_speed_fn=tool_speed, deviation=smoothing
         )
-        # The path's own ends are those of polynomials, equal to the waypoints but for the last bit.
-        q = np.array(trajectory.q)
-        q[0], q[-1] = waypoints[0], waypoints[-1]
-        return replace(trajectory, q=q)
+        trajectory = _between_ends(make(), waypoints)
+        if self.load is not None and self.load.stretch(trajectory) > 1.0:
+            slower = _between_ends(make(further=self.load.rows), waypoints)
+            trajectory = self.bearable(slower)
+        return trajectory
+
+    def bearable(self, trajectory: Trajectory) -> Trajectory:
+        """The same motion, as slow as it must be for the servos to bear it.
+
+        Raises:
+            Overloaded: They cannot, however slow it is.
+        """
+        if self.load is None:
+            return trajectory
+        self.load.check_holding(trajectory.q, "on the way")
+        longer = self.load.stretch(trajectory)
+        return slowed(trajectory, longer) if longer > 1.0 else trajectory
 
     def check(self, trajectory: Trajectory) -> verify.LimitReport:
-        """Refuse a motion that breaks a limit or touches something.
+        """Refuse a motion that breaks a limit, touches something or is too heavy.
 
         Raises:
             OutsideLimits: A limit is broken.
             InCollision: Something is too close.
+            Overloaded: A servo would have to bear too much.
         """
         report = self.check_limits(trajectory)
-        blocked = self.collision.blocked_posture(trajectory.q, self.q_jaw)
+        if self.load is not None:
+            report = replace(report, effort=self.load.check(trajectory))
+        blocked = self.collision.blocked_posture(trajectory.q, self.q_jaw, leeway=LEEWAY)
         if blocked is not None:
             raise self.in_collision(blocked, "way")
         return report
@@ -162,7 +200,7 @@ class MoveMaker:
         report = verify.check(trajectory, self.limits, lower, upper)
         cap = self.limits.tool_speed
         if cap is not None:
-            fastest = float(self.tool_speed(trajectory.q, trajectory.qd).max())
+            fastest = float(self.tool.speeds(trajectory.q, trajectory.qd).max())
             if fastest > cap * (1.0 + _TOOL_SLACK):
                 raise OutsideLimits(
                     f"the tool would move at {fastest * 1e3:.0f} mm/s, its limit is"
@@ -174,12 +212,6 @@ class MoveMaker:
                 )
         return report
 
-    def tool_speed(self, q: Array, qd: Array) -> Array:
-        """How fast the tool point moves [m/s], shape (m,), for q and qd of shape (m, 5)."""
-        jacobian = self.model.frame_jacobian
-        velocity = [jacobian(here)[:3] @ rate for here, rate in zip(q, qd, strict=True)]
-        return np.asarray(np.linalg.norm(velocity, axis=1))
-
     def in_collision(self, q: Array, where: str, when: str | None = None) -> InCollision:
         """The error for a posture that is too close to something.
 
@@ -190,7 +222,7 @@ class MoveMaker:
         """
         closest = self.collision.clearance(q, self.q_jaw)
         return InCollision(
-            f"{when or _WHEN[where]} {closest.told()} ({self.collision.margin * 1e3:.0f} mm must"
+            f"{when or _WHEN[where]} {closest.told()} ({closest.margin * 1e3:.0f} mm must"
             f" stay free); {_ADVICE[where]}",
             first=closest.first,
             second=closest.second,
@@ -204,7 +236,7 @@ class MoveMaker:
         way = q_to - q_from
         share = np.linspace(0.0, 1.0, _TOOL_POINTS)[:, None]
         per_way = float(
-            self.tool_speed(q_from + share * way, np.broadcast_to(way, (len(share), 5))).max()
+            self.tool.speeds(q_from + share * way, np.broadcast_to(way, (len(share), 5))).max()
         )
         if per_way == 0.0:
             return limits
@@ -212,20 +244,27 @@ class MoveMaker:
             fastest = np.where(way == 0.0, np.inf, np.abs(way) * (cap / per_way))
         return limits.scaled_to(fastest, np.inf)
 
-    def _rounded(
-        self, waypoints: Array, tolerance: float, *, spline: bool
-    ) -> Iterator[tuple[JointPath, float]]:
-        """Paths that stay near a polyline, the smoothest first, and what smoothing may add."""
-        smoothing = min(SMOOTHING_SHARE * tolerance, SMOOTHING_MOST)
-        if spline:
-            path = spline_path(waypoints)
-            if _deviation(path, waypoints) <= tolerance - smoothing:
-                yield path, smoothing
-        for factor in (1.0, _ROUNDER):
-            yield blended_path(waypoints, factor * (tolerance - smoothing)), factor * smoothing
+    def _splined(self, waypoints: Array, tolerance: float, smoothing: float) -> Iterator[Pieces]:
+        """The motion along the curve through all waypoints, if that stays near and is free."""
+        path = spline_path(waypoints)
+        if _deviation(path, waypoints) > tolerance - smoothing:
+            return
+        # Most of what would be refused after timing is refused here, at once.
+        look = self.collision.sight(self.q_jaw, spacing=LOOK)
+        if not all(map(look.is_free, _dense(path))):
+            return
+        with suppress(PlanningError):
+            yield [self._retimed(path, waypoints, smoothing)]
 
-    def _is_blocked(self, points: Array) -> bool:
-        return self.collision.blocked_posture(points, self.q_jaw) is not None
+    def _rounded(self, waypoints: Array, corners: Array, smoothing: float) -> Iterator[Pieces]:
+        """The motion along a polyline whose corners are cut so far, with stops where they are 0."""
+        with suppress(PlanningError):
+            yield [
+                self._retimed(blended_path(part, cut), part, smoothing)
+                if len(cut)
+                else self.straight(*part)
+                for part, cut in between_stops(waypoints, corners)
+            ]
 
 
 def joined(pieces: Sequence[Trajectory]) -> Trajectory:
@@ -238,6 +277,23 @@ def joined(pieces: Sequence[Trajectory]) -> Trajectory:
     )
     duration = sum(lengths) * first.dt + pieces[-1].duration
     return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:
+    """The same motion from the first to the last waypoint to the very bit.
+
+    The path's own ends are those of polynomials, equal to the waypoints but for the last bit.
+    """
+    q = np.array(trajectory.q)
+    q[0], q[-1] = waypoints[0], waypoints[-1]
+    return replace(trajectory, q=q)
+
+
+def _between(waypoints: Array) -> Array:
+    """Points along a polyline, its corners among them, shape (m, n)."""
+    share = np.linspace(0.0, 1.0, _PER_PIECE + 1)[:-1, None]
+    parts = [a + share * (b - a) for a, b in pairwise(waypoints)]
+    return np.concatenate([*parts, waypoints[-1:]])
 
 
 def _dense(path: JointPath) -> Array:

@@ -119,7 +119,7 @@ def spline_path(waypoints: ArrayLike) -> JointPath:
     return JointPath(knots=_accumulated(lengths), coefficients=coefficients)
 
 
-def blended_path(waypoints: ArrayLike, tolerance: float) -> JointPath:
+def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
     """Straight lines through the waypoints with rounded corners.
 
     A corner becomes a parabola that leaves one line and meets the other ``reach`` away from the
@@ -129,12 +129,14 @@ def blended_path(waypoints: ArrayLike, tolerance: float) -> JointPath:
 
     Args:
         waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.
-        tolerance: How far each joint may leave the straight lines [rad], positive.
+        tolerance: How far each joint may leave the straight lines [rad], positive; one figure, or
+            one for each corner if no two points are equal.
 
     Raises:
         ValueError: Fewer than two different points, not numbers, or no positive tolerance.
     """
-    if not 0.0 < tolerance < float("inf"):
+    tolerance = np.asarray(tolerance, dtype=np.float64)
+    if not np.all((tolerance > 0.0) & (tolerance < np.inf)):
         raise ValueError(f"the corner tolerance must be positive and finite, got {tolerance}")
     points, chords, lengths = _polyline(waypoints)
     directions = chords / lengths[:, None]

@@ -4,16 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.errors import ConfigError
-from so101_motion.geometry import Array, frozen_array
-from so101_motion.planning.collision import FLOOR_Z
+from so101_motion.geometry import SE3, Array, frozen_array
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.scene import Scene
+from so101_motion.planning.torque import Payload, Strength
 from so101_motion.planning.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Search:
+    """How one plan is looked for, beside its goal and its caps.
+
+    Attributes:
+        scene: What is around and in the hand; None for what the arm knows.
+        frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
+        seed: Of the random choices when a way around something is searched.
+        time_budget: When to give up searching [s].
+    """
+
+    scene: Scene | None = None
+    frames: Mapping[str, SE3] = field(default_factory=dict)
+    seed: int = 0
+    time_budget: float = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -21,11 +40,17 @@ class PlanRequest:
     """Everything a plan depends on.
 
     Attributes:
-        q_start: Where the arm stands, shape (5,), [rad]; may be outside the limits.
+        q_start: Where the arm stands, shape (5,), [rad]; may be outside the joint limits.
         goal: What is wanted.
         limits: Speed, acceleration and jerk caps of the five joints, and of the tool.
         q_jaw: Jaw angle during the motion [rad].
-        floor_z: Height of the table in the base frame [m], or None for no table.
+        scene: What is around the arm and in its hand.
+        payload: What the gripper carries beside what is attached in the scene.
+        strength: What the servos can bear; None not to look at torques.
+        frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
+        lower: Smallest joint angles of this very arm, shape (5,), [rad]; None for the model's. The
+            narrower of the two counts.
+        upper: Largest joint angles, likewise.
         dt: Time between the samples of the motion [s].
         seed: Of the random choices when a way around something is searched.
         time_budget: When to give up searching [s].
@@ -35,7 +60,12 @@ class PlanRequest:
     goal: Goal
     limits: MotionLimits
     q_jaw: float = 0.0
-    floor_z: float | None = FLOOR_Z
+    scene: Scene = field(default_factory=Scene)
+    payload: Payload | None = None
+    strength: Strength | None = None
+    frames: Mapping[str, SE3] = field(default_factory=dict)
+    lower: Array | None = None
+    upper: Array | None = None
     dt: float = 0.01
     seed: int = 0
     time_budget: float = 5.0
@@ -46,11 +76,24 @@ class PlanRequest:
             raise ConfigError("q_start", self.q_start, "must be five finite joint angles [rad]")
         if not math.isfinite(self.q_jaw):
             raise ConfigError("q_jaw", self.q_jaw, "must be a finite angle [rad]")
-        if self.floor_z is not None and not math.isfinite(self.floor_z):
-            raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
+        for key in ("lower", "upper"):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, frozen_array(getattr(self, key), (5,)))
         for key in ("dt", "time_budget"):
             if not 0.0 < getattr(self, key) < math.inf:
                 raise ConfigError(key, getattr(self, key), "must be positive and finite [s]")
+
+
+class OffWay(NamedTuple):
+    """How far the tool leaves a way that was prescribed, at the most.
+
+    Attributes:
+        position: Its distance from the way [m].
+        angle: How far it is turned off, as far as the goal's metric counts it [rad].
+    """
+
+    position: float
+    angle: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,8 +106,10 @@ class PlanReport:
         straight: Whether the motion is one straight line in joint space.
         departure: Whether the start had to be left slowly first, see ``departure.py``.
         load: Largest share of a velocity, acceleration or jerk limit that is used.
+        effort: Largest share of what a servo may have to exert; 0 when that was not looked at.
         clearance: How close bodies are at the goal [m].
         closest: The two bodies that are.
+        off_way: For a line or path of the tool what five joints make of it, else None.
     """
 
     stages_ms: Mapping[str, float]
@@ -74,6 +119,8 @@ class PlanReport:
     load: float
     clearance: float
     closest: tuple[str, str]
+    off_way: OffWay | None = None
+    effort: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

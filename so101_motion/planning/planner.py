@@ -16,25 +16,35 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
 from so101_motion.errors import PlanningError
-from so101_motion.geometry import Array
+from so101_motion.geometry import SE3, Array
 from so101_motion.planning.cartesian import LinePlanner
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.departure import find_departure, needs_departure
-from so101_motion.planning.freeing import freed
-from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.ik import IkSolution, IkSolver
+from so101_motion.planning.goal_postures import free_postures, postures_above
+from so101_motion.planning.goals import (
+    ApproachGoal,
+    JointGoal,
+    LineGoal,
+    PathGoal,
+    PoseGoal,
+    WayGoal,
+)
+from so101_motion.planning.ik import IkSolver
+from so101_motion.planning.job import Job
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.moves import MoveMaker, Pieces, joined
 from so101_motion.planning.path import PathFinder
-from so101_motion.planning.plan import Plan, PlanReport, PlanRequest
+from so101_motion.planning.plan import OffWay, Plan, PlanReport, PlanRequest
+from so101_motion.planning.scene import Obstacle, Scene, Sphere
+from so101_motion.planning.tool_motion import ToolMotion
+from so101_motion.planning.torque import Load, carried
 from so101_motion.planning.waypoints import checked_way
 
 __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
@@ -47,31 +57,16 @@ _PICTURE_POINTS = 64
 """How many points of the tool's way a plan carries for pictures."""
 
 
-@dataclass(slots=True, kw_only=True)
-class _Job:
-    """One request under way: its tools, and what the report will say."""
+_Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
+"""A further frame's name, rotation and position, as something that can be looked up by."""
 
-    request: PlanRequest
-    moves: MoveMaker
-    finder: PathFinder
-    stages_ms: dict[str, float] = field(default_factory=dict)
-    branches: list[str] = field(default_factory=list)
-    branch: str | None = None
-    load: float = 0.0
-    _inner_ms: float = 0.0
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time spent inside, without that of stages within, under ``name``."""
-        outer_ms, self._inner_ms = self._inner_ms, 0.0
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            spent_ms = (time.perf_counter() - begin) * 1e3
-            own_ms = spent_ms - self._inner_ms
-            self.stages_ms[name] = self.stages_ms.get(name, 0.0) + own_ms
-            self._inner_ms = outer_ms + spent_ms
+class _Solvers(NamedTuple):
+    """What depends on the joint limits."""
+
+    model: RobotModel
+    ik: IkSolver
+    lines: LinePlanner
 
 
 class Planner:
@@ -79,9 +74,9 @@ class Planner:
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
-        self._ik = IkSolver(model)
-        self._lines = LinePlanner(self._ik)
-        self._surroundings = lru_cache(maxsize=4)(self._collision_model)
+        self._within = lru_cache(maxsize=4)(self._solvers)
+        self._around = lru_cache(maxsize=4)(partial(CollisionModel, model))
+        self._carrying = lru_cache(maxsize=4)(model.with_payload)
 
     def plan(self, request: PlanRequest) -> Plan:
         """Plan one motion.
@@ -98,6 +93,7 @@ class Planner:
             OutsideLimits: A joint goal or a waypoint is outside the joint limits.
             InCollision: Start, goal, or a way that was prescribed, is in contact.
             NoPath: Start and goal are free, but no way was found between them in time.
+            Overloaded: A servo would have to bear too much, however slow the motion.
             ConfigError: The request holds a value that cannot be meant.
         """
         begin = time.perf_counter()
@@ -123,6 +119,8 @@ class Planner:
                 straight=len(waypoints) == 2,
                 departure=bool(departure),
                 load=job.load,
+                effort=job.effort,
+                off_way=job.off_way,
                 clearance=closest.distance,
                 closest=(closest.first, closest.second),
             ),
@@ -138,66 +136,105 @@ class Planner:
             LineGoal(T_base_tool=self._model.frame(0.5 * steps[0])),
         ):
             self.plan(PlanRequest(q_start=np.zeros(5), goal=goal, limits=limits, dt=0.02))
+        ahead = SE3.from_translation((0.36, 0.0, 0.23))
+        ball = Obstacle(name="ball", shape=Sphere(radius=0.05), T_base_obstacle=ahead)
+        aside = np.array([0.6, 0.0, 0.0, 0.0, 0.0])
+        self.plan(
+            PlanRequest(
+                q_start=aside,
+                goal=JointGoal(q=-aside),
+                limits=limits,
+                scene=Scene(obstacles=(ball,)),
+                dt=0.02,
+            )
+        )
 
-    def _collision_model(self, floor_z: float | None) -> CollisionModel:
-        return CollisionModel(self._model, floor_z=floor_z)
+    def _solvers(
+        self, limits: tuple[tuple[float, ...], ...] | None, frames: tuple[_Frame, ...]
+    ) -> _Solvers:
+        model = self._model.narrowed(*limits) if limits else self._model
+        for name, R, p in frames:
+            model = model.with_frame(name, SE3(np.reshape(R, (3, 3)), np.array(p)))
+        ik = IkSolver(model)
+        return _Solvers(model, ik, LinePlanner(ik))
 
-    def _job(self, request: PlanRequest) -> _Job:
-        collision = self._surroundings(request.floor_z)
-        return _Job(
+    def _narrower(self, request: PlanRequest) -> tuple[tuple[float, ...], ...] | None:
+        """The request's joint limits where they are narrower than the model's, None if nowhere."""
+        model = self._model
+        lower = model.lower if request.lower is None else np.maximum(model.lower, request.lower)
+        upper = model.upper if request.upper is None else np.minimum(model.upper, request.upper)
+        if np.array_equal(lower, model.lower) and np.array_equal(upper, model.upper):
+            return None
+        return tuple(lower.tolist()), tuple(upper.tolist())
+
+    def _job(self, request: PlanRequest) -> Job:
+        frames = tuple(
+            (name, tuple(T.R.ravel().tolist()), tuple(T.p.tolist()))
+            for name, T in sorted(request.frames.items())
+        )
+        model, ik, lines = self._within(self._narrower(request), frames)
+        collision = self._around(request.scene)
+        return Job(
             request=request,
+            model=model,
+            ik=ik,
+            lines=lines,
             moves=MoveMaker(
-                model=self._model,
+                model=model,
                 collision=collision,
                 q_jaw=request.q_jaw,
                 limits=request.limits,
                 dt=request.dt,
+                tool=lines.tool,
+                load=self._load(request),
             ),
-            finder=PathFinder(self._model, collision, q_jaw=request.q_jaw, seed=request.seed),
+            finder=PathFinder(model, collision, q_jaw=request.q_jaw, seed=request.seed),
         )
 
-    def _departure(self, job: _Job) -> tuple[Pieces, Array]:
+    def _load(self, request: PlanRequest) -> Load | None:
+        """What the servos have to bear, if that is looked at."""
+        if request.strength is None:
+            return None
+        payload = carried(request.payload, request.scene.attached)
+        model = self._model if payload is None else self._carrying(payload.mass, payload.com)
+        return Load(model, request.strength, request.q_start, payload)
+
+    def _departure(self, job: Job) -> tuple[Pieces, Array]:
         """The slow way out of a bad start, none for a good one, and where planning begins."""
         request, moves = job.request, job.moves
         q_start = request.q_start
-        if not needs_departure(self._model, moves.collision, q_start, request.q_jaw):
+        if not needs_departure(job.model, moves.collision, q_start, request.q_jaw):
             return [], q_start
         with job.stage("departure"):
             q_exit = find_departure(
-                self._model,
+                job.model,
                 moves.collision,
                 q_start,
                 q_jaw=request.q_jaw,
-                towards=self._towards(request),
+                towards=_towards(job),
                 seed=request.seed,
             )
             return [moves.departing(q_start, q_exit)], q_exit
 
-    def _towards(self, request: PlanRequest) -> list[Array]:
-        goal = request.goal
-        if isinstance(goal, JointGoal):
-            return [goal.q]
-        if isinstance(goal, PathGoal):
-            return [*goal.waypoints[:1]]
-        if isinstance(goal, PoseGoal):
-            return [self._ik.solve(goal, request.q_start).q]
-        return []
-
-    def _move(self, job: _Job, q_from: Array) -> tuple[Array, Pieces]:
+    def _move(self, job: Job, q_from: Array) -> tuple[Array, Pieces]:
         """Waypoints and motion from a good start to the goal."""
         goal = job.request.goal
         if isinstance(goal, PoseGoal):
-            return self._to_any(job, q_from, self._free_postures(job, goal, q_from))
+            return self._to_any(job, q_from, free_postures(job, goal, q_from))
         if isinstance(goal, JointGoal):
-            self._model.check_limits(goal.q)
-            if not self._is_free(job, goal.q):
+            job.model.check_limits(goal.q)
+            if not job.is_free(goal.q):
                 raise job.moves.in_collision(goal.q, "goal")
+            if job.moves.load is not None:
+                job.moves.load.check_holding(goal.q[None], "at the goal")
             return self._to_any(job, q_from, iter([goal.q]))
         if isinstance(goal, PathGoal):
             return self._along(job, q_from, goal)
-        return self._on_line(job, q_from, goal)
+        if isinstance(goal, ApproachGoal):
+            return self._approach(job, q_from, goal)
+        return self._on_way(job, q_from, goal)
 
-    def _to_any(self, job: _Job, q_from: Array, goals: Iterator[Array]) -> tuple[Array, Pieces]:
+    def _to_any(self, job: Job, q_from: Array, goals: Iterator[Array]) -> tuple[Array, Pieces]:
         """A free way to the first of the goals that can be had."""
         with job.stage("path"):
             found = job.finder.find(q_from, goals, job.request.time_budget)
@@ -205,64 +242,42 @@ class Planner:
             job.branch = job.branches[found.goal]
         return found.waypoints, self._timed(job, found.waypoints, CORNER, spline=False)
 
-    def _free_postures(self, job: _Job, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
-        """Joint angles for a pose that are free of contact, nearest first.
-
-        Raises:
-            InCollision: There are joint angles for the pose, but none is free.
-        """
-        request, collision = job.request, job.moves.collision
-        blocked: list[IkSolution] = []
-        for solution in self._solutions(job, goal, q_from):
-            if self._is_free(job, solution.q):
-                job.branches.append(solution.branch)
-                yield solution.q
-            else:
-                blocked.append(solution)
-        if job.branches:
-            return
-        for solution in freed(
-            self._ik, collision, goal, blocked, q_jaw=request.q_jaw, seed=request.seed
-        ):
-            job.branches.append(solution.branch)
-            yield solution.q
-        if not job.branches:
-            least = max(
-                (solution.q for solution in blocked),
-                key=lambda q: collision.clearance(q, request.q_jaw).distance,
-            )
-            every = f"at the goal, in the best of {len(blocked)} postures,"
-            raise job.moves.in_collision(least, "goal", every if len(blocked) > 1 else None)
-
-    def _solutions(self, job: _Job, goal: PoseGoal, q_from: Array) -> Iterator[IkSolution]:
-        """All solutions for a pose, nearest first; the time they take is counted."""
-        with job.stage("ik"):
-            solutions = self._ik.candidates(goal, q_from)
-        while True:
-            with job.stage("ik"):
-                solution = next(solutions, None)
-            if solution is None:
-                return
-            yield solution
-
-    def _along(self, job: _Job, q_from: Array, goal: PathGoal) -> tuple[Array, Pieces]:
+    def _along(self, job: Job, q_from: Array, goal: PathGoal) -> tuple[Array, Pieces]:
         """Through waypoints that were given."""
         with job.stage("path"):
-            waypoints = checked_way(self._model, job.moves, q_from, goal.waypoints)
+            waypoints = checked_way(job.model, job.moves, q_from, goal.waypoints)
         return waypoints, self._timed(job, waypoints, goal.tolerance, spline=True)
 
-    def _on_line(self, job: _Job, q_from: Array, goal: LineGoal) -> tuple[Array, Pieces]:
-        """Along a straight line of the tool."""
-        moves = job.moves
+    def _on_way(self, job: Job, q_from: Array, goal: WayGoal) -> tuple[Array, Pieces]:
+        """Along a prescribed way of the tool."""
         with job.stage("path"):
-            line = self._lines.find(goal, q_from, moves.collision, job.request.q_jaw)
-        with job.stage("retime"):
-            trajectory = line.timed(job.request.limits, job.request.dt)
-        with job.stage("verify"):
-            job.load = moves.check(trajectory).worst
-        return line.waypoints, [trajectory]
+            found = job.lines.find(goal, q_from, job.moves.collision, job.request.q_jaw)
+        return found.waypoints, self._followed(job, found)
 
-    def _timed(self, job: _Job, waypoints: Array, tolerance: float, *, spline: bool) -> Pieces:
+    def _followed(self, job: Job, found: ToolMotion) -> Pieces:
+        """The motion along curves that keep the tool to its way."""
+        with job.stage("retime"):
+            pieces = found.timed(job.request.limits, job.request.dt, job.moves.tool)
+            pieces = [job.moves.bearable(piece) for piece in pieces]
+        with job.stage("verify"):
+            job.check(pieces)
+        job.off_way = OffWay(position=found.off, angle=found.turned)
+        return pieces
+
+    def _approach(self, job: Job, q_from: Array, goal: ApproachGoal) -> tuple[Array, Pieces]:
+        """By any free way to above a pose, then straight to it."""
+        kept: list[tuple[int, ToolMotion]] = []
+        with job.stage("path"):
+            above = postures_above(job, q_from, goal, kept)
+            found = job.finder.find(q_from, above, job.request.time_budget)
+        number, line = kept[found.goal]
+        pieces = self._timed(job, found.waypoints, CORNER, spline=False)
+        job.branch, load = job.branches[number], job.load
+        pieces += self._followed(job, line)
+        job.load = max(job.load, load)
+        return np.concatenate([found.waypoints, line.waypoints[1:]]), pieces
+
+    def _timed(self, job: Job, waypoints: Array, tolerance: float, *, spline: bool) -> Pieces:
         """The first of several ways to time a polyline that passes verification.
 
         Raises:
@@ -277,15 +292,24 @@ class Planner:
                 raise problem or PlanningError("no motion along this path keeps the limits")
             with job.stage("verify"):
                 try:
-                    job.load = max(job.moves.check(piece).worst for piece in pieces)
+                    job.check(pieces)
                 except PlanningError as error:
                     problem = error
                 else:
                     return pieces
 
-    def _is_free(self, job: _Job, q: Array) -> bool:
-        return job.moves.collision.is_free(q, job.request.q_jaw)
-
     def _tool_path(self, q: Array) -> Array:
         chosen = np.unique(np.linspace(0, len(q) - 1, _PICTURE_POINTS).astype(int))
         return np.array([self._model.rotation_and_position(q[k])[1].copy() for k in chosen])
+
+
+def _towards(job: Job) -> list[Array]:
+    """Where the motion wants to go eventually."""
+    goal = job.request.goal
+    if isinstance(goal, JointGoal):
+        return [goal.q]
+    if isinstance(goal, PathGoal):
+        return [*goal.waypoints[:1]]
+    if isinstance(goal, PoseGoal):
+        return [job.ik.solve(goal, job.request.q_start).q]
+    return []

@@ -1,22 +1,33 @@
 """What is around the arm and in its hand, as plain values.
 
-A ``Scene`` is part of a request for a plan. It holds no clever state: it can be compared, pickled
-and written to a file, and ``collision.py`` turns it into what is checked. Metres and radians, in
-the base frame of the arm or, for what the gripper holds, in the tool frame.
+A ``Scene`` is part of a request for a plan. It holds no clever state: it can be compared,
+pickled and written to a file, and ``collision.py`` turns it into what is checked.
+Metres and radians, in the base frame of the arm or, for what the gripper holds, in the tool frame.
+
+Everything in a scene has a name of its own, the links of the arm included, so that a message can
+say what would touch what, and a scene what may.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
+import so101_description
 
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3, Array, frozen_array
 
 FLOOR = "floor"
 """The name of the floor in messages."""
+
+LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values())
+"""What messages call the links of the arm, from the base outwards."""
+
+HOLDERS = frozenset({"gripper", "jaw"})
+"""The links that hold what is attached, and so may touch it."""
 
 FLOOR_Z = -0.0024
 """Height of the table in the base frame [m]: the underside of the base plate, from the official
@@ -28,6 +39,10 @@ their backlash (about 1 deg) and cables may add near the body, and small enough 
 
 LARGEST = 100.0
 """Largest size and distance of anything [m]; more was meant as millimetres."""
+
+
+CUBES = 32_000
+"""So many cubes of a point cloud fit between its origin and any point: octrees are 16 deep."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +70,7 @@ class Sphere:
     radius: float
 
     def __post_init__(self) -> None:
-        _lengths("radius", self.radius, ())
+        object.__setattr__(self, "radius", _length("radius", self.radius))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,8 +86,8 @@ class Capsule:
     length: float
 
     def __post_init__(self) -> None:
-        _lengths("radius", self.radius, ())
-        _lengths("length", self.length, ())
+        for key in ("radius", "length"):
+            object.__setattr__(self, key, _length(key, getattr(self, key)))
         if self.length < 2.0 * self.radius:
             raise ConfigError(
                 "length", self.length, f"a capsule is at least {2.0 * self.radius:g} m from tip to"
@@ -82,7 +97,10 @@ class Capsule:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mesh:
-    """A surface of triangles.
+    """A surface of triangles; which way they face does not matter.
+
+    What lies inside a closed surface is out of reach of an arm that stands outside, and the other
+    way round. What is held is taken as the convex hull of its mesh.
 
     Attributes:
         vertices: Shape (n, 3), [m].
@@ -94,12 +112,16 @@ class Mesh:
 
     def __post_init__(self) -> None:
         vertices = _points("vertices", self.vertices)
-        triangles = np.array(self.triangles, dtype=np.int64)
+        try:
+            triangles = np.array(self.triangles, dtype=np.int64)
+        except (TypeError, ValueError) as error:
+            raise ConfigError("triangles", self.triangles, "must be numbers of vertices") from error
         if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
             raise ConfigError("triangles", triangles.shape, "must have shape (m, 3), m >= 1")
         if triangles.min() < 0 or triangles.max() >= len(vertices):
+            outside = int(triangles.max() if triangles.min() >= 0 else triangles.min())
             raise ConfigError(
-                "triangles", int(triangles.max()), f"there are only {len(vertices)} vertices"
+                "triangles", outside, f"is no vertex; there are {len(vertices)}, counted from 0"
             )
         triangles.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
@@ -108,11 +130,13 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PointCloud:
-    """Points that were seen, each a small cube of what is there.
+    """Points that were seen. Space is cut into cubes; those that hold a point are full.
+
+    What is held is taken as the convex hull of its cubes.
 
     Attributes:
         points: Shape (n, 3), [m].
-        resolution: Edge of the cube around each point [m].
+        resolution: Edge of the cubes [m].
     """
 
     points: Array
@@ -120,7 +144,14 @@ class PointCloud:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", _points("points", self.points))
-        _lengths("resolution", self.resolution, ())
+        object.__setattr__(self, "resolution", _length("resolution", self.resolution))
+        finest = float(np.abs(self.points).max()) / CUBES
+        if self.resolution < finest:
+            raise ConfigError(
+                "resolution",
+                self.resolution,
+                f"is too fine for points so far from their origin; make it {finest:.2g} m or more",
+            )
 
 
 Shape = Box | Sphere | Capsule | Mesh | PointCloud
@@ -184,6 +215,7 @@ class Scene:
         floor_z: Height of the floor in the base frame [m]; None for no floor.
         margin: How far everything must stay apart [m].
         may_touch: Pairs of names that may be in contact.
+        digest: Equal for scenes that are equal, and different for others.
     """
 
     obstacles: tuple[Obstacle, ...] = ()
@@ -191,16 +223,49 @@ class Scene:
     floor_z: float | None = FLOOR_Z
     margin: float = MARGIN
     may_touch: frozenset[frozenset[str]] = frozenset()
+    digest: bytes = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.floor_z is not None and not abs(self.floor_z) <= LARGEST:
             raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
         if not 0.0 < self.margin <= 0.1:
             raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
-        names = [FLOOR, *(o.name for o in self.obstacles), *(a.name for a in self.attached)]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise ConfigError("name", twice[0], "is there twice; each thing needs its own name")
+        self._check_names()
+        object.__setattr__(self, "digest", _digest(self))
+
+    def _check_names(self) -> None:
+        names = {FLOOR, *LINKS}
+        for name in (*(each.name for each in self.obstacles), *(e.name for e in self.attached)):
+            if name in names:
+                own = ", as part of the arm or its floor" if name in (FLOOR, *LINKS) else ""
+                why = f"is there twice{own}; each thing needs its own name"
+                raise ConfigError("name", name, why)
+            names.add(name)
+        for pair in self.may_touch:
+            if len(pair) != 2:
+                raise ConfigError("may_touch", sorted(pair), "must be the names of two things")
+        wanted = {name for pair in self.may_touch for name in pair}
+        wanted.update(name for held in self.attached for name in held.may_touch)
+        unknown = sorted(wanted - names)
+        if unknown:
+            raise ConfigError(
+                "may_touch",
+                unknown[0],
+                f"is not in this scene; there are {', '.join(sorted(names))}",
+            )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def called(self, name: str) -> str:
+        """What a sentence calls the thing of that name, such as ``"the wrist"``."""
+        if name == FLOOR or name in LINKS:
+            return f"the {name}"
+        zone = any(each.keep_out and each.name == name for each in self.obstacles)
+        return f"the keep-out zone '{name}'" if zone else f"'{name}'"
 
     def with_obstacles(self, obstacles: Iterable[Obstacle]) -> Scene:
         """The same with further obstacles."""
@@ -219,17 +284,54 @@ def _placed(name: str, pose: SE3) -> None:
         )
 
 
+def _length(key: str, value: object) -> float:
+    return float(_lengths(key, value, ()))
+
+
 def _lengths(key: str, value: object, shape: tuple[int, ...]) -> Array:
-    lengths = frozen_array(value, shape)  # type: ignore[arg-type]  # whatever numpy can read
+    lengths = _numbers(key, value, shape)
     if not np.all((lengths > 0.0) & (lengths <= LARGEST)):
-        raise ConfigError(key, value, f"must be more than 0 and at most {LARGEST:g} m")
+        raise ConfigError(key, lengths.tolist(), f"must be more than 0 and at most {LARGEST:g} m")
     return lengths
 
 
+def _numbers(key: str, value: object, shape: tuple[int, ...]) -> Array:
+    try:
+        return frozen_array(value, shape)  # type: ignore[arg-type]  # whatever numpy can read
+    except (TypeError, ValueError) as error:
+        wanted = f"an array of shape {shape}" if shape else "a number"
+        raise ConfigError(key, value, f"must be {wanted.replace('-1', 'n')} [m]") from error
+
+
 def _points(key: str, value: object) -> Array:
-    points = frozen_array(value, (-1, 3))  # type: ignore[arg-type]
+    points = _numbers(key, value, (-1, 3))
     if len(points) == 0 or not np.all(np.abs(points) <= LARGEST):
         raise ConfigError(
             key, points.shape, f"must be at least one finite point within {LARGEST:g} m"
         )
     return points
+
+
+def _digest(scene: Scene) -> bytes:
+    """A fingerprint of everything in a scene, in its order."""
+    known = hashlib.blake2b(digest_size=16)
+
+    def add(*values: object) -> None:
+        for value in values:
+            if isinstance(value, np.ndarray):
+                known.update(repr(value.shape).encode() + value.tobytes())
+            else:
+                known.update(repr(value).encode() + b";")
+
+    def add_shape(shape: Shape) -> None:
+        add(type(shape).__name__, *(getattr(shape, each.name) for each in fields(shape)))
+
+    add(scene.floor_z, scene.margin, sorted(sorted(pair) for pair in scene.may_touch))
+    for each in scene.obstacles:
+        add("obstacle", each.name, each.keep_out, each.T_base_obstacle.R, each.T_base_obstacle.p)
+        add_shape(each.shape)
+    for held in scene.attached:
+        add("held", held.name, held.mass, sorted(held.may_touch))
+        add(held.T_tool_object.R, held.T_tool_object.p)
+        add_shape(held.shape)
+    return known.digest()

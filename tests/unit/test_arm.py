@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 
 from so101_motion.clock import ManualClock
-from so101_motion.errors import ConfigError, Interrupted, MotionError, OutsideLimits, Unreachable
+from so101_motion.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    MotionError,
+    OutsideLimits,
+    Unreachable,
+)
+from so101_motion.geometry import SE3
 from so101_motion.modes import Mode
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.planning.scene import Box, Obstacle, Scene
 from so101_motion.rig import open_simulated
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
@@ -186,3 +195,27 @@ def test_a_slower_arm_plans_a_longer_motion(arm):
     slow = arm.plan(JointGoal(q=READY)).trajectory
     assert slow.duration > fast.duration
     assert np.max(np.abs(slow.qd)) <= math.radians(20.0) * (1 + 1e-6)
+
+
+def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
+    p = np.array([0.25, 0.0, 0.12])
+    assert np.degrees(arm.plan(PoseGoal.at_point(p)).q_goal[2]) > 30.0
+    upper = np.array(arm.model.upper)
+    upper[2] = np.radians(20.0)
+    arm.set_range(arm.model.lower, upper)
+    plan = arm.plan(PoseGoal.at_point(p))
+    assert np.degrees(plan.trajectory.q[:, 2].max()) <= 20.201
+    assert arm.model.frame(plan.q_goal).p == pytest.approx(p, abs=1e-4)
+
+
+def test_what_stands_around_the_arm_is_planned_around(arm):
+    aside = np.radians([60.0, -45.0, 45.0, 60.0, 0.0])
+    goal = JointGoal(q=[-1.0, 1.0, 1.0, 1.0, 1.0] * aside)
+    before = arm.plan(JointGoal(q=aside))
+    here = SE3.from_translation((0.24, 0.0, 0.1))
+    box = Obstacle(name="box", shape=Box(size=(0.1, 0.06, 0.2)), T_base_obstacle=here)
+    arm.scene = Scene(obstacles=(box,))
+    assert before.report.straight
+    with pytest.raises(InCollision, match="'box'"):
+        arm.plan(JointGoal(q=READY))
+    assert arm.plan(goal) is not None

@@ -1,3 +1,5 @@
+import dataclasses
+import io
 import math
 import os
 import signal
@@ -6,10 +8,12 @@ import numpy as np
 import pytest
 
 from so101_motion.errors import OutsideLimits, WorkerError
+from so101_motion.geometry import SE3
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.plan import PlanRequest
-from so101_motion.worker import PlanningWorker
+from so101_motion.planning.scene import Obstacle, PointCloud, Scene
+from so101_motion.worker import PlanningWorker, Receiver, Scenes, Sender
 
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=30.0)
 
@@ -68,3 +72,47 @@ def test_a_closed_worker_says_so_and_leaves_no_process():
         os.kill(pid, 0)
     with pytest.raises(RuntimeError):
         worker.plan(request_to([0.0] * 5))
+
+
+def big_scene():
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (5000, 3))
+    here = SE3.from_translation((0.0, 0.35, 0.2))
+    cloud = PointCloud(points=points, resolution=0.01)
+    return Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=here),))
+
+
+def test_a_scene_is_sent_once_and_known_by_its_content():
+    sent, scenes, received = io.BytesIO(), Scenes(), Scenes()
+    sizes = []
+    for _ in range(3):
+        sent.seek(0)
+        sent.truncate()
+        request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+        Sender(sent, scenes).dump(request)
+        sizes.append(sent.tell())
+        sent.seek(0)
+        assert Receiver(sent, received).load().scene == request.scene
+    assert sizes[0] > 100_000
+    assert sizes[1] == sizes[2] < 3_000
+
+
+def test_both_ends_forget_the_same_scenes():
+    sent, scenes, received = io.BytesIO(), Scenes(), Scenes()
+    rng = np.random.default_rng(0)
+    some = [Scene(margin=0.001 * (k + 1)) for k in range(20)]
+    for k in rng.integers(0, len(some), 300):
+        sent.seek(0)
+        sent.truncate()
+        Sender(sent, scenes).dump((some[k], some[(k + 1) % 20]))
+        sent.seek(0)
+        assert Receiver(sent, received).load() == (some[k], some[(k + 1) % 20])
+
+
+def test_a_worker_that_died_is_told_the_scene_again(worker):
+    request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+    first = worker.plan(request).result()
+    died = worker.pid
+    os.kill(died, signal.SIGKILL)
+    os.waitid(os.P_PID, died, os.WEXITED | os.WNOWAIT)
+    again = worker.plan(request).result()
+    assert np.array_equal(first.trajectory.q, again.trajectory.q)

@@ -5,6 +5,7 @@ import so101_description
 
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Scene
 
 # pan, lift, elbow, wrist flex, wrist roll, jaw [deg]; all of them seen to be free on the CAD.
 FREE_POSES = {
@@ -68,13 +69,13 @@ def test_a_jaw_below_the_table_touches_the_floor(collision):
 
 
 def test_without_a_floor_the_same_posture_is_free(model):
-    nowhere = CollisionModel(model, floor_z=None)
+    nowhere = CollisionModel(model, Scene(floor_z=None))
     assert nowhere.is_free(BELOW)
     assert not any("floor" in pair for pair in nowhere.pairs)
 
 
 def test_the_base_may_stand_on_the_floor(model):
-    above = CollisionModel(model, floor_z=0.05)
+    above = CollisionModel(model, Scene(floor_z=0.05))
     assert above.is_free(np.zeros(5))
 
 
@@ -90,17 +91,12 @@ def test_an_open_gripper_is_wider_than_a_closed_one(model, collision):
 
 def test_free_means_that_the_closest_pair_keeps_the_margin(model):
     for margin in (0.001, 0.01):
-        collision = CollisionModel(model, margin=margin)
+        collision = CollisionModel(model, Scene(margin=margin))
         for q in random_postures(model, 300):
-            distance = collision.clearance(q).distance
-            if abs(distance - margin) > 1e-5:
-                assert collision.is_free(q) == (distance > margin)
-
-
-@pytest.mark.parametrize("margin", [0.0, -0.001, float("nan"), float("inf")])
-def test_a_margin_that_is_none_is_refused(model, margin):
-    with pytest.raises(ValueError, match="margin"):
-        CollisionModel(model, margin=margin)
+            closest = collision.clearance(q)
+            room = closest.distance - closest.margin
+            if abs(room) > 1e-5:
+                assert collision.is_free(q) == (room > 0.0)
 
 
 def test_clearance_is_told_in_words(collision):
@@ -137,24 +133,6 @@ def test_no_contact_hides_between_the_postures_looked_at(model, collision):
             dense = np.linspace(begin, end, 300)
             assert min(collision.clearance(q).distance for q in dense) > 0.0
     assert found > 20
-
-
-def test_no_vertex_moves_further_than_the_bound_on_travel(model, collision):
-    rng = np.random.default_rng(2)
-    vertices = {
-        link: so101_description.load_hull(part).vertices
-        for link, part in so101_description.PARTS.items()
-    }
-    for _ in range(200):
-        begin = rng.uniform(model.lower, model.upper)
-        end = np.clip(begin + rng.normal(0.0, 0.2, 5), model.lower, model.upper)
-        q_jaw = float(rng.uniform(-0.17, 1.74))
-        before, after = (model.link_placements(q, q_jaw) for q in (begin, end))
-        moved = max(
-            float(np.linalg.norm(after[link] @ points - before[link] @ points, axis=1).max())
-            for link, points in vertices.items()
-        )
-        assert moved <= collision.travel(np.array([begin, end]))[-1] + 1e-12
 
 
 def triangles(part):
@@ -208,3 +186,35 @@ def test_the_distance_to_the_floor_is_that_of_the_lowest_vertex(model, collision
     )
     floor = [k for k, pair in enumerate(collision.pairs) if "floor" in pair]
     assert collision.distances(q)[floor].min() == pytest.approx(lowest + 0.0024, abs=1e-6)
+
+
+def test_near_pairs_are_asked_for_within_reason(collision):
+    for within in (0.0, -0.01, 0.2, float("nan")):
+        with pytest.raises(ValueError, match=r"within must be more than 0 and at most 0\.1 m"):
+            collision.nearest(np.zeros(5), within=within)
+
+
+def test_far_from_everything_nothing_is_near(collision):
+    assert collision.nearest(np.zeros(5), within=0.05) == []
+
+
+def test_a_look_may_ask_for_more_than_the_margin(model, collision):
+    for q in random_postures(model, 300, seed=4):
+        room = collision.clearance(q).room
+        if min(abs(room), abs(room - 0.01)) > 1e-5:
+            assert collision.sight(spacing=0.02).is_free(q) == (room > 0.0)
+            assert collision.sight(spacing=0.02, extra=0.01).is_free(q) == (room > 0.01)
+
+
+def test_with_leeway_a_motion_may_come_a_little_nearer(collision):
+    def along_the_floor(distance):
+        """A turn of the pan at a height over the table."""
+        q = posture(0, -20, 20, 60, 0)
+        while collision.clearance(q).distance > distance:
+            q[1] += 2e-4
+        return np.array([q, q + np.eye(5)[0] * 0.3])
+
+    assert collision.blocked_posture(along_the_floor(0.0031)) is None
+    assert collision.blocked_posture(along_the_floor(0.0027)) is not None
+    assert collision.blocked_posture(along_the_floor(0.0027), leeway=0.2) is None
+    assert collision.blocked_posture(along_the_floor(0.002), leeway=0.2) is not None

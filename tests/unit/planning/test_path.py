@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from so101_motion.errors import NoPath
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.collision import Clearance, CollisionModel
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.path import PathFinder
+from so101_motion.planning.scene import Scene
+from so101_motion.planning.sweep import Sight
 
 # Free at both ends, but the straight joint line dips into the table.
 OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 50, 10]])
@@ -26,6 +28,7 @@ class Wall:
     """Surroundings in joint space: blocked where ``is_wall`` says so."""
 
     reach = np.full(5, 0.3)
+    scene = Scene()
 
     def __init__(self, is_wall):
         self._is_wall = is_wall
@@ -40,6 +43,14 @@ class Wall:
                 if self._is_wall(q):
                     return q
         return None
+
+    def sight(self, q_jaw, *, spacing, extra=0.0):
+        return Sight(
+            lambda posture: self._is_wall(posture[:5]), self.reach, q_jaw=q_jaw, spacing=spacing
+        )
+
+    def clearance(self, q, q_jaw):
+        return Clearance(0.0, "gripper", "brick", 0.003, ("the gripper", "'brick'"))
 
 
 def test_a_free_straight_line_is_taken(model, collision):
@@ -109,19 +120,51 @@ def test_the_tree_of_all_goals_says_which_one_it_reached(model):
 
 def test_a_blocked_way_is_told(model):
     finder = PathFinder(model, Wall(lambda q: abs(q[0]) < 0.2))
-    with pytest.raises(NoPath, match=r"no path found in 0\.3 s .* the way between them is blocked"):
+    says = r"no path found in 0\.3 s .* the way between them is blocked, mostly by 'brick'"
+    with pytest.raises(NoPath, match=says) as caught:
         finder.find(np.full(5, -0.8), [np.full(5, 0.8)], 0.3)
+    assert caught.value.where == "way"
+    assert caught.value.blockers == ("brick",)
 
 
 def test_a_goal_that_is_shut_in_is_told(model):
     goal = np.full(5, 0.5)
     finder = PathFinder(model, Wall(lambda q: 0.1 < np.abs(q - goal).max() < 0.2))
-    with pytest.raises(NoPath, match="the goal is free but shut in"):
+    with pytest.raises(NoPath, match="the goal is free but shut in, mostly by 'brick': ") as caught:
         finder.find(np.full(5, -0.8), [goal], 0.3)
+    assert caught.value.where == "goal"
 
 
 def test_a_start_that_is_shut_in_is_told(model):
     start = np.full(5, 0.5)
     finder = PathFinder(model, Wall(lambda q: 0.1 < np.abs(q - start).max() < 0.2))
-    with pytest.raises(NoPath, match="the start is free but shut in"):
+    with pytest.raises(
+        NoPath, match="the start is free but shut in, mostly by 'brick': "
+    ) as caught:
         finder.find(start, [np.full(5, -0.8)], 0.3)
+    assert caught.value.where == "start"
+
+
+def test_an_edge_that_does_not_stand_its_proof_is_replaced(model):
+    """Looks are 25 mm of travel apart; a thin wall with a gap is only seen by the proof."""
+
+    class ThinWall(Wall):
+        def __init__(self):
+            super().__init__(lambda q: abs(q[0]) < 0.01 and q[1] < 1.0)
+            self.proven = False
+
+        def sight(self, q_jaw, *, spacing, extra=0.0):
+            return Sight(lambda posture: False, self.reach, q_jaw=q_jaw, spacing=spacing)
+
+        def blocked_posture(self, points, q_jaw):
+            for begin, end in pairwise(points):
+                for u in np.linspace(0.0, 1.0, 200):
+                    q = begin + u * (end - begin)
+                    if self._is_wall(q):
+                        return q
+            return None
+
+    wall = ThinWall()
+    found = PathFinder(model, wall).find(np.full(5, -0.5), [np.full(5, 0.5)], 10.0)
+    assert wall.blocked_posture(found.waypoints, 0.0) is None
+    assert found.waypoints[:, 1].max() > 0.9

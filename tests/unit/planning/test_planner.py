@@ -12,6 +12,7 @@ from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PathGoa
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.scene import Scene
 from so101_motion.planning.verify import violations
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
@@ -264,7 +265,7 @@ def test_a_point_under_the_table_is_refused_after_trying_every_posture(plan):
 
 
 def test_without_a_table_the_same_point_is_reached(model, plan):
-    made = plan(PoseGoal.at_point((0.25, 0.0, -0.05)), floor_z=None)
+    made = plan(PoseGoal.at_point((0.25, 0.0, -0.05)), scene=Scene(floor_z=None))
     assert model.frame(made.q_goal).p == pytest.approx([0.25, 0.0, -0.05], abs=1e-4)
 
 
@@ -314,7 +315,6 @@ def test_giving_up_says_what_was_tried(plan):
     [
         ("q_start", np.full(5, np.nan)),
         ("q_jaw", float("inf")),
-        ("floor_z", float("nan")),
         ("dt", 0.0),
         ("time_budget", -1.0),
     ],

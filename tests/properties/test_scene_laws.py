@@ -1,0 +1,347 @@
+"""What holds in every scene: checks agree with plain ones, plans with a second opinion."""
+
+from functools import cache
+
+import coal
+import numpy as np
+import so101_description
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from so101_motion.errors import InCollision, NoPath, PlanningError
+from so101_motion.geometry import SE3
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.scene import (
+    FLOOR_Z,
+    LINKS,
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Sphere,
+)
+
+MODEL = RobotModel.load()
+PLANNER = Planner(MODEL)
+LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+
+seeds = st.integers(min_value=0, max_value=2**32 - 1)
+jaws = st.sampled_from([0.0, 0.5, 1.7])
+margins = st.sampled_from([0.001, 0.003, 0.02])
+
+
+def random_shape(rng, size):
+    kind = rng.integers(5)
+    if kind == 0:
+        return Box(size=rng.uniform(0.3, 1.0, 3) * size)
+    if kind == 1:
+        return Sphere(radius=0.5 * size)
+    if kind == 2:
+        return Capsule(radius=0.2 * size, length=size)
+    points = rng.uniform(-0.5, 0.5, (12, 3)) * size
+    if kind == 3:
+        return Mesh(vertices=points, triangles=rng.permuted(np.arange(12)).reshape(-1, 3))
+    return PointCloud(points=points, resolution=0.2 * size)
+
+
+def random_pose(rng, lower, upper):
+    return SE3.from_rpy(rng.uniform(-3.0, 3.0, 3), rng.uniform(lower, upper))
+
+
+def random_scene(rng, margin=0.003, *, held=False, count=None):
+    obstacles = tuple(
+        Obstacle(
+            name=f"thing {k}",
+            shape=random_shape(rng, rng.uniform(0.03, 0.15)),
+            T_base_obstacle=random_pose(rng, (-0.1, -0.4, 0.0), (0.45, 0.4, 0.45)),
+        )
+        for k in range(rng.integers(1, 7) if count is None else count)
+    )
+    attached = (
+        Attached(
+            name="tool",
+            shape=random_shape(rng, rng.uniform(0.02, 0.08)),
+            T_tool_object=random_pose(rng, (-0.02, -0.02, 0.08), (0.02, 0.02, 0.12)),
+        ),
+    )
+    return Scene(
+        obstacles=obstacles,
+        attached=attached if held else (),
+        floor_z=FLOOR_Z if rng.random() < 0.7 else None,
+        margin=margin,
+    )
+
+
+def random_posture(rng):
+    return rng.uniform(MODEL.lower, MODEL.upper)
+
+
+def free_posture(rng, collision, q_jaw):
+    for _ in range(200):
+        q = random_posture(rng)
+        if collision.is_free(q, q_jaw):
+            return q
+    return None
+
+
+def plan_or_refusal(planner, request):
+    try:
+        return planner.plan(request), None
+    except PlanningError as error:
+        return None, error
+
+
+@given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans())
+@settings(max_examples=60)
+def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held):
+    rng = np.random.default_rng(seed)
+    collision = CollisionModel(MODEL, random_scene(rng, margin, held=held))
+    for _ in range(20):
+        q = random_posture(rng)
+        room = (collision.distances(q, q_jaw) - collision.margins).min()
+        if abs(room) > 2e-6:
+            assert collision.is_free(q, q_jaw) == (room > 0.0)
+
+
+@given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]))
+@settings(max_examples=40)
+def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within):
+    rng = np.random.default_rng(seed)
+    collision = CollisionModel(MODEL, random_scene(rng, held=True))
+    for _ in range(8):
+        q = random_posture(rng)
+        distances = collision.distances(q, q_jaw)
+        near = collision.nearest(q, q_jaw, within=within)
+        expected = {collision.pairs[k] for k in np.flatnonzero(distances < within - 2e-6)}
+        found = {(each.first, each.second) for each in near}
+        assert expected <= found
+        assert [each.distance for each in near] == sorted(each.distance for each in near)
+        for each in near:
+            assert each.distance <= within
+            if each.distance > 1e-4:
+                apart = each.p_second - each.p_first
+                assert np.allclose(apart, each.distance * each.normal, atol=1e-6)
+
+
+@given(seed=seeds, q_jaw=jaws)
+@settings(max_examples=40)
+def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw):
+    rng = np.random.default_rng(seed)
+    collision = CollisionModel(MODEL, random_scene(rng, held=True))
+    h = 1e-4
+    for _ in range(5):
+        q = random_posture(rng)
+        here = collision.distances(q, q_jaw)
+        ahead, behind = (
+            np.array([collision.distances(q + step, q_jaw) for step in sign * h * np.eye(5)])
+            for sign in (1.0, -1.0)
+        )
+        for each in collision.nearest(q, q_jaw, within=0.1):
+            k = collision.pairs.index((each.first, each.second))
+            right, left = (ahead[:, k] - here[k]) / h, (here[k] - behind[:, k]) / h
+            # Where the nearest point jumps from an edge to the next there is no one gradient.
+            if each.distance > 1e-3 and np.abs(right - left).max() < 5e-3:
+                assert np.allclose(each.gradient, 0.5 * (right + left), atol=2e-2)
+
+
+@given(seed=seeds, q_jaw=jaws, held=st.booleans())
+@settings(max_examples=20)
+def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
+    rng = np.random.default_rng(seed)
+    collision = CollisionModel(MODEL, random_scene(rng, held=held))
+    for _ in range(6):
+        start, end = free_posture(rng, collision, q_jaw), free_posture(rng, collision, q_jaw)
+        assume(start is not None and end is not None)
+        blocked = collision.blocked_posture(np.array([start, end]), q_jaw)
+        if blocked is None:
+            dense = np.linspace(start, end, 150)
+            assert min(collision.distances(q, q_jaw).min() for q in dense) > -1e-6
+        else:
+            assert not collision.is_free(blocked, q_jaw)
+            share = (blocked - start) @ (end - start) / ((end - start) @ (end - start))
+            assert np.allclose(blocked, start + share * (end - start), atol=1e-9)
+
+
+class SecondOpinion:
+    """Plain distances between all links, and from all but the base to everything, one by one.
+
+    Shares nothing with what is tested but the hulls of the links and coal itself.
+    """
+
+    def __init__(self, scene):
+        self._things = [(*standing(each.shape), each.T_base_obstacle) for each in scene.obstacles]
+        self._held = [(held_points(each.shape), each.T_tool_object) for each in scene.attached]
+        self._floor_z = scene.floor_z
+
+    def touches(self, q, q_jaw):
+        T = MODEL.link_placements(q, q_jaw)
+        links = list(T)
+        bodies = [(hull(so101_description.PARTS[link]), T[link]) for link in links]
+        T_base_tool = MODEL.frame(q)
+        held = [
+            (solid(points), T_base_tool @ T_tool_object) for points, T_tool_object in self._held
+        ]
+        for i in range(len(links)):
+            for j in range(i + 2, len(links)):
+                if overlap(*bodies[i], *bodies[j]):
+                    return True
+        for shape, place in held:
+            if any(overlap(*body, shape, place) for body in bodies[:5]):
+                return True
+        for parts, _, place in self._things:
+            for part, offset in parts:
+                if any(overlap(*body, part, place @ offset) for body in (*bodies[1:], *held)):
+                    return True
+        if self._floor_z is None:
+            return False
+        low = [np.min((place @ np.array(shape.points()))[:, 2]) for shape, place in bodies[2:]]
+        low += [np.min((T_base_tool @ T_tool @ points)[:, 2]) for points, T_tool in self._held]
+        return min(low) <= self._floor_z
+
+
+@cache
+def hull(part):
+    return solid(so101_description.load_hull(part).vertices)
+
+
+def solid(points):
+    listed = coal.StdVec_Vec3s()
+    for point in points:
+        listed.append(point)
+    return coal.ConvexBase.convexHull(listed, False, "Qt")
+
+
+def standing(shape):
+    """Convex parts of a shape with their places in it."""
+    here = SE3.identity()
+    if isinstance(shape, Box):
+        return [(coal.Box(*shape.size.tolist()), here)], None
+    if isinstance(shape, Sphere):
+        return [(coal.Sphere(shape.radius), here)], None
+    if isinstance(shape, Capsule):
+        return [(coal.Capsule(shape.radius, shape.length - 2.0 * shape.radius), here)], None
+    if isinstance(shape, Mesh):
+        return [(coal.TriangleP(*shape.vertices[t]), here) for t in shape.triangles], None
+    edge = shape.resolution
+    cells = np.unique(np.floor(shape.points / edge), axis=0) + 0.5
+    return [(coal.Box(edge, edge, edge), SE3.from_translation(c * edge)) for c in cells], None
+
+
+def held_points(shape):
+    """Points whose hull lies in what is held."""
+    if isinstance(shape, Mesh):
+        return shape.vertices
+    if isinstance(shape, PointCloud):
+        return shape.points
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+    if isinstance(shape, Box):
+        return 0.5 * signs * shape.size
+    core = np.array([[0.0, 0.0, 0.0]])
+    if isinstance(shape, Capsule):
+        reach = 0.5 * shape.length - shape.radius
+        core = np.array([[0.0, 0.0, reach], [0.0, 0.0, -reach]])
+    ball = shape.radius * signs / np.sqrt(3.0)
+    return (core[:, None] + ball).reshape(-1, 3)
+
+
+def overlap(first, T_first, second, T_second):
+    result = coal.CollisionResult()
+    at = [coal.Transform3s(np.array(T.R), np.array(T.p)) for T in (T_first, T_second)]
+    coal.collide(first, at[0], second, at[1], coal.CollisionRequest(), result)
+    return result.isCollision()
+
+
+def test_the_second_opinion_knows_contact_when_it_sees_it():
+    rng = np.random.default_rng(0)
+    touching = 0
+    for _ in range(10):
+        scene = random_scene(rng, held=True)
+        collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
+        for _ in range(10):
+            q = random_posture(rng)
+            if opinion.touches(q, 0.5):
+                touching += 1
+                assert not collision.is_free(q, 0.5)
+    assert touching > 20
+
+
+@given(seed=seeds, q_jaw=jaws, held=st.booleans())
+@settings(max_examples=20)
+def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng, held=held)
+    collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
+    start, goal = free_posture(rng, collision, q_jaw), free_posture(rng, collision, q_jaw)
+    assume(start is not None and goal is not None)
+    request = PlanRequest(
+        q_start=start, goal=JointGoal(q=goal), limits=LIMITS, q_jaw=q_jaw, scene=scene,
+        time_budget=2.0,
+    )  # fmt: skip
+    plan, refusal = plan_or_refusal(PLANNER, request)
+    if refusal:
+        assert isinstance(refusal, NoPath)
+        assert refusal.where in ("start", "goal", "way")
+        assert set(refusal.blockers) <= {*LINKS, "floor", *(o.name for o in scene.obstacles)}
+        return
+    assert np.array_equal(plan.trajectory.q[0], start)
+    assert np.array_equal(plan.trajectory.q[-1], goal)
+    for q in plan.trajectory.q[::3]:
+        assert not opinion.touches(q, q_jaw)
+
+
+@given(seed=seeds)
+@settings(max_examples=20)
+def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng, held=True)
+    collision = CollisionModel(MODEL, scene)
+    start, goal = random_posture(rng), free_posture(rng, collision, 0.0)
+    assume(goal is not None)
+    request = PlanRequest(
+        q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, time_budget=2.0
+    )
+    plan, refusal = plan_or_refusal(PLANNER, request)
+    if isinstance(refusal, NoPath):
+        return
+    if refusal:
+        assert isinstance(refusal, InCollision)
+        assert refusal.where == "start"
+        assert not collision.is_free(start)
+        things = {frozenset(pair) for pair in collision.pairs}
+        assert frozenset((refusal.first, refusal.second)) in things
+        return
+    distances = np.array([collision.distances(q) for q in plan.trajectory.q])
+    kept = np.maximum.accumulate(np.minimum(distances, 0.0), axis=0)
+    assert np.all(distances >= kept - 1e-3)
+
+
+@given(seed=seeds)
+@settings(max_examples=12)
+def test_the_same_request_gives_the_same_bytes(seed):
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng, held=bool(seed % 2), count=3)
+    collision = CollisionModel(MODEL, scene)
+    start, goal = free_posture(rng, collision, 0.0), free_posture(rng, collision, 0.0)
+    assume(start is not None and goal is not None)
+    wanted = PoseGoal(T_base_tool=MODEL.frame(goal)) if seed % 3 else JointGoal(q=goal)
+    request = PlanRequest(
+        q_start=start, goal=wanted, limits=LIMITS, scene=scene, seed=seed, time_budget=3.0
+    )
+    answers = []
+    for planner in (Planner(RobotModel.load()), PLANNER, PLANNER):
+        plan, refusal = plan_or_refusal(planner, request)
+        assume(not isinstance(refusal, NoPath))  # that is a matter of time
+        motion = plan.trajectory if plan else None
+        answers.append(
+            motion.q.tobytes() + motion.qd.tobytes() + motion.qdd.tobytes()
+            if motion
+            else str(refusal).encode()
+        )
+    assert answers[0] == answers[1] == answers[2]

@@ -1,0 +1,271 @@
+"""Plans among things, with something in the hand, and within an arm's own joint limits."""
+
+import numpy as np
+import pytest
+
+from so101_motion.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
+from so101_motion.geometry import SE3
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.scene import Attached, Box, Obstacle, Scene, Sphere
+
+LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+# The finger's tip 30 cm ahead and 7 cm above the table.
+LEFT, AHEAD, RIGHT = np.radians([[-45, 0, 10, 50, 0], [0, 0, 10, 50, 0], [45, 0, 10, 50, 0]])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+@pytest.fixture(scope="module")
+def planner(model):
+    return Planner(model)
+
+
+@pytest.fixture(scope="module")
+def plan(planner):
+    def plan(goal, q_start, scene=None, **options):
+        return planner.plan(
+            PlanRequest(
+                q_start=q_start, goal=goal, limits=LIMITS, scene=scene or Scene(), **options
+            )
+        )
+
+    return plan
+
+
+def block(size, at, name="block", **settings):
+    return Obstacle(
+        name=name, shape=Box(size=size), T_base_obstacle=SE3.from_translation(at), **settings
+    )
+
+
+POST = block((0.06, 0.06, 0.3), (0.3, 0.0, 0.15), "post")
+AROUND_POST = Scene(obstacles=(POST,))
+
+
+def closest(model, scene, motion, q_jaw=0.0):
+    collision = CollisionModel(model, scene)
+    return min(collision.clearance(q, q_jaw).distance for q in motion.q)
+
+
+def test_the_arm_goes_around_a_post_without_stopping(model, plan):
+    made = plan(JointGoal(q=RIGHT), LEFT, AROUND_POST)
+    assert not made.report.straight
+    assert closest(model, AROUND_POST, made.trajectory) >= 0.0023
+    assert np.abs(made.trajectory.qd[3:-3]).max(axis=1).min() > 0.0
+    assert plan(JointGoal(q=RIGHT), LEFT).report.straight
+
+
+def test_a_goal_in_an_obstacle_is_refused_with_its_name(plan):
+    with pytest.raises(InCollision, match=r"at the goal the .* into 'post' \(3 mm must") as caught:
+        plan(JointGoal(q=AHEAD), LEFT, AROUND_POST)
+    assert caught.value.where == "goal"
+    assert caught.value.second == "post"
+
+
+def test_a_goal_in_a_zone_is_refused_with_its_name(plan):
+    zone = Scene(obstacles=(block((0.06, 0.06, 0.3), (0.3, 0, 0.15), "lamp", keep_out=True),))
+    with pytest.raises(InCollision, match="into the keep-out zone 'lamp'"):
+        plan(JointGoal(q=AHEAD), LEFT, zone)
+
+
+def test_a_start_in_an_obstacle_is_refused_with_its_name(plan):
+    crate = block((0.2, 0.3, 0.3), (0.35, 0.0, 0.15), "crate")
+    with pytest.raises(InCollision, match=r"at the start the .* mm into 'crate', and no") as caught:
+        plan(JointGoal(q=RIGHT), AHEAD, Scene(obstacles=(crate,)))
+    assert caught.value.where == "start"
+
+
+def test_a_start_that_only_grazes_an_obstacle_is_left_slowly(model, plan):
+    q = AHEAD.copy()
+    collision = CollisionModel(model, AROUND_POST)
+    while not collision.is_free(q) and q[0] < 0.5:
+        q[0] += 0.002
+    q[0] -= 0.003  # just too close
+    assert not collision.is_free(q)
+    made = plan(JointGoal(q=RIGHT), q, AROUND_POST)
+    assert made.report.departure
+    assert np.array_equal(made.q_goal, RIGHT)
+    assert closest(model, AROUND_POST, made.trajectory) >= collision.clearance(q).distance - 5e-4
+
+
+def test_a_prescribed_way_through_an_obstacle_is_refused_with_its_name(plan):
+    with pytest.raises(InCollision, match=r"between the start and waypoint 1 the .* 'post'"):
+        plan(PathGoal(waypoints=RIGHT[None]), LEFT, AROUND_POST)
+
+
+def test_a_line_into_an_obstacle_is_refused_with_its_name(model, plan):
+    start = np.radians([-25, 0, 10, 50, 0])
+    T = model.frame(start)
+    end = SE3(T.R, T.p + np.array([0.03, -0.09, 0.0]))
+    assert plan(LineGoal(T_base_tool=end), start).trajectory.q.shape[0] > 2
+    wall = Scene(obstacles=(block((0.3, 0.01, 0.4), (0.3, T.p[1] - 0.05, 0.2), "wall"),))
+    with pytest.raises(InCollision, match="'wall'"):
+        plan(LineGoal(T_base_tool=end), start, wall)
+
+
+def test_a_way_that_is_walled_off_is_told_with_what_is_in_it(plan):
+    wall = Scene(
+        obstacles=(block((1.2, 0.02, 1.0), (0.3, 0.0, 0.5), "wall"),),
+        may_touch=frozenset(
+            frozenset({"wall", link}) for link in ("shoulder", "upper arm", "lower arm")
+        ),
+    )
+    with pytest.raises(NoPath, match="way between them is blocked, mostly by 'wall'") as caught:
+        plan(JointGoal(q=RIGHT), LEFT, wall, time_budget=0.5)
+    assert caught.value.where == "way"
+    assert caught.value.blockers[0] == "wall"
+
+
+def stick(**settings):
+    return Attached(
+        name="stick",
+        shape=Box(size=(0.02, 0.24, 0.02)),
+        T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
+        **settings,
+    )
+
+
+def test_what_is_held_is_carried_around_too(model, plan):
+    holding = Scene(obstacles=(POST,), attached=(stick(),))
+    made = plan(JointGoal(q=RIGHT), LEFT, holding, q_jaw=0.3)
+    assert closest(model, holding, made.trajectory, 0.3) > 0.0
+    empty = plan(JointGoal(q=RIGHT), LEFT, AROUND_POST, q_jaw=0.3)
+    assert closest(model, holding, empty.trajectory, 0.3) <= 0.0, "with empty hands it is closer"
+
+
+def test_a_goal_that_only_what_is_held_cannot_have_names_it(model, plan):
+    low = np.radians([0, 0, 20, 40, 90])
+    assert plan(JointGoal(q=low), LEFT).q_goal is not None
+    with pytest.raises(InCollision, match=r"at the goal 'stick' would be .* into the floor"):
+        plan(JointGoal(q=low), LEFT, Scene(attached=(stick(),)))
+    touching = Scene(attached=(stick(may_touch=frozenset({"floor"})),))
+    assert np.array_equal(plan(JointGoal(q=low), LEFT, touching).q_goal, low)
+
+
+def test_what_was_picked_up_from_the_floor_is_lifted_off_it(model, plan):
+    q = np.radians([0, 0, 20, 40, 0])
+    T_base_tool = model.frame(q)
+    under = SE3(np.eye(3), np.array([*model.frame(q, "jaw_tip").p[:2], -0.0024 + 0.011]))
+    cube = Attached(
+        name="cube", shape=Box(size=(0.02, 0.02, 0.022)), T_tool_object=T_base_tool.inverse @ under
+    )
+    scene = Scene(attached=(cube,))
+    assert not CollisionModel(model, scene).is_free(q, 0.3)
+    made = plan(JointGoal(q=AHEAD - [0, 0.5, 0, 0, 0]), q, scene, q_jaw=0.3)
+    assert made.report.departure
+    collision = CollisionModel(model, scene)
+    k = collision.pairs.index(("cube", "floor"))
+    heights = np.array([collision.distances(each, 0.3)[k] for each in made.trajectory.q])
+    assert heights.min() > -6e-4
+    assert heights[-1] > 0.01
+
+
+def test_of_all_postures_for_a_point_one_that_is_free_is_reached(model, plan):
+    p = model.frame(AHEAD).p
+    x, y, z = model.frame(AHEAD, "wrist_link").p
+    ball = Obstacle(
+        name="ball",
+        shape=Sphere(radius=0.03),
+        T_base_obstacle=SE3.from_translation((x, y, z + 0.02)),
+    )
+    scene = Scene(obstacles=(ball,))
+    assert not CollisionModel(model, scene).is_free(AHEAD)
+    made = plan(PoseGoal.at_point(p), RIGHT, scene)
+    assert model.frame(made.q_goal).p == pytest.approx(p, abs=1e-4)
+    assert closest(model, scene, made.trajectory) >= 0.0023
+
+
+def test_surroundings_are_made_ready_once(model):
+    planner = Planner(model)
+    for seed in range(3):
+        scene = Scene(obstacles=(block((0.06, 0.06, 0.3), (0.3, 0.0, 0.15), "post"),))
+        planner.plan(
+            PlanRequest(
+                q_start=LEFT, goal=JointGoal(q=RIGHT), limits=LIMITS, scene=scene, seed=seed
+            )
+        )
+    assert planner._around.cache_info().misses == 1
+
+
+# An arm's own joint limits
+
+
+@pytest.fixture
+def narrow(model):
+    """Limits within which the elbow cannot bend far."""
+    lower, upper = np.array(model.lower), np.array(model.upper)
+    lower[2], upper[2] = np.radians([-20.0, 30.0])
+    return {"lower": lower, "upper": upper}
+
+
+def test_a_point_is_reached_with_the_joints_this_arm_has(model, plan, narrow):
+    rng = np.random.default_rng(4)
+    otherwise = 0
+    for _ in range(30):
+        q = rng.uniform(narrow["lower"], narrow["upper"])
+        if not CollisionModel(model).is_free(q):
+            continue
+        goal = PoseGoal.at_point(model.frame(q).p)
+        wide = plan(goal, np.radians([0, -60, 25, 60, 0]))
+        made = plan(goal, np.radians([0, -60, 25, 60, 0]), **narrow)
+        otherwise += not (narrow["lower"][2] <= wide.q_goal[2] <= narrow["upper"][2])
+        assert np.all(made.trajectory.q >= narrow["lower"] - 1e-6)
+        assert np.all(made.trajectory.q <= narrow["upper"] + 1e-6)
+        assert model.frame(made.q_goal).p == pytest.approx(model.frame(q).p, abs=1e-4)
+    assert otherwise > 2
+
+
+def test_a_way_around_something_stays_within_them(model, plan):
+    limits = {
+        "lower": np.radians([-60, -30, -10, 0, -20]),
+        "upper": np.radians([60, 40, 40, 90, 20]),
+    }
+    post = Scene(obstacles=(block((0.06, 0.06, 0.12), (0.3, 0.0, 0.06), "post"),))
+    made = plan(JointGoal(q=RIGHT), LEFT, post, **limits)
+    assert not made.report.straight
+    assert np.all(made.trajectory.q >= limits["lower"] - 1e-6)
+    assert np.all(made.trajectory.q <= limits["upper"] + 1e-6)
+
+
+def test_a_joint_goal_outside_them_is_refused_as_outside_the_calibrated_range(plan, narrow):
+    q = np.radians([0, 0, 40, 0, 0])
+    with pytest.raises(OutsideLimits, match=r"elbow_flex = 40\.00 deg .* calibrated range -20\.00"):
+        plan(JointGoal(q=q), LEFT, **narrow)
+    with pytest.raises(OutsideLimits, match="waypoint 2 of 2: elbow_flex = 40"):
+        plan(PathGoal(waypoints=np.array([RIGHT, q])), LEFT, **narrow)
+    assert np.array_equal(plan(JointGoal(q=q), LEFT).q_goal, q)
+
+
+def test_a_point_that_only_other_joints_reach_is_out_of_reach(model, plan, narrow):
+    p = np.array([0.13, 0.0, 0.15])
+    assert np.degrees(plan(PoseGoal.at_point(p), LEFT).q_goal[2]) > 30.0
+    with pytest.raises(Unreachable, match="elbow_flex at its upper limit"):
+        plan(PoseGoal.at_point(p), LEFT, **narrow)
+
+
+def test_a_start_outside_them_comes_in_slowly(plan, narrow):
+    start = np.radians([0, 0, 40, 0, 0])
+    made = plan(JointGoal(q=LEFT), start, **narrow)
+    assert made.report.departure
+    outside = made.trajectory.q[:, 2] > narrow["upper"][2] + 1e-6
+    assert np.all(np.diff(outside.astype(int)) <= 0)
+    assert np.abs(made.trajectory.qd[outside]).max() <= 0.2501
+
+
+def test_limits_wider_than_the_models_change_nothing(model, plan):
+    wide = {"lower": model.lower - 1.0, "upper": model.upper + 1.0}
+    with pytest.raises(OutsideLimits, match=r"elbow_flex = 95\.00 deg is outside its limits"):
+        plan(JointGoal(q=np.radians([0, 0, 95, 0, 0])), LEFT, **wide)
+
+
+def test_limits_that_leave_no_angle_are_refused_by_joint(plan, narrow):
+    narrow["lower"][2] = narrow["upper"][2] + 0.1
+    with pytest.raises(ConfigError, match=r'"elbow_flex" = .* leave the joint no angle'):
+        plan(JointGoal(q=RIGHT), LEFT, **narrow)
