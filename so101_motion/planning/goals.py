@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3, Array, frozen_array
 
 
@@ -22,6 +24,38 @@ class GoalMetric(Enum):
     """Everything counts; refused with the nearest pose where five joints cannot."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseCloud:
+    """Leeways around a pose: every pose in the cloud will do as well as the pose itself.
+
+    All are about the pose seen from the goal, ``T_goal_reached``, and reach as far to either side.
+    The largest possible orientation leeways are 1, 1, 2 and pi: then it does not count.
+
+    Attributes:
+        x: Along the goal's x axis [m].
+        y: Along its y axis [m].
+        z: Along its z axis [m].
+        o_x: How far the x component of the reached z axis, a unit vector, may be from 0.
+        o_y: The same for its y component.
+        o_z: How far its z component may be from 1.
+        theta: How far the reached pose may be turned about that axis [rad].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    o_x: float = 0.0
+    o_y: float = 0.0
+    o_z: float = 0.0
+    theta: float = 0.0
+
+    def __post_init__(self) -> None:
+        for key in ("x", "y", "z", "o_x", "o_y", "o_z", "theta"):
+            value = getattr(self, key)
+            if not 0.0 <= value < math.inf:
+                raise ConfigError(key, value, "a leeway must be 0 or more and finite")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseGoal:
     """Bring a frame of the gripper to a pose, along any free way.
@@ -33,6 +67,7 @@ class PoseGoal:
         position_tolerance: Largest position error that counts as arrived [m].
         approach_tolerance: Largest angle between wanted and reached approach axis [rad]; for
             ``FULL_POSE`` the largest rotation error.
+        cloud: Poses that will do as well; it replaces ``metric`` and both tolerances.
     """
 
     T_base_tool: SE3
@@ -40,6 +75,7 @@ class PoseGoal:
     frame: str = "tool"
     position_tolerance: float = 1e-4
     approach_tolerance: float = math.radians(1.0)
+    cloud: PoseCloud | None = None
 
     @classmethod
     def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
@@ -79,15 +115,118 @@ class LineGoal:
 
     Attributes:
         T_base_tool: The end of the line; as much of it counts as ``metric`` says.
-        metric: How much of the pose counts along the way and at the end.
+        metric: How much of the pose counts along the way and at the end. What counts of the
+            orientation turns steadily from the start's to the goal's.
         frame: ``"tool"`` or ``"jaw_tip"``.
         tolerance: How far the tool point may leave the line [m].
+        orientation_tolerance: How far the tool may be turned from where it should be, anywhere on
+            the line [rad]: its approach axis, or for ``FULL_POSE`` all of it. It is kept as near
+            as five joints can; what they cannot is in the plan's report.
     """
 
     T_base_tool: SE3
     metric: GoalMetric = GoalMetric.POSITION_ONLY
     frame: str = "tool"
     tolerance: float = 1e-4
+    orientation_tolerance: float = math.radians(5.0)
 
 
-Goal = PoseGoal | JointGoal | PathGoal | LineGoal
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LineTo:
+    """A straight segment of a tool path, to a pose."""
+
+    T_base_tool: SE3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArcTo:
+    """A circular segment of a tool path, to a pose.
+
+    Attributes:
+        T_base_tool: Where it ends.
+        p_via: A point it passes on the way, shape (3,), [m].
+    """
+
+    T_base_tool: SE3
+    p_via: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p_via", frozen_array(self.p_via, (3,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolPathGoal:
+    """Move the tool point along lines and arcs, without stopping where the corners are rounded.
+
+    Attributes:
+        segments: The lines and arcs, each from where the one before ends.
+        blend: How far from each corner the tool may leave the segments, to round it [m]; half a
+            segment where that is less. 0 for sharp corners, at which the arm stops.
+        metric: As for :class:`LineGoal`.
+        frame: ``"tool"`` or ``"jaw_tip"``.
+        tolerance: How far the tool point may leave the way [m], rounded as it is.
+        orientation_tolerance: As for :class:`LineGoal`.
+    """
+
+    segments: tuple[LineTo | ArcTo, ...]
+    blend: float = 0.0
+    metric: GoalMetric = GoalMetric.POSITION_ONLY
+    frame: str = "tool"
+    tolerance: float = 1e-4
+    orientation_tolerance: float = math.radians(5.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ApproachGoal:
+    """Come to a pose along a straight line: by any free way to where it begins, then down it.
+
+    The posture above the pose is chosen among those from which the line can be followed. Leaving
+    again is a :class:`LineGoal`.
+
+    Attributes:
+        T_base_tool: Where ``frame`` shall be in the end.
+        hover: Where the line begins, seen from there, shape (3,), in the base frame [m].
+        metric: How much of the pose counts, at the beginning, along the line and at the end.
+        frame: ``"tool"`` or ``"jaw_tip"``.
+        approach_tolerance: How far the tool may be turned off where the line begins [rad].
+        tolerance: How far the tool point may leave the line [m].
+        orientation_tolerance: How far the tool may be turned off along it [rad].
+    """
+
+    T_base_tool: SE3
+    hover: Array = field(default_factory=lambda: np.array([0.0, 0.0, 0.04]))
+    metric: GoalMetric = GoalMetric.POSITION_AND_APPROACH
+    frame: str = "tool"
+    approach_tolerance: float = math.radians(1.0)
+    tolerance: float = 1e-4
+    orientation_tolerance: float = math.radians(5.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hover", frozen_array(self.hover, (3,)))
+
+    @property
+    def above(self) -> PoseGoal:
+        """Where the line begins, as a goal."""
+        return PoseGoal(
+            T_base_tool=SE3(self.T_base_tool.R, self.T_base_tool.p + self.hover),
+            metric=self.metric,
+            frame=self.frame,
+            approach_tolerance=self.approach_tolerance,
+        )
+
+    @property
+    def line(self) -> LineGoal:
+        """The line, as a goal."""
+        return LineGoal(
+            T_base_tool=self.T_base_tool,
+            metric=self.metric,
+            frame=self.frame,
+            tolerance=self.tolerance,
+            orientation_tolerance=self.orientation_tolerance,
+        )
+
+
+WayGoal = LineGoal | ToolPathGoal
+"""Goals that prescribe the way of the tool."""
+
+Goal = PoseGoal | JointGoal | PathGoal | WayGoal | ApproachGoal

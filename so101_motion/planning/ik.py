@@ -19,17 +19,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache, partial
 from itertools import chain
 from math import dist
 
 from numpy.typing import ArrayLike
 
-from so101_motion.errors import Unreachable
+from so101_motion.errors import PlanningError, Unreachable
 from so101_motion.geometry import Array
+from so101_motion.planning.arm_chain import ArmChain
 from so101_motion.planning.arm_measure import measure_structure
 from so101_motion.planning.arm_structure import ArmStructure, Joints, Posture, to_joints
-from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.ik_closed import ClosedForms
+from so101_motion.planning.ik_cloud import Cloud, CloudSolver
 from so101_motion.planning.ik_numeric import Descents, minimise, polish
 from so101_motion.planning.ik_task import (
     IkSolution,
@@ -73,6 +76,8 @@ class IkSolver:
         self._source: ClosedForms | Descents = (
             ClosedForms(self.structure) if self.structure else Descents(model)
         )
+        chain_of = lru_cache(maxsize=8)(partial(ArmChain, model))
+        self._clouds = CloudSolver(self.structure, chain_of) if self.structure else None
 
     def solve(self, goal: PoseGoal, q_seed: ArrayLike) -> IkSolution:
         """The solution nearest to the seed.
@@ -90,6 +95,8 @@ class IkSolver:
             ConfigError: Goal or seed hold numbers that cannot be meant.
         """
         task, seed = check_goal(self.model, goal), check_seed(q_seed)
+        if goal.cloud is not None:
+            return next(self._in_cloud(goal.cloud, task, seed))
         full = task.metric is GoalMetric.FULL_POSE
         best: IkSolution | None = None
         for posture in self._source.nearest(task, seed):
@@ -120,6 +127,10 @@ class IkSolver:
             Unreachable: As for :meth:`solve`, at once.
             ConfigError: As for :meth:`solve`, at once.
         """
+        if goal.cloud is not None:
+            task, seed = check_goal(self.model, goal), check_seed(q_seed)
+            solutions = self._in_cloud(goal.cloud, task, seed)
+            return chain([next(solutions)], solutions)
         first = self.solve(goal, q_seed)
         return chain([first], self._others(check_goal(self.model, goal), check_seed(q_seed), first))
 
@@ -135,6 +146,27 @@ class IkSolver:
             if _arrived(task, solution) and not like:
                 known.append((away, q))
                 yield solution
+
+    def _in_cloud(self, leeway: PoseCloud, task: Task, seed: Joints) -> Iterator[IkSolution]:
+        """All solutions in a cloud around the task's pose; at least one, or the evidence."""
+        if self._clouds is None:
+            raise PlanningError(
+                "a cloud of poses needs an arm with a pan, three parallel joints and a roll, which"
+                " this URDF does not describe; ask for a pose with tolerances instead"
+            )
+        R_base_goal = task.R_base_tool @ self.model.rotation_to_tool(task.frame).T
+        cloud = Cloud(leeway, task.frame, task.p_base, R_base_goal, task.R_base_tool)
+        found = False
+        for posture in self._clouds.spread(cloud, seed, self._source.nearest(task, seed)):
+            found = True
+            yield judge(self.model, task, posture.q, posture.branch)
+        if not found:
+            at_point = PoseGoal.at_point(task.p_base, frame=task.frame)
+            nearest = self.solve(at_point, seed)  # or says why there is none
+            postures = self._source.nearest(task, seed)
+            solutions = (judge(self.model, task, each.q, each.branch) for each in postures)
+            best = min(solutions, key=lambda each: _miss(task, each), default=nearest)
+            raise _outside_cloud(self.model, task, best)
 
     def _judged(self, task: Task, posture: Posture) -> IkSolution:
         """A posture pulled into the limits, judged by the model, polished if that helps."""
@@ -225,6 +257,21 @@ def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable
         p_base_nearest=p_base,
         q_nearest=best.q,
         limit=limit,
+    )
+
+
+def _outside_cloud(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
+    """The error for a cloud without any pose that can be reached."""
+    p_base = model.frame(best.q, task.frame).p
+    return Unreachable(
+        f"no pose within the leeways around {_millimetres(task.p_base)} can be reached: the nearest"
+        f" pose is {_digits(to_mm(best.error_position))} mm and {to_deg(best.error_angle):.1f} deg"
+        " off; allow more of o_x, o_y, o_z or theta, or move the target",
+        error_position=best.error_position,
+        error_angle=best.error_angle,
+        p_base_nearest=p_base,
+        q_nearest=best.q,
+        limit=best.limit,
     )
 
 

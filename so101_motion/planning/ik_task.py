@@ -110,11 +110,12 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
         value = getattr(goal, key)
         if not 0.0 < value < float("inf"):
             raise ConfigError(key, value, "must be positive and finite")
+    metric = goal.metric if goal.cloud is None else GoalMetric.FULL_POSE
     R_base_tool = goal.T_base_tool.R
-    if goal.frame != "tool" and goal.metric is not GoalMetric.POSITION_ONLY:
+    if goal.frame != "tool" and metric is not GoalMetric.POSITION_ONLY:
         R_base_tool = R_base_tool @ model.rotation_to_tool(goal.frame)
     return Task(
-        metric=goal.metric,
+        metric=metric,
         frame=goal.frame,
         point=(x, y, z),
         R_base_tool=R_base_tool,

@@ -27,7 +27,7 @@ from so101_motion.errors import PlanningError
 from so101_motion.geometry import Array
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.slowdown import shortest_slowdown
-from so101_motion.planning.trajectory import Trajectory
+from so101_motion.planning.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
 """Goals closer than this [rad] are where the joints already are. Chosen: far below a servo tick."""
@@ -109,6 +109,66 @@ def from_state(
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
 
+def towards(
+    now: Setpoint, q_target: ArrayLike, qd_target: ArrayLike, limits: MotionLimits, dt: float
+) -> Setpoint:
+    """One period of the fastest motion to a moving target; every joint for itself.
+
+    Asked again in every period, it catches up with a target that moves on steadily and stays with
+    it without lag. The motion is sought as the target sees it, who thinks he stands still. Asked
+    for a place and a velocity there instead, a joint that is a hair's breadth ahead would have to
+    turn back to get behind that place, and would do so in every period.
+
+    Args:
+        now: The present state, shapes (n,).
+        q_target: Where the target is at the end of the period, shape (n,), [rad].
+        qd_target: How fast it moves, shape (n,), slower than the velocity caps, [rad/s].
+        limits: Caps of the n joints.
+        dt: The period [s].
+
+    Raises:
+        PlanningError: ruckig finds no motion, for example because the target is too fast.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
+    q_target, qd_target = _vectors(limits, dt, q_target=q_target, qd_target=qd_target)
+    q_before = q_target - dt * qd_target
+    request = _request(q - q_before, qd - qd_target, qdd, limits)
+    request.target_position = [0.0] * len(q)
+    request.max_velocity = (limits.velocity - qd_target).tolist()
+    request.min_velocity = (-limits.velocity - qd_target).tolist()
+    request.synchronization = ruckig.Synchronization.No
+    seen = _setpoint(_found(request), dt)
+    return Setpoint(q=q_target + seen.q, qd=qd_target + seen.qd, qdd=seen.qdd)
+
+
+def way_to_rest(
+    now: Setpoint, limits: MotionLimits, dt: float, samples: int
+) -> tuple[Setpoint, Array]:
+    """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
+
+    Args:
+        now: The present state, shapes (n,).
+        limits: Acceleration and jerk caps of the n joints.
+        dt: The period [s].
+        samples: At how many moments, evenly spread over the stop, to look.
+
+    Returns:
+        The state one period on, and the positions from now to rest, shape (samples, n), [rad].
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
+    found = _found(_stopping(q, qd, qdd, limits))
+    step = float(found.duration) / (samples - 1)
+    way = np.array([found.at_time(k * step)[0] for k in range(samples)])
+    if found.duration <= dt:
+        return Setpoint(q=way[-1], qd=np.zeros_like(q), qdd=np.zeros_like(q)), way
+    return _setpoint(found, dt), way
+
+
 def stop(
     q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, limits: MotionLimits, dt: float
 ) -> Trajectory:
@@ -127,9 +187,7 @@ def stop(
         ValueError: Shapes that do not fit, or values that are not finite.
     """
     q, qd, qdd = _vectors(limits, dt, q=q, qd=qd, qdd=qdd)
-    request = _request(q, qd, qdd, limits)
-    request.control_interface = ruckig.ControlInterface.Velocity
-    request.synchronization = ruckig.Synchronization.No
+    request = _stopping(q, qd, qdd, limits)
     positions, velocities, accelerations, duration = _calculated(request, dt)
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
@@ -190,8 +248,14 @@ def _request(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.In
     return request
 
 
-def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array, Array, float]:
-    """Position, velocity and acceleration every ``dt``, each (N, n), and the duration [s]."""
+def _stopping(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.InputParameter:
+    request = _request(q, qd, qdd, limits)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.synchronization = ruckig.Synchronization.No
+    return request
+
+
+def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
     n = request.degrees_of_freedom
     found = ruckig.Trajectory(n)
     try:
@@ -200,6 +264,17 @@ def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array
         raise PlanningError(f"no motion from this state under these limits: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")
+    return found
+
+
+def _setpoint(found: ruckig.Trajectory, t: float) -> Setpoint:
+    q, qd, qdd = found.at_time(t)
+    return Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
+
+
+def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array, Array, float]:
+    """Position, velocity and acceleration every ``dt``, each (N, n), and the duration [s]."""
+    found = _found(request)
     duration = float(found.duration)
     count = math.ceil(duration / dt - 1e-9) + 1
     states = np.array([found.at_time(k * dt) for k in range(count)])

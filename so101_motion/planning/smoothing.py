@@ -12,6 +12,9 @@ turn from ``+a`` to ``-a`` and needs ``w = 2 a / j``; at the ends, next to rest,
 motion, and differentiating that product gives velocity and acceleration without approximation.
 A changing window stretches and squeezes what it averages by ``w'``, so the width changes slowly,
 and the caller measures the result.
+
+Inside, arrays have joints first and time last: numpy runs along the last axis, and five is too
+short for it.
 """
 
 from __future__ import annotations
@@ -45,8 +48,8 @@ class Curve:
             the motion between them starts at 0.
         lengths: How long each lasts, shape (K,), [s]. Kept beside ``begins`` because differences
             of times would lose the last digits of an interval of a millisecond.
-        integral: The integral of the joint angles, shape (7, K, n), [rad s]: on piece k it is
-            ``sum_i integral[i, k] u^i`` with ``u = (t - begins[k]) / lengths[k]``.
+        integral: The integral of the joint angles, shape (7, n, K), [rad s]: on piece k it is
+            ``sum_i integral[i, :, k] u^i`` with ``u = (t - begins[k]) / lengths[k]``.
         duration: When the motion ends [s].
     """
 
@@ -56,16 +59,16 @@ class Curve:
     duration: float
 
     def at(self, t: Array, orders: int) -> list[Array]:
-        """Integral, position, velocity ... at ``t`` (m,): the first ``orders`` of them, (m, n)."""
+        """Integral, position, velocity ... at ``t`` (m,): the first ``orders`` of them, (n, m)."""
         piece = np.maximum(np.searchsorted(self.begins, t, "right") - 1, 0)
-        length = self.lengths[piece][:, None]
-        u = (t - self.begins[piece])[:, None] / length
+        length = self.lengths[piece]
+        u = (t - self.begins[piece]) / length
         found, coefficients = [], self.integral
         for order in range(orders):
-            value = coefficients[-1].take(piece, axis=0)
+            value = coefficients[-1].take(piece, axis=1)
             for coefficient in coefficients[-2::-1]:
                 value *= u
-                value += coefficient.take(piece, axis=0)
+                value += coefficient.take(piece, axis=1)
             found.append(value / length**order if order else value)
             coefficients = coefficients[1:] * np.arange(1, len(coefficients))[:, None, None]
         return found
@@ -84,19 +87,19 @@ def curve_through(
         qdd_end: Acceleration at its end, same shape; it may jump from piece to piece.
         rest: How long it rests before and after [s].
     """
-    h = steps[:, None]
-    q0, v0, a0 = q[:-1], qd[:-1] * h, qdd_begin * h**2
-    v1, a1 = qd[1:] * h, qdd_end * h**2
+    h, q, qd = steps, q.T, qd.T
+    q0, v0, a0 = q[:, :-1], qd[:, :-1] * h, qdd_begin.T * h**2
+    v1, a1 = qd[:, 1:] * h, qdd_end.T * h**2
     # What the piece still has to gain in position, velocity and acceleration beyond the parabola.
-    dq, dv, da = q[1:] - q0 - v0 - a0 / 2.0, v1 - v0 - a0, a1 - a0
+    dq, dv, da = q[:, 1:] - q0 - v0 - a0 / 2.0, v1 - v0 - a0, a1 - a0
     c3 = 10.0 * dq - 4.0 * dv + da / 2.0
     c4 = -15.0 * dq + 7.0 * dv - da
     c5 = 6.0 * dq - 3.0 * dv + da / 2.0
-    integral = np.zeros((7, len(steps) + 2, q.shape[1]))
+    integral = np.zeros((7, len(q), len(steps) + 2))
     for power, c in enumerate((q0, v0, a0 / 2.0, c3, c4, c5), start=1):
-        integral[power, 1:-1] = h * c / power
-    integral[1, 0], integral[1, -1] = rest * q[0], rest * q[-1]
-    integral[0, 1:] = np.cumsum(integral[1:, :-1].sum(axis=0), axis=0)
+        integral[power, :, 1:-1] = h * c / power
+    integral[1, :, 0], integral[1, :, -1] = rest * q[:, 0], rest * q[:, -1]
+    integral[0, :, 1:] = np.cumsum(integral[1:, :, :-1].sum(axis=0), axis=1)
     begins = np.concatenate(([-rest, 0.0], np.cumsum(steps)))
     lengths = np.concatenate(([rest], steps, [rest]))
     return Curve(begins=begins, lengths=lengths, integral=integral, duration=float(begins[-1]))
@@ -153,19 +156,19 @@ def averaged_positions(curve: Curve, window: Window, t: Array) -> Array:
     """Positions of the averaged motion at ``t`` (m,), shape (m, n), [rad]."""
     half = 0.5 * window.width(t)[0]
     (late,), (early,) = curve.at(t + half, 1), curve.at(t - half, 1)
-    return (late - early) / (2.0 * half)[:, None]
+    return np.asarray(((late - early) / (2.0 * half)).T)
 
 
 def averaged_motion(curve: Curve, window: Window, t: Array) -> tuple[Array, Array, Array]:
     """Position, velocity and acceleration of the averaged motion at ``t`` (m,), each (m, n)."""
-    w, w_t, w_tt = (values[:, None] for values in window.width(t))
-    late, late_q, late_qd = curve.at(t + 0.5 * w[:, 0], 3)
-    early, early_q, early_qd = curve.at(t - 0.5 * w[:, 0], 3)
+    w, w_t, w_tt = window.width(t)
+    late, late_q, late_qd = curve.at(t + 0.5 * w, 3)
+    early, early_q, early_qd = curve.at(t - 0.5 * w, 3)
     ahead, behind = 1.0 + 0.5 * w_t, 1.0 - 0.5 * w_t
     q = (late - early) / w
     qd = (late_q * ahead - early_q * behind - w_t * q) / w
     bend = late_qd * ahead**2 - early_qd * behind**2 + 0.5 * w_tt * (late_q + early_q)
-    return q, qd, (bend - w_tt * q - 2.0 * w_t * qd) / w
+    return q.T, qd.T, ((bend - w_tt * q - 2.0 * w_t * qd) / w).T
 
 
 def fitting_window(curve: Curve, width: float, limits: MotionLimits) -> Window:
@@ -210,7 +213,7 @@ def sampled(curve: Curve, window: Window, stretch: float, dt: float) -> Trajecto
     duration = stretch * (window.end - window.begin)
     count = math.ceil(duration / dt - 1e-9) + 1
     t = np.minimum(window.begin + np.arange(count) * (dt / stretch), window.end)
-    q, qd, qdd = averaged_motion(curve, window, t)
-    q[0], q[-1] = curve.at(np.array([0.0, curve.duration]), 2)[1]
+    q, qd, qdd = (np.ascontiguousarray(values) for values in averaged_motion(curve, window, t))
+    q[[0, -1]] = curve.at(np.array([0.0, curve.duration]), 2)[1].T
     qd[[0, -1]] = qdd[[0, -1]] = 0.0
     return Trajectory(dt=dt, q=q, qd=qd / stretch, qdd=qdd / stretch**2, duration=duration)

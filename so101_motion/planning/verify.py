@@ -39,12 +39,14 @@ class LimitReport:
         acceleration: Largest acceleration over its limit, shape (n,).
         jerk: Largest jerk over its limit, shape (n,).
         outside: Furthest excursion beyond the position limits, shape (n,), [rad]; 0 inside.
+        effort: Largest torque of any joint over what its servo may exert; 0 if not looked at.
     """
 
     velocity: Array
     acceleration: Array
     jerk: Array
     outside: Array
+    effort: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("velocity", "acceleration", "jerk", "outside"):
@@ -90,20 +92,20 @@ def violations(
     from_rest = not (np.any(trajectory.qd[0]) or np.any(trajectory.qdd[0]))
     padded = np.concatenate((*([q[:1]] * (3 * from_rest)), q, *([q[-1:]] * 3)))
     seen = measure(padded, dt, limits)
-    stated_jerk = np.diff(trajectory.qdd, axis=0) / dt
+    qd, qdd = _joints_first(trajectory.qd), _joints_first(trajectory.qdd)
     return LimitReport(
-        velocity=np.maximum(seen.velocity, _peak(trajectory.qd) / limits.velocity),
-        acceleration=np.maximum(seen.acceleration, _peak(trajectory.qdd) / limits.acceleration),
-        jerk=np.maximum(seen.jerk, _peak(stated_jerk) / limits.jerk),
+        velocity=np.maximum(seen.velocity, _peak(qd) / limits.velocity),
+        acceleration=np.maximum(seen.acceleration, _peak(qdd) / limits.acceleration),
+        jerk=np.maximum(seen.jerk, _peak(np.diff(qdd) / dt) / limits.jerk),
         outside=outside,
     )
 
 
 def measure(q: Array, dt: float, limits: MotionLimits) -> LimitReport:
     """Measure positions ``dt`` [s] apart, shape (N, n), [rad], by their differences alone."""
-    velocity = np.diff(q, axis=0) / dt
-    acceleration = np.diff(velocity, axis=0) / dt
-    jerk = np.diff(acceleration, axis=0) / dt
+    velocity = np.diff(_joints_first(q)) / dt
+    acceleration = np.diff(velocity) / dt
+    jerk = np.diff(acceleration) / dt
     return LimitReport(
         velocity=_peak(velocity) / limits.velocity,
         acceleration=_peak(acceleration) / limits.acceleration,
@@ -173,6 +175,11 @@ def _joint(i: int, n: int) -> str:
     return names[i] if n == len(names) else f"joint {i + 1}"
 
 
+def _joints_first(values: Array) -> Array:
+    """The same (n, N) instead of (N, n): numpy is ten times faster along a long last axis."""
+    return np.ascontiguousarray(values.T)
+
+
 def _peak(values: Array) -> Array:
-    """Largest magnitude in each column; 0 where there are no rows."""
-    return np.asarray(np.abs(values).max(axis=0, initial=0.0))
+    """Largest magnitude of each joint; 0 where there are no samples."""
+    return np.asarray(np.abs(values).max(axis=1, initial=0.0))

@@ -199,8 +199,8 @@ def test_a_matplotlib_that_is_there_already_is_left_alone() -> None:
 import sys, types
 mine = sys.modules["matplotlib"] = types.ModuleType("matplotlib")
 sys.modules["matplotlib.pyplot"] = mine.pyplot = types.ModuleType("matplotlib.pyplot")
-from so101_motion.planning import retime
-retime._toppra()
+from so101_motion.planning import speed
+speed._toppra()
 print(sys.modules["matplotlib"] is mine)
 """
     assert run(code) == "True"
@@ -209,4 +209,11 @@ print(sys.modules["matplotlib"] is mine)
 def test_a_joint_that_moves_by_next_to_nothing_is_no_trouble():
     path = spline_path(np.array([[1e-173, 0.0], [0.0, 1.0], [0.0, 0.0]]))
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=2)
+    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
+
+
+@pytest.mark.parametrize("tiny", [2.6e-308, 1e-173, 1e-20])
+def test_next_to_nothing_may_be_anywhere_along_a_path(tiny):
+    path = spline_path(np.array([[tiny, 0.0], [0.0, 1.0], [0.0, 0.0]]))
+    limits = MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=20.0, n=2)
     assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE

@@ -36,16 +36,16 @@ def differences(values: np.ndarray, h: float) -> np.ndarray:
 def test_a_curve_meets_the_states_it_was_made_of() -> None:
     curve = there()
     _, q, qd, qdd = curve.at(np.array([-0.05, 0.0, 0.15, 0.3, 0.6, 0.65]), 4)
-    assert np.allclose(q[:, 0], [0.0, 0.0, 0.1125, 0.45, 0.9, 0.9])
-    assert np.allclose(qd[:, 0], [0.0, 0.0, 1.5, 3.0, 0.0, 0.0])
-    assert np.allclose(qdd[:, 0], [0.0, 10.0, 10.0, -10.0, 0.0, 0.0], atol=1e-9)
+    assert np.allclose(q[0], [0.0, 0.0, 0.1125, 0.45, 0.9, 0.9])
+    assert np.allclose(qd[0], [0.0, 0.0, 1.5, 3.0, 0.0, 0.0])
+    assert np.allclose(qdd[0], [0.0, 10.0, 10.0, -10.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_a_curve_keeps_the_integral_of_its_positions() -> None:
     curve = there()
     t = np.linspace(-0.05, 0.64, 4001)
     integral, q = curve.at(t, 2)
-    assert np.allclose(differences(integral, t[1] - t[0]), q[1:-1], atol=1e-6)
+    assert np.allclose(differences(integral.T, t[1] - t[0]), q.T[1:-1], atol=1e-6)
 
 
 @pytest.mark.parametrize("ends", [(WIDTH, WIDTH), (0.5 * WIDTH, WIDTH), (0.02, 0.02)])
@@ -73,7 +73,7 @@ def test_an_average_keeps_speed_and_acceleration_and_bounds_jerk() -> None:
 def test_an_average_leaves_the_path_by_no_more_than_its_formula() -> None:
     curve = there()
     t = np.linspace(-0.02, 0.62, 3000)
-    away = averaged_positions(curve, window(curve), t) - curve.at(t, 2)[1]
+    away = averaged_positions(curve, window(curve), t) - curve.at(t, 2)[1].T
     bound = ACCELERATION * WIDTH**2 / 24.0
     assert 0.99 * bound <= np.abs(away).max() <= bound + 1e-12
 

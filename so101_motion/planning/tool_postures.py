@@ -1,0 +1,236 @@
+"""What the arm may look like at points of a way of the tool: the columns of a search.
+
+At each point the position is prescribed; five joints leave two freedoms, pitch and roll, and up to
+four branches. How much of them counts depends on the goal's metric:
+
+* *Position only*: every pitch all round, with the roll the arm has. The roll moves a frame by its
+  distance from the roll axis at most, and of 134 random lines none existed for another roll only.
+* *Position and approach*: pitches around the one that brings the approach nearest to where it
+  should point. The roll is the arm's own; a second, finer look tries others, because turning the
+  tool, which is beside the roll axis, lets the arm's plane face a few degrees to either side.
+* *Full pose*: pitches around the same, each with the roll that then comes nearest.
+
+Where upper arm and forearm are in line the elbow may turn over from up to down. The two pitches at
+which that is so are among those of a position-only column, however coarse it is: lines past such a
+point could not be followed otherwise.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.geometry import Array
+from so101_motion.planning.arm_chain import ArmChain
+from so101_motion.planning.arm_grid import (
+    angles_between,
+    facing,
+    facing_turned,
+    hands,
+    pitch_towards,
+    postures,
+    roll_for,
+    rotation_angles,
+    straight_pitches,
+)
+from so101_motion.planning.arm_plane import JOINT_SLACK, TAU
+from so101_motion.planning.arm_structure import ArmStructure
+from so101_motion.planning.goals import GoalMetric
+
+ROOM = 0.05
+"""Closer to a joint limit or a straight arm than this, postures cost more [rad]. Chosen: 3 deg."""
+
+OF_LIMIT = 0.3
+"""Price of being at one of these all the way, against 1 for a radian of pitch. Chosen."""
+
+OF_DEVIATION = 10.0
+"""Price of being turned off by the whole tolerance all the way. Chosen: as near as joints can."""
+
+
+class Allowed(NamedTuple):
+    """Postures of one point that are allowed; as in :class:`Columns`, without the first axis."""
+
+    q: Array
+    price: Array
+    in_front: NDArray[np.bool_]
+
+
+class Columns(NamedTuple):
+    """Postures for each point of a way, and what each costs.
+
+    Attributes:
+        q: Joint angles, shape (n, k, 5), [rad]; beyond the limits too.
+        price: Of a way all of such postures, shape (n, k); infinite where one is not allowed.
+        excess: How far beyond its limits the joint is that is furthest off, shape (n, k), [rad];
+            infinite where the point is out of reach like this.
+        deviation: How far the tool is turned off, shape (n, k), [rad]; 0 where it does not count.
+        in_front: Whether the arm faces the point, shape (n, k), or leans over backwards to it.
+    """
+
+    q: Array
+    price: Array
+    excess: Array
+    deviation: Array
+    in_front: NDArray[np.bool_]
+
+    def at(self, i: int) -> Columns:
+        """One of the points, as n = 1."""
+        one = slice(i, i + 1)
+        return Columns(
+            self.q[one],
+            self.price[one],
+            self.excess[one],
+            self.deviation[one],
+            self.in_front[one],
+        )
+
+    def allowed(self) -> list[Allowed]:
+        """For each point what is allowed there."""
+        return [
+            Allowed(self.q[i, each], self.price[i, each], self.in_front[i, each])
+            for i, each in enumerate(np.isfinite(self.price))
+        ]
+
+
+class Fineness(NamedTuple):
+    """How closely to look.
+
+    Attributes:
+        spacing: Distance between points [m].
+        pitch_step: Distance between pitches where all are allowed [rad].
+        offsets: How many pitches within a tolerance.
+        rolls: How many rolls where it is free or, within a tolerance, how many of those.
+    """
+
+    spacing: float
+    pitch_step: float
+    offsets: int
+    rolls: int
+
+
+class Wish(NamedTuple):
+    """What counts along a way.
+
+    Attributes:
+        metric: How much of the pose.
+        frame: Which frame of the gripper follows the way.
+        orientation_tolerance: [rad].
+        roll: The roll to keep where it is free [rad].
+        pitch: The pitch that is among those tried [rad].
+    """
+
+    metric: GoalMetric
+    frame: str
+    orientation_tolerance: float
+    roll: float
+    pitch: float
+
+
+class PostureSource:
+    """Lays out columns of postures for one arm."""
+
+    def __init__(self, structure: ArmStructure, chain: ArmChain) -> None:
+        """Prepare.
+
+        Args:
+            structure: The arm's closed forms.
+            chain: Kinematics of the tool frame, whose orientation counts.
+        """
+        self._structure, self._chain = structure, chain
+
+    def columns(self, wish: Wish, p_base: Array, R_base_tool: Array, fineness: Fineness) -> Columns:
+        """Postures for points of a way.
+
+        Args:
+            wish: What counts.
+            p_base: Where the frame shall be, shape (n, 3), [m].
+            R_base_tool: How the *tool* shall be turned, shape (n, 3, 3).
+            fineness: How many to try.
+        """
+        if wish.metric is GoalMetric.POSITION_ONLY:
+            q, excess = self._any_pitch(wish, p_base, fineness)
+            deviation = np.zeros_like(excess)
+        elif wish.metric is GoalMetric.POSITION_AND_APPROACH:
+            q, excess = self._approaching(wish, p_base, R_base_tool[:, :, 2], fineness)
+            reached = self._rotations(q)[..., 2]
+            deviation = angles_between(reached, R_base_tool[:, None, :, 2])
+        else:
+            q, excess = self._turned(wish, p_base, R_base_tool, fineness)
+            left = self._rotations(q).transpose(0, 1, 3, 2) @ R_base_tool[:, None]
+            deviation = rotation_angles(left)
+        allowed = (excess <= JOINT_SLACK) & (deviation <= wish.orientation_tolerance)
+        straight = np.abs(q[..., 2] - self._structure.bars.straight)
+        near = np.maximum(1.0 - np.minimum(-excess, straight) / ROOM, 0.0)
+        price = OF_LIMIT * near**2 + OF_DEVIATION * (deviation / wish.orientation_tolerance) ** 2
+        price = np.where(allowed, price, np.inf)
+        return Columns(q, price, excess, deviation, self.in_front(q, p_base[:, None]))
+
+    def in_front(self, q: Array, p_base: Array) -> NDArray[np.bool_]:
+        """Whether the arm faces points (..., 3) [m] in postures (..., 5) [rad] that reach them."""
+        m = self._structure.measures
+        azimuth = m.azimuth + m.pan_sign * q[..., 0]
+        x, y = p_base[..., 0] - m.pan[0], p_base[..., 1] - m.pan[1]
+        return np.asarray(x * np.cos(azimuth) + y * np.sin(azimuth) >= 0.0)
+
+    def _any_pitch(self, wish: Wish, p_base: Array, fineness: Fineness) -> tuple[Array, Array]:
+        roll = np.array([[[wish.roll]]])
+        hand = hands(self._structure, wish.frame, roll)
+        target = facing(self._structure, p_base, hand.lateral)
+        count = round(TAU / fineness.pitch_step)
+        even = wish.pitch + np.arange(count) * (TAU / count)
+        straight = straight_pitches(self._structure, target, hand)
+        pitch = np.concatenate(
+            [np.broadcast_to(even, (*straight.shape[:2], count)), straight], axis=2
+        )
+        grid = postures(self._structure, target, hand, pitch, roll)
+        excess = np.where(np.isnan(grid.excess), np.inf, grid.excess)
+        excess[:, :, count:, 1] = np.inf  # straight is neither up nor down; once is enough
+        return _flat(np.where(np.isfinite(grid.q), grid.q, 0.0)), _flat(excess[..., None])[..., 0]
+
+    def _approaching(
+        self, wish: Wish, p_base: Array, axis: Array, fineness: Fineness
+    ) -> tuple[Array, Array]:
+        m = self._structure.measures
+        rolls = np.append(wish.roll, np.linspace(m.lower[4], m.upper[4], fineness.rolls))
+        offsets = _offsets(wish, fineness.offsets)
+        found = []
+        for roll in rolls[: 1 if fineness.rolls == 1 else None]:
+            roll = np.array([[[roll]]])
+            hand = hands(self._structure, wish.frame, roll)
+            target = facing(self._structure, p_base, hand.lateral)
+            pitch = pitch_towards(self._structure, target.pan, axis) + offsets
+            grid = postures(self._structure, target, hand, pitch, roll)
+            found.append((_flat(grid.q), _flat(grid.excess[..., None])))
+        q, excess = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
+        return q, excess[..., 0]
+
+    def _turned(
+        self, wish: Wish, p_base: Array, R_base_tool: Array, fineness: Fineness
+    ) -> tuple[Array, Array]:
+        structure = self._structure
+        pitches = _offsets(wish, fineness.offsets)
+        rolls = _offsets(wish, fineness.rolls) if fineness.rolls > 1 else np.zeros(1)
+        pitch_offset, roll_offset = (each.ravel() for each in np.meshgrid(pitches, rolls))
+        target, pitch = facing_turned(structure, wish.frame, p_base, R_base_tool, wish.roll)
+        pitch = pitch + pitch_offset
+        roll = roll_for(structure, target.pan, pitch, R_base_tool) + roll_offset
+        hand = hands(structure, wish.frame, roll)
+        target = facing(structure, p_base, hand.lateral)
+        grid = postures(structure, target, hand, pitch, roll)
+        return _flat(grid.q), _flat(grid.excess[..., None])[..., 0]
+
+    def _rotations(self, q: Array) -> Array:
+        return self._chain.rotations(q.reshape(-1, 5)).reshape(*q.shape[:2], 3, 3)
+
+
+def _offsets(wish: Wish, count: int) -> Array:
+    """Angles within the tolerance, an odd number of them, so that zero is among them [rad]."""
+    within = 0.999 * min(wish.orientation_tolerance, np.pi)
+    return np.linspace(-within, within, count)
+
+
+def _flat(values: Array) -> Array:
+    """Points first, all postures of a point in one row: shape (n, k, last)."""
+    return values.reshape(len(values), -1, values.shape[-1])
