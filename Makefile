@@ -25,6 +25,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.bench_retime
 	$(BIN)/python -m benchmarks.bench_plan
 	$(BIN)/python -m benchmarks.bench_line
+	$(BIN)/python -m benchmarks.bench_servo
 	$(BIN)/python -m benchmarks.bench_module
 	$(BIN)/python -m benchmarks.bench_bus
 

@@ -9,6 +9,8 @@ Peers on the same paths: toppra as it comes (automatic grid, its default paramet
 waypoint to waypoint, and straight trapezoids with a stop at each waypoint. The last two follow the
 polyline instead of the spline.
 
+The planner's own paths are different: few corners, far apart, rounded. Those are timed as well.
+
 The stops are from random instants of those motions, under limits a fifth (acceleration) and a half
 (jerk) above the motion's own.
 """
@@ -26,7 +28,7 @@ from benchmarks import _common
 from so101_motion.geometry import Array
 from so101_motion.planning import online
 from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.path_geometry import JointPath, spline_path
+from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
 from so101_motion.planning.retime import retime
 from so101_motion.planning.trajectory import Trajectory
 
@@ -50,6 +52,7 @@ def main() -> None:
     bounds = np.array([optimum(path) for path in paths])
     rows = [
         *ours(paths, bounds),
+        *rounded(),
         toppra_default(paths, bounds),
         ruckig_by_waypoint(waypoints, bounds),
         trapezoids(waypoints, bounds),
@@ -89,6 +92,21 @@ def ours(paths: Sequence[JointPath], bounds: Array) -> list[dict[str, Any]]:
         row("so101_motion, samples 10 ms apart", times, judged) | {"off_path_rad": away},
         row("so101_motion, samples 1 ms apart", fine_times, judged) | {"off_path_rad": away},
     ]
+
+
+def rounded() -> list[dict[str, Any]]:
+    """This project on what the planner finds: polylines with few, far corners, rounded."""
+    rows = []
+    for corners in (1, 4, 13):
+        rng = np.random.default_rng(SEED + corners)
+        polylines = [rng.uniform(-0.8 * REACH, 0.8 * REACH, (corners + 2, 5)) for _ in range(N)]
+        paths = [blended_path(points, 0.08) for points in polylines]
+        _, times = _common.measure(lambda path: retime(path, LIMITS, DT), paths)
+        sampled = [retime(path, LIMITS, SAMPLING).q for path in paths]
+        shares = np.array([limit_shares(q) for q in sampled]).max(axis=0)
+        judged = dict(zip(("velocity", "acceleration", "jerk"), shares.tolist(), strict=True))
+        rows.append(row(f"so101_motion, {corners} rounded corners", times, judged))
+    return rows
 
 
 def toppra_default(paths: Sequence[JointPath], bounds: Array) -> dict[str, Any]:

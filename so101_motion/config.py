@@ -12,6 +12,7 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 from so101_motion.errors import ConfigError
 from so101_motion.units import to_m, to_rad
@@ -21,6 +22,13 @@ SPEED_RANGE_DEG = (3.0, 180.0)
 
 ACCELERATION_RANGE_DEG = (10.0, 500.0)
 """Joint accelerations that can be set [deg/s^2]; the published module's range."""
+
+
+SERVO_VOLTAGES = (7.4, 12.0)
+"""Rated voltages of the servos the arm is sold with [V]. The weaker is meant when nobody says."""
+
+HEAVIEST = 5.0
+"""Largest payload that is taken for one [kg]; more was meant as grams."""
 
 
 class Attributes:
@@ -75,6 +83,17 @@ class Attributes:
             checked_number(f"{key}[{i}]", entry, lower=lower, upper=upper)
             for i, entry in enumerate(value)
         )
+
+    def objects(self, key: str) -> tuple[Mapping[str, object], ...]:
+        """A list of objects; empty when not given.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        value = self._values[key] if self.given(key) else ()
+        if not isinstance(value, (list, tuple)) or not all(isinstance(e, Mapping) for e in value):
+            raise ConfigError(key, value, 'must be a list of objects, [{"name": "mug", ...}]')
+        return tuple(value)
 
     def flag(self, key: str, default: bool) -> bool:
         """True or false, and nothing that merely looks like it.
@@ -158,6 +177,45 @@ def _range(lower: float, upper: float, unit: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class LoadConfig:
+    """What an arm always carries, and what its servos are made for.
+
+    Attributes:
+        mass: Of what the gripper carries [kg].
+        com: Its centre of mass in the tool frame, x, y, z [m]; None for the jaw's tip.
+        servo_voltage: The servos' rated voltage, one of ``SERVO_VOLTAGES`` [V].
+    """
+
+    mass: float = 0.0
+    com: tuple[float, float, float] | None = None
+    servo_voltage: float = SERVO_VOLTAGES[0]
+
+    KEYS: ClassVar = ("payload_kg", "payload_com_mm", "servo_voltage")
+
+    @classmethod
+    def of(cls, given: Attributes) -> LoadConfig:
+        """Read and check the attributes named in ``KEYS``.
+
+        Raises:
+            ConfigError: A value cannot be used.
+        """
+        com_mm = given.numbers("payload_com_mm", count=3, lower=-1000.0, upper=1000.0)
+        if len(com_mm) not in (0, 3):
+            raise ConfigError("payload_com_mm", list(com_mm), "must be three numbers, x, y, z [mm]")
+        voltage = given.number("servo_voltage", SERVO_VOLTAGES[0], lower=0.0, upper=100.0, unit="V")
+        if voltage not in SERVO_VOLTAGES:
+            known = " or ".join(f"{each:g}" for each in SERVO_VOLTAGES)
+            raise ConfigError(
+                "servo_voltage", voltage, f"must be {known}: the rating of the servos"
+            )
+        return cls(
+            mass=given.number("payload_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
+            com=(to_m(com_mm[0]), to_m(com_mm[1]), to_m(com_mm[2])) if com_mm else None,
+            servo_voltage=voltage,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedArmConfig:
     """Settings of ``devrel:so101:simulated``.
 
@@ -168,7 +226,9 @@ class SimulatedArmConfig:
         simulate_time: Whether time passes by itself.
         visualize_ee_frame: Whether the tool frame is drawn.
         use_urdf: Whether kinematics are served as URDF instead of SVA.
+        obstacles: What always stands around the arm, as in a scene file.
         floor_z: Height of the floor in the base frame [m].
+        load: What it carries and can bear.
         position_tolerance: Largest position error that counts as arrived [m]; None for ours.
         approach_tolerance: Largest error of the approach direction [rad]; None for ours.
         mesh_ratios_given: Whether mesh decimation was asked for, which has no effect here.
@@ -181,6 +241,8 @@ class SimulatedArmConfig:
     visualize_ee_frame: bool
     use_urdf: bool
     floor_z: float
+    obstacles: tuple[Mapping[str, object], ...]
+    load: LoadConfig
     position_tolerance: float | None
     approach_tolerance: float | None
     mesh_ratios_given: bool
@@ -207,6 +269,8 @@ class SimulatedArmConfig:
             visualize_ee_frame=given.flag("visualize_ee_frame", False),
             use_urdf=given.flag("use_urdf", False),
             floor_z=to_m(given.number("floor_z_mm", -2.4, lower=-2000.0, upper=500.0, unit="mm")),
+            obstacles=given.objects("obstacles"),
+            load=LoadConfig.of(given),
             position_tolerance=to_m(position_mm) if position_mm > 0.0 else None,
             approach_tolerance=to_rad(approach_deg) if approach_deg > 0.0 else None,
             mesh_ratios_given=bool(ratios),
@@ -221,9 +285,11 @@ _SIMULATED_ARM = (
     "visualize_ee_frame",
     "use_urdf",
     "floor_z_mm",
+    "obstacles",
     "position_tolerance_mm",
     "orientation_tolerance_deg",
     "mesh_decimation_ratios",
+    *LoadConfig.KEYS,
 )
 
 

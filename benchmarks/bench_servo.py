@@ -1,0 +1,193 @@
+"""Leading the tool: what a step costs, how straight a jog is, and how close it comes to things.
+
+Twists, poses and points are held for 0.4 s each from random free postures, alone over the table and
+between three boxes, at 100 Hz. Every step counts; "constrained" are those in which something stood
+against the wish, so that the quadratic program was solved. Distances of all bodies near each other
+are part of every step. The closest approach is measured afterwards at every step.
+
+The quadratic program alone is compared with the same program through qpsolvers, which sets OSQP up
+anew at each call.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks import _common
+from so101_motion.geometry import SE3, Array
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Box, Obstacle, Scene
+from so101_motion.planning.servo import Servo
+from so101_motion.planning.servo_qp import ServoQp, as_problem
+from so101_motion.planning.targets import Target, Twist
+
+DT = 0.01
+JOGS, STEPS, HELD = 40, 300, 40
+SEED = 5
+LIMITS = MotionLimits.uniform(velocity=np.radians(90.0), acceleration=5.0, jerk=100.0)
+CPU = "CPU of the thread"
+
+MODEL = RobotModel.load()
+
+
+class Watched(ServoQp):
+    """Notes the programs it is given, and how long each took."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.programs: list[tuple[Array, ...]] = []
+        self.times: list[float] = []
+
+    def solve(
+        self, J: Array, w: Array, lower: Array, upper: Array, G: Array, b: Array
+    ) -> tuple[Array, float]:
+        """As ``ServoQp``."""
+        begin = time.thread_time_ns()
+        solution = super().solve(J, w, lower, upper, G, b)
+        self.times.append((time.thread_time_ns() - begin) * 1e-9)
+        self.programs.append((J, w, lower, upper, G, b, solution[0]))
+        return solution
+
+
+def table_with_boxes() -> Scene:
+    """Three boxes around the arm."""
+    places = {
+        "left": ([0.10, 0.10, 0.20], [0.25, 0.15, 0.10]),
+        "right": ([0.10, 0.10, 0.20], [0.25, -0.15, 0.10]),
+        "beside": ([0.10, 0.10, 0.10], [0.05, 0.25, 0.05]),
+    }
+    return Scene(
+        obstacles=tuple(
+            Obstacle(
+                name=name,
+                shape=Box(size=np.array(size)),
+                T_base_obstacle=SE3.from_translation(place),
+            )
+            for name, (size, place) in places.items()
+        )
+    )
+
+
+def target(rng: np.random.Generator) -> Target:
+    """What somebody at a pendant may ask for next."""
+    kind = rng.random()
+    if kind < 0.7:
+        angular = rng.normal(size=3) * rng.choice([0.0, 0.5])
+        return Twist(linear=0.1 * rng.normal(size=3), angular=angular)
+    if kind < 0.85:
+        return MODEL.frame(rng.uniform(MODEL.lower, MODEL.upper))
+    return rng.uniform([-0.1, -0.35, 0.02], [0.4, 0.35, 0.35])
+
+
+def jogging(scene: Scene) -> tuple[list[float], list[bool], Watched, float, float]:
+    """Times of steps, which were constrained, the programs, closest approach, largest excess."""
+    rng, collision, judge = (
+        np.random.default_rng(SEED),
+        CollisionModel(MODEL, scene),
+        CollisionModel(MODEL, scene),
+    )
+    times, constrained, watched = [], [], Watched()
+    closest, excess = np.inf, 0.0
+    for _ in range(JOGS):
+        q = free_posture(rng, judge)
+        servo = Servo(MODEL, collision, LIMITS, DT, q)
+        servo._qp = watched
+        wanted = target(rng)
+        for k in range(STEPS):
+            if k % HELD == 0:
+                wanted = target(rng)
+            before = len(watched.times)
+            begin = time.thread_time_ns()
+            step = servo.step(wanted)
+            times.append((time.thread_time_ns() - begin) * 1e-9)
+            constrained.append(len(watched.times) > before)
+            closest = min(closest, judge.clearance(step.q).distance)
+            excess = max(excess, float(np.max(np.abs(step.qdd) / LIMITS.acceleration)))
+            excess = max(excess, float(np.max(np.abs(step.qd) / LIMITS.velocity)))
+    return times, constrained, watched, closest, excess
+
+
+def free_posture(rng: np.random.Generator, judge: CollisionModel) -> Array:
+    """A random posture that is free."""
+    while True:
+        q = rng.uniform(MODEL.lower, MODEL.upper)
+        if judge.is_free(q):
+            return q
+
+
+def straightness() -> float:
+    """How far the tool gets from its line in jogs of 100 mm and more, in 95 of 100 [m]."""
+    rng, collision = np.random.default_rng(SEED), CollisionModel(MODEL)
+    off: list[float] = []
+    while len(off) < 100:
+        q = free_posture(rng, collision)
+        servo = Servo(MODEL, collision, LIMITS, DT, q)
+        direction = rng.normal(size=3)
+        direction /= np.linalg.norm(direction)
+        jog = Twist(linear=0.1 * direction, angular=np.zeros(3))
+        start, worst = MODEL.frame(q).p, 0.0
+        for _ in range(150):
+            step = servo.step(jog)
+            way = MODEL.frame(step.q).p - start
+            if step.share < 0.2 and len(servo.held_by()):
+                break  # held by a limit or by something in the way
+            worst = max(worst, float(np.linalg.norm(way - (way @ direction) * direction)))
+        else:
+            off.append(worst)
+    return float(np.percentile(off, 95.0))
+
+
+def through_qpsolvers(programs: Sequence[tuple[Array, ...]]) -> tuple[list[float], float] | None:
+    """The same programs through qpsolvers with OSQP: times, and the median difference [rad/s]."""
+    try:
+        import qpsolvers
+        from scipy import sparse
+    except ImportError:
+        return None
+
+    times: list[float] = []
+    apart: list[float] = []
+    for J, w, lower, upper, G, b, solution in programs:
+        P, q, A, h, lb, ub = as_problem(J, w, lower, upper, G, b)
+        P_sparse, A_sparse = sparse.csc_matrix(P), sparse.csc_matrix(A)
+        begin = time.thread_time_ns()
+        x: Any = qpsolvers.solve_qp(
+            P_sparse, q, A_sparse, h, lb=lb, ub=ub, solver="osqp", eps_abs=1e-6, eps_rel=1e-6
+        )
+        times.append((time.thread_time_ns() - begin) * 1e-9)
+        if x is not None:
+            apart.append(float(np.abs(np.abs(w).max() * x[:5] - solution).max()))
+    return times, float(np.median(apart))
+
+
+def main() -> None:
+    """Run everything, print the table, write the results."""
+    _common.single_thread()
+    rows: list[_common.Row] = []
+    programs: list[tuple[Array, ...]] = []
+    qp_times: list[float] = []
+    for name, scene in (("over the table", Scene()), ("between boxes", table_with_boxes())):
+        times, constrained, watched, closest, excess = jogging(scene)
+        measured = {"clock": CPU, "closest_mm": closest * 1e3, "of limits": excess}
+        rows.append({"what": f"step, {name}", **_common.summary(times), **measured})
+        solved = np.array(times)[np.array(constrained)]
+        rows.append({"what": "  constrained", **_common.summary(solved), "clock": CPU})
+        programs += watched.programs
+        qp_times += watched.times
+    rows.append({"what": "program, OSQP kept alive", **_common.summary(qp_times), "clock": CPU})
+    other = through_qpsolvers(programs[:: max(1, len(programs) // 500)])
+    if other is not None:
+        row = {"what": "program, qpsolvers + osqp", **_common.summary(other[0]), "clock": CPU}
+        rows.append(row | {"apart_rad_s": other[1]})
+    print(f"off the line in jogs of 100 mm and more, 95 %: {straightness() * 1e3:.2f} mm")
+    _common.write("bench_servo", rows, peers=("osqp", "qpsolvers"))
+
+
+if __name__ == "__main__":
+    main()

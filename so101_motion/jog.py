@@ -1,0 +1,182 @@
+"""A motion that is led by hand: somebody says where the tool shall go, again and again.
+
+The I/O thread asks for the next setpoint in every tick, and a :class:`~.planning.servo.Servo` makes
+it up on the spot from what was asked for last; it keeps every limit and stays clear of everything.
+A velocity must be repeated: who asks for none for ``DEADMAN`` lets go, and the arm slows to rest,
+as it does when the one who leads has gone. A pose or a point is gone to and held.
+
+What was asked for is replaced whole, so the I/O thread never waits. The servo is that thread's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.errors import ConfigError, MotionError
+from so101_motion.geometry import SE3, Array
+from so101_motion.planning.scene import LARGEST
+from so101_motion.planning.targets import STILL, Target, Twist
+from so101_motion.planning.trajectory import Setpoint, Trajectory
+
+if TYPE_CHECKING:  # it brings Pinocchio along, which the I/O thread has no use for otherwise
+    from so101_motion.planning.servo import Servo
+
+DEADMAN = 0.25
+"""For how long a velocity is kept up that nobody repeats [s]. Chosen: a few periods of a page that
+asks ten times a second."""
+
+_TOLD_EVERY = 10  # ticks; words take longer than a step
+_HELD_BELOW = 0.9  # of what is wanted; below, something is said to hold the tool
+
+
+class Jog:
+    """Takes wishes and hands out setpoints; made by ``Arm.open_jog``.
+
+    Args:
+        servo: Makes the steps; from now on the jog's own.
+        dt: How long a step takes [s].
+        q_jaw: Where the jaw is now [rad].
+
+    Attributes:
+        future: Completes when the arm is at rest after ``close``, or raises why it ended earlier.
+    """
+
+    def __init__(self, servo: Servo, dt: float, q_jaw: Callable[[], float]) -> None:
+        self.future: Future[None] = Future()
+        self._servo, self._dt, self._q_jaw = servo, dt, q_jaw
+        self._wish: tuple[Target, int] = (STILL, 0)  # what is asked for, and how often it was
+        self._seen, self._age = 0, 0.0
+        self._closing = self._over = False
+        self._ticks = 0
+        self._held_by: tuple[str, ...] = ()
+
+    # Any thread
+
+    def twist(
+        self, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0), *, in_tool: bool = False
+    ) -> None:
+        """Move the tool at a velocity for ``DEADMAN`` or until something else is asked for.
+
+        What cannot be had at this speed, for a limit or for what is in the way, is done slower.
+
+        Args:
+            linear: Velocity of the tool's origin, shape (3,), [m/s].
+            angular: Its turning, shape (3,), [rad/s].
+            in_tool: Whether both are in the axes of the tool instead of those of the base.
+
+        Raises:
+            ConfigError: These are not two finite velocities.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        try:
+            wanted = Twist(
+                linear=np.asarray(linear, dtype=np.float64),
+                angular=np.asarray(angular, dtype=np.float64),
+                in_tool=in_tool,
+            )
+        except (TypeError, ValueError) as error:
+            raise ConfigError("twist", [linear, angular], str(error)) from error
+        before = self._wish[0]
+        same = isinstance(before, Twist) and before.same_as(wanted)
+        self._ask(before if same else wanted)  # the line that the tool is on goes on
+
+    def to_pose(self, T_base_tool: SE3) -> None:
+        """Go to a pose in as straight a line as the joints can, and stay there.
+
+        The position comes first, the orientation as far as five joints can.
+
+        Raises:
+            ConfigError: It is not within ``scene.LARGEST``.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        _check_place(T_base_tool.p)
+        self._ask(T_base_tool)
+
+    def to_point(self, p_base: ArrayLike) -> None:
+        """Go to a point with the tool's origin, whatever its orientation, and stay there.
+
+        Args:
+            p_base: The point in the base frame, shape (3,), [m].
+
+        Raises:
+            ConfigError: It is not within ``scene.LARGEST``.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        self._ask(_check_place(p_base))
+
+    def close(self) -> Future[None]:
+        """Slow to rest and end; may be called again."""
+        self._closing = True
+        return self.future
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """What keeps the tool from doing as it was told, such as ``"the jaw close to the floor"``.
+
+        Nothing while it does. Brought up to date ten times a second.
+        """
+        return self._held_by
+
+    def _ask(self, target: Target) -> None:
+        if self.future.done():
+            error = self.future.exception()
+            raise error if error is not None else MotionError("the jog is over; open a new one")
+        if self._closing:
+            raise MotionError("the jog has been closed; open a new one")
+        self._wish = (target, self._wish[1] + 1)
+
+    # The I/O thread
+
+    @property
+    def start(self) -> Setpoint:
+        """Where it begins, at rest."""
+        return Setpoint(q=self._servo.q, qd=np.zeros(5), qdd=np.zeros(5))
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has been closed and the last setpoint was at rest."""
+        return self._over
+
+    def advance(self) -> Setpoint:
+        """Where the arm shall be in the next tick."""
+        step = self._servo.step(self._target(), self._q_jaw())
+        self._over = self._closing and not (step.qd.any() or step.qdd.any())
+        if self._ticks % _TOLD_EVERY == 0:
+            self._held_by = self._servo.held_by() if step.share < _HELD_BELOW else ()
+        self._ticks += 1
+        return Setpoint(q=step.q, qd=step.qd, qdd=step.qdd)
+
+    def braking(self) -> Trajectory:
+        """The way to rest from the last setpoint on, which is known to be free."""
+        servo, dt = self._servo, self._dt
+        duration = servo.braking_time
+        t = np.minimum(np.arange(math.ceil(duration / dt - 1e-9) + 1) * dt, duration)[:, None]
+        per = 1.0 / duration if duration > 0.0 else 0.0
+        q = servo.q + (t - 0.5 * per * t * t) * servo.qd
+        qd = (1.0 - per * t) * servo.qd
+        qdd = np.broadcast_to(-per * servo.qd, q.shape).copy()
+        q[-1], qd[-1], qdd[-1] = servo.q_rest, 0.0, 0.0
+        return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+    def _target(self) -> Target:
+        target, asked = self._wish
+        self._age = self._age + self._dt if asked == self._seen else 0.0
+        self._seen = asked
+        is_forgotten = isinstance(target, Twist) and self._age > DEADMAN
+        return STILL if self._closing or is_forgotten else target
+
+
+def _check_place(p: ArrayLike) -> Array:
+    try:
+        place = np.array(p, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError("point", p, "must be three numbers [m]") from error
+    if place.shape != (3,) or not np.all(np.abs(place) <= LARGEST):
+        raise ConfigError("point", p, f"must be three numbers within {LARGEST:g} m")
+    return place

@@ -1,0 +1,144 @@
+"""What holds for every step of a servo, whatever the tool is asked to do."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from so101_motion.geometry import SE3, rotation_by
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Box, Obstacle, Scene, Sphere
+from so101_motion.planning.servo import Servo
+from so101_motion.planning.targets import STILL, Twist
+
+MODEL = RobotModel.load()
+DT = 0.01
+
+seeds = st.integers(min_value=0, max_value=2**32 - 1)
+
+
+def a_scene(rng: np.random.Generator) -> Scene:
+    """Up to four things on the table around the arm."""
+    obstacles = []
+    for k in range(rng.integers(0, 5)):
+        angle, distance = rng.uniform(-2.0, 2.0), rng.uniform(0.12, 0.35)
+        place = [distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.25)]
+        size = rng.uniform(0.02, 0.12, 3)
+        shape = Box(size=size) if rng.random() < 0.7 else Sphere(radius=size[0] / 2.0)
+        pose = SE3(rotation_by(rng.normal(size=3)), np.array(place))
+        obstacles.append(Obstacle(name=f"thing {k}", shape=shape, T_base_obstacle=pose))
+    return Scene(obstacles=tuple(obstacles))
+
+
+def a_target(rng: np.random.Generator):
+    kind = rng.integers(0, 8)
+    if kind < 5:
+        angular = rng.normal(size=3) * rng.choice([0.0, 1.0])
+        linear = rng.normal(size=3) * rng.choice([0.02, 0.2, 2.0])
+        return Twist(linear=linear, angular=angular, in_tool=bool(rng.random() < 0.3))
+    if kind == 5:
+        return MODEL.frame(rng.uniform(MODEL.lower, MODEL.upper))
+    if kind == 6:
+        return rng.uniform([-0.4, -0.4, -0.1], [0.4, 0.4, 0.5])
+    return STILL
+
+
+def a_free_posture(rng: np.random.Generator, collision: CollisionModel, q_jaw: float):
+    for _ in range(200):
+        q = rng.uniform(MODEL.lower, MODEL.upper)
+        if collision.is_free(q, q_jaw):
+            return q
+    return None
+
+
+def between(q: np.ndarray, share: float) -> np.ndarray:
+    return q[:-1] + share * np.diff(q, axis=0)
+
+
+@settings(max_examples=25)
+@given(seeds, st.floats(0.2, 3.0), st.floats(0.5, 9.0))
+def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_stop(
+    seed: int, velocity: float, acceleration: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    scene, q_jaw = a_scene(rng), float(rng.uniform(0.0, 1.7))
+    judge = CollisionModel(MODEL, scene)
+    start = a_free_posture(rng, judge, q_jaw)
+    if start is None:
+        return
+    limits = MotionLimits.uniform(velocity=velocity, acceleration=acceleration, jerk=100.0)
+    servo = Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, start)
+    steps = []
+    for _ in range(rng.integers(1, 7)):
+        target = a_target(rng)
+        steps += [servo.step(target, q_jaw) for _ in range(rng.integers(1, 40))]
+    rest, stopping = servo.q_rest, int(np.ceil(servo.braking_time / DT)) + 1
+    steps += [servo.step(STILL, q_jaw) for _ in range(stopping)]
+
+    q = np.array([start, start, start, *(step.q for step in steps)])
+    qd, qdd = np.diff(q, axis=0) / DT, np.diff(q, 2, axis=0) / DT**2
+    assert np.all(q >= MODEL.lower - 1e-9)
+    assert np.all(q <= MODEL.upper + 1e-9)
+    assert np.abs(qd).max() <= velocity * (1.0 + 1e-9) + 1e-12
+    assert np.abs(qdd).max() <= acceleration * (1.0 + 1e-6) + 1e-9
+    assert np.allclose(qd[2:], [step.qd for step in steps], atol=1e-9)
+    assert np.allclose(qdd[1:], [step.qdd for step in steps], atol=1e-6)
+    assert all(0.0 <= step.share <= 1.0 for step in steps)
+    assert min(judge.distances(each, q_jaw).min() for each in q) > 0.0
+    assert min(judge.distances(each, q_jaw).min() for each in between(q, 0.5)) > 0.0
+    # It came to rest, on the line to where it said it would.
+    assert not servo.qd.any()
+    line = q[-stopping - 1 :] - q[-stopping - 1]
+    way = rest - q[-stopping - 1]
+    length = float(np.linalg.norm(way))
+    if length > 1e-9:
+        done = line @ way / length**2
+        assert np.all((done >= -1e-9) & (done <= 1.0 + 1e-9))
+        assert np.allclose(line, np.outer(done, way), atol=1e-9)
+
+
+@settings(max_examples=15)
+@given(seeds)
+def test_bodies_that_are_too_close_at_the_start_never_get_closer(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = a_scene(rng)
+    judge = CollisionModel(MODEL, scene)
+    q = rng.uniform(MODEL.lower, MODEL.upper)
+    for _ in range(200):
+        if -0.005 < judge.clearance(q).distance < 0.003:
+            break
+        q = rng.uniform(MODEL.lower, MODEL.upper)
+    else:
+        return
+    limits = MotionLimits.uniform(velocity=1.0, acceleration=3.0, jerk=100.0)
+    servo = Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, q)
+    postures = [q]
+    for _ in range(3):
+        target = a_target(rng)
+        postures += [servo.step(target).q for _ in range(20)]
+    distances = [np.minimum(judge.distances(each), 0.003) for each in postures]
+    # How deep two hulls overlap is known to some tenths of a millimetre only.
+    assert np.min(np.array(distances) - distances[0]) >= -5e-4
+    assert np.all(distances[-1] >= distances[0] - 2e-4)
+
+
+@settings(max_examples=15)
+@given(seeds)
+def test_a_pose_near_by_that_is_free_to_be_had_is_reached(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    judge = CollisionModel(MODEL)
+    inner = MODEL.lower + 0.3, MODEL.upper - 0.3
+    start = rng.uniform(*inner)
+    goal = start + rng.uniform(-0.15, 0.15, 5)
+    weakest = min(np.linalg.svd(MODEL.frame_jacobian(q)[:3])[1][2] for q in (start, goal))
+    far_apart = judge.clearance(start).distance < 0.04 or judge.clearance(goal).distance < 0.04
+    if far_apart or weakest < 0.03 or min(start[2], goal[2]) < -1.0:
+        return
+    limits = MotionLimits.uniform(velocity=1.5, acceleration=4.0, jerk=100.0)
+    servo = Servo(MODEL, CollisionModel(MODEL), limits, DT, start)
+    target = MODEL.frame(goal)
+    for _ in range(400):
+        servo.step(target)
+    assert np.linalg.norm(MODEL.frame(servo.q).p - target.p) < 1e-4
+    assert np.abs(servo.qd).max() < 0.05
