@@ -2,7 +2,7 @@
 
 ``Control`` is the I/O thread's view. It holds the driver and what is known of the joints, and it
 has neither a thread nor a lock nor a way to wait: the executor calls it, on its one thread, with
-the time and the number of the tick. ``JointDriver`` is declared here because this is what uses it.
+the time and the number of the tick.
 """
 
 from __future__ import annotations
@@ -11,20 +11,22 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
+from so101_motion.channel import Channel, Tolerances
+from so101_motion.compliance import Compliance
 from so101_motion.errors import MotionError, NotHolding
 from so101_motion.geometry import Array
+from so101_motion.joint_driver import JointDriver
 from so101_motion.modes import Event, Mode, after, can
+from so101_motion.outcomes import Outcomes
 from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.trajectory import Trajectory
-from so101_motion.player import Channel, Player, Tolerances
-from so101_motion.state import JointReading, JointState
-from so101_motion.stream import Stream
+from so101_motion.player import Player, Source
+from so101_motion.state import JointReading, JointState, lent_out
 
 T = TypeVar("T")
 
@@ -36,29 +38,6 @@ stand, but nobody expects that any more; chosen, rides out a busy machine."""
 
 _RECENT = 1.0
 """How much of the past an error carries [s]."""
-
-
-class JointDriver(Protocol):
-    """Six joints, real or simulated. Only the I/O thread calls it.
-
-    Each method may raise; the arm is then in FAULT. ``read`` is still called now and then, so it is
-    the place to reconnect; nothing is written before somebody asks the arm to hold again.
-    """
-
-    def read(self) -> JointReading:
-        """Measure all joints."""
-
-    def write(self, q_cmd: Array, q_jaw_cmd: float) -> None:
-        """Set the goals: arm joints, shape (5,), and jaw [rad].
-
-        With torque off this only seeds the goal, which is then what was just measured.
-        """
-
-    def set_torque(self, on: bool) -> None:
-        """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
-
-    def close(self) -> None:
-        """Release the port and leave the servos as they are. Nothing is called after this."""
 
 
 class Control:
@@ -74,6 +53,7 @@ class Control:
 
     Attributes:
         mode: What the arm is doing.
+        outcomes: What the futures end with.
         state: The newest snapshot; None before ``start``. Replaced whole.
     """
 
@@ -91,9 +71,10 @@ class Control:
         self.state: JointState | None = None
         self._driver, self._dt = driver, dt
         self._fault: str | None = None
+        self._lent_to: str | None = None
+        self._watch: Callable[[], None] | None = None
         self._recent: deque[JointState] = deque(maxlen=1 + round(_RECENT / dt))
-        self._outcomes: list[tuple[Future[Any], object, BaseException | None]] = []
-        self._awaited: dict[Future[None], int] = {}  # a stop of both channels ends with the last
+        self.outcomes = Outcomes()
 
         def player(channel: Channel, limits: MotionLimits, tolerances: Tolerances) -> Player:
             return Player(
@@ -101,7 +82,7 @@ class Control:
                 dt=dt,
                 stop_limits=limits,
                 tolerances=tolerances,
-                conclude=self.conclude,
+                conclude=self.outcomes.conclude,
                 recent=self._last_second,
             )
 
@@ -117,22 +98,30 @@ class Control:
         """Whether a motion of either channel is under way, settling included."""
         return self._arm.is_moving or self._jaw.is_moving
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether every tick counts, and not only now and then a look."""
+        return self.is_moving or self.mode is Mode.GUIDING or self._watch is not None
+
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """How hard a stop of ``channel`` brakes."""
+        return self._player(channel).stop_limits
+
     # Requests
 
-    def start(self, now: float) -> None:
-        """See where the joints are, hold them there, publish the first snapshot."""
-        self._seed()
+    def start(self, now: float, *, holding: bool) -> None:
+        """See where the joints are, perhaps hold them there, publish the first snapshot."""
+        if holding:
+            self._seed()
         self.tick(0, now, 0)
 
-    def execute(
-        self, source: Trajectory | Stream, channel: Channel, future: Future[None], k: int
-    ) -> None:
+    def execute(self, source: Source, channel: Channel, future: Future[None], k: int) -> None:
         """Play ``source`` from tick ``k`` on; ``future`` ends with it.
 
         Raises:
             MotionError: Why it cannot be played now.
         """
-        self._require(Event.MOVE)
+        self._require(Event.MOVE, channel)
         self._player(channel).begin(source, future, k)
         self._enter(Event.MOVE)
 
@@ -149,14 +138,21 @@ class Control:
         Raises:
             MotionError: Why that is not possible now.
         """
-        self._require(Event.MOVE)
+        self._require(Event.MOVE, channel)
         self._player(channel).retarget(q_goal, limits, future, k)
         self._enter(Event.MOVE)
 
     def stop(self, channels: Iterable[Channel], by: str, waiting: Future[None]) -> None:
         """Slow down; ``waiting`` completes when all of ``channels`` are at rest."""
+        channels = tuple(channels)
+        if self.mode is Mode.GUIDING and Channel.ARM in channels:
+            try:
+                self.hold()
+            except Exception as error:
+                self.outcomes.conclude(waiting, error)
+                return
         players = [self._player(channel) for channel in channels]
-        self._awaited[waiting] = len(players)
+        self.outcomes.expect(waiting, len(players))
         for player in players:
             player.stop(by, waiting)
 
@@ -166,7 +162,7 @@ class Control:
             if player.is_playing(motion):
                 player.stop(by, waiting)
                 return
-        self.conclude(waiting)
+        self.outcomes.conclude(waiting)
 
     def hold(self) -> None:
         """Drive the joints where they are now; nothing to do when they are driven already."""
@@ -174,7 +170,27 @@ class Control:
             return
         self._require(Event.HOLD)
         with self._failing():
-            self._seed()
+            if self.mode is not Mode.GUIDING:
+                self._seed()
+                return
+            self._driver.guide(None)
+            self._arm.seat(self._driver.read().q)
+        self._enter(Event.HOLD)
+        if self._jaw.is_moving:
+            self._enter(Event.MOVE)
+
+    def guide(self, how: Compliance) -> None:
+        """Let the arm yield to a hand; a limp one is held first, where it is.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        self._require(Event.GUIDE)
+        with self._failing():
+            if self.mode is Mode.LIMP:
+                self._seed()
+            self._driver.guide(how)
+        self._enter(Event.GUIDE)
 
     def release(self) -> None:
         """Let go of the joints.
@@ -183,6 +199,8 @@ class Control:
             MotionError: Something moves.
         """
         self._require(Event.RELEASE)
+        if self.is_moving:
+            raise MotionError("the jaw is moving; stop it or wait for its end")
         with self._failing():
             self._driver.set_torque(False)
         self._enter(Event.RELEASE)
@@ -192,8 +210,9 @@ class Control:
         """Let ``job`` have the driver while nothing moves.
 
         Raises:
-            MotionError: Something moves.
+            MotionError: Something moves, or the bus is lent.
         """
+        self._refuse_lent()
         if self.is_moving:
             raise MotionError("the bus is busy with a motion; stop it or wait for its end")
         return job(self._driver)
@@ -209,6 +228,46 @@ class Control:
             with self._failing():
                 self._seed()
         return result
+
+    # Lending the bus
+
+    def lend(self, purpose: str, job: Callable[[JointDriver], None]) -> None:
+        """Give the bus to somebody who says what for; until ``take_back`` nothing else is done.
+
+        Args:
+            purpose: What for, as it is told to those who are refused meanwhile.
+            job: Makes the driver leave the servos alone.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent already.
+        """
+        self._require(Event.CALIBRATE)
+        job(self._driver)
+        self._enter(Event.CALIBRATE)
+        self._lent_to, self._fault = purpose, None
+
+    def watch(self, job: Callable[[], None] | None) -> None:
+        """Run ``job`` in every tick for the borrower of the bus; None ends that."""
+        self._watch = job
+
+    def take_back(self, job: Callable[[JointDriver], bool | None]) -> None:
+        """End the loan.
+
+        Args:
+            job: Makes the servos ours again; whether they are to be held, or let go of, or to be
+                left as they are (None).
+
+        Raises:
+            Exception: What ``job`` or the driver raised. The bus is not lent any more even so.
+        """
+        self._watch = self._lent_to = None
+        self._enter(Event.DONE)
+        with self._failing():
+            holds = job(self._driver)
+            if holds:
+                self._seed()
+            elif holds is not None:
+                self._driver.set_torque(False)
 
     def close(self) -> None:
         """Release the driver."""
@@ -231,10 +290,18 @@ class Control:
         if self.is_moving:
             for player in players:
                 player.step(k)
-            self._driver.write(self._arm.reference.q, float(self._jaw.reference.q[0]))
+            self._driver.write(
+                self._arm.command, float(self._jaw.command[0]), self._arm.reference.qd
+            )
+        if self._watch is not None:
+            self._watch()
         reading = self._driver.read()
         if self.mode in (Mode.LIMP, Mode.CALIBRATING):
             self._seat(reading)
+        elif self.mode is Mode.GUIDING:
+            self._arm.seat(reading.q)
+        self._arm.regard(reading.q, reading.stray)
+        self._jaw.regard(np.array([reading.q_jaw]), reading.stray)
         self.state = self._snapshot(reading, now, late)
         self._recent.append(self.state)
         self._arm.check(reading.q, reading.qd, reading.alarms)
@@ -244,6 +311,9 @@ class Control:
 
     def fail(self, error: Exception) -> None:
         """The joints cannot be reached: FAULT, and everything under way ends with ``error``."""
+        if self.mode is Mode.GUIDING:
+            with suppress(Exception):  # what can still be reached holds where it is
+                self._driver.guide(None)
         if can(self.mode, Event.FAIL):
             _log.error("the arm is in a fault: %s", error, exc_info=error)
             self._enter(Event.FAIL)
@@ -251,27 +321,6 @@ class Control:
         for player in (self._arm, self._jaw):
             player.fail(error)
         self._republish()
-
-    def conclude(
-        self, future: Future[Any], error: BaseException | None = None, *, result: object = None
-    ) -> None:
-        """Note what ``future`` ends with; ``settle_futures`` tells it."""
-        others = self._awaited.pop(future, 1) - 1
-        if others and error is None:
-            self._awaited[future] = others
-        else:
-            self._outcomes.append((future, result, error))
-
-    def settle_futures(self) -> None:
-        """Complete the futures that have ended; their callbacks run here."""
-        outcomes, self._outcomes = self._outcomes, []
-        for future, result, error in outcomes:
-            if future.done():
-                continue  # a stop of both channels that failed for one
-            if error is not None:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
 
     # How
 
@@ -318,14 +367,21 @@ class Control:
         elif all(player.is_stopping for player in moving):
             self._enter(Event.STOP)
 
-    def _require(self, event: Event) -> None:
+    def _require(self, event: Event, channel: Channel | None = None) -> None:
+        if self.mode is Mode.GUIDING and event is Event.MOVE and channel is Channel.ARM:
+            raise NotHolding("the arm is guided by hand; leave manual mode first")
         if can(self.mode, event):
             return
+        self._refuse_lent()
         if self.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
         if self.mode is Mode.LIMP:
             raise NotHolding("the arm is limp, in manual mode; leave manual mode first")
         raise MotionError(f"{event.value}: not possible while the arm is {self.mode.value}")
+
+    def _refuse_lent(self) -> None:
+        if self._lent_to is not None:
+            raise MotionError(lent_out(self._lent_to))
 
     def _enter(self, event: Event) -> None:
         self.mode = after(self.mode, event)
@@ -333,28 +389,28 @@ class Control:
     def _snapshot(self, reading: JointReading, now: float, late: int) -> JointState:
         return JointState(
             t=now,
-            mode=self.mode,
             reading=reading,
             q_ref=self._arm.reference.q,
             qd_ref=self._arm.reference.qd,
             q_jaw_ref=float(self._jaw.reference.q[0]),
-            arm_moving=self._arm.is_moving,
-            jaw_moving=self._jaw.is_moving,
             late_ticks=late,
-            fault=self._fault,
+            **self._words(),
         )
+
+    def _words(self) -> dict[str, Any]:
+        return {
+            "mode": self.mode,
+            "arm_moving": self._arm.is_moving,
+            "jaw_moving": self._jaw.is_moving,
+            "fault": self._fault,
+            "lent_to": self._lent_to,
+        }
 
     def _republish(self) -> None:
         """Bring the snapshot's words up to date with what was just decided."""
-        state = self.state
-        if state is None:
-            return
-        now = (self.mode, self._arm.is_moving, self._jaw.is_moving, self._fault)
-        if now != (state.mode, state.arm_moving, state.jaw_moving, state.fault):
-            mode, arm_moving, jaw_moving, fault = now
-            self.state = replace(
-                state, mode=mode, arm_moving=arm_moving, jaw_moving=jaw_moving, fault=fault
-            )
+        state, words = self.state, self._words()
+        if state is not None and any(getattr(state, name) != now for name, now in words.items()):
+            self.state = replace(state, **words)
 
     def _last_second(self) -> tuple[JointState, ...]:
         newest = self._recent[-1].t

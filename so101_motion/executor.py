@@ -27,28 +27,35 @@ A driver that raises puts the arm into FAULT: everything under way ends with tha
 lives on and keeps reading (a driver may reconnect), and ``hold`` leads back. Torque comes on only
 after the goal has been set to what was measured, so nothing moves by being switched on.
 
+The bus can be lent (``ask`` with ``Control.lend``), to a calibration for example: then all others
+are refused, and the borrower's jobs run on this thread.
+
 Where things are: this file has the loop and what other threads may call; ``control.py`` has what
-one tick does, ``player.py`` one channel's motion, ``stream.py`` a motion that arrives in pieces.
-Those three have no threads, and but for pushing into a stream only this file's thread calls them.
+one tick does, ``player.py`` one channel's motion, ``stream.py`` a motion that arrives in pieces,
+``jog.py`` one that is led by hand. They have no threads, and but for pushing into a stream and
+leading a jog only this file's thread calls them.
 """
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, TypeVar
 
+from so101_motion.channel import Channel, Tolerances
 from so101_motion.clock import Clock, Metronome
-from so101_motion.control import Control, JointDriver
-from so101_motion.errors import Interrupted
+from so101_motion.compliance import Compliance
+from so101_motion.control import Control
 from so101_motion.geometry import Array, frozen_array, is_finite
+from so101_motion.inbox import Inbox, Request, Stop, running_future
+from so101_motion.jog import Jog
+from so101_motion.joint_driver import JointDriver
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.trajectory import Trajectory
-from so101_motion.player import Channel, Tolerances
+from so101_motion.pursuit import Pursuit
 from so101_motion.state import JointState
 from so101_motion.stream import Stream, TimedPoint
 
@@ -60,20 +67,6 @@ _log = logging.getLogger(__name__)
 
 _IDLE_PERIOD = 0.05
 """How often a resting arm is looked at [s]; chosen: fresh enough for a picture, near no load."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Request:
-    future: Future[Any]
-    channel: Channel | None  # whose stop throws this request out
-    run: Callable[[int], None]  # called with the number of the coming tick
-
-
-@dataclass(frozen=True, slots=True)
-class _Stop:
-    future: Future[None]
-    channels: Collection[Channel]
-    by: str
 
 
 class Executor:
@@ -118,11 +111,11 @@ class Executor:
         self._beat = Metronome(dt)
         self._wake = threading.Event()
         self._ready: Future[None] = Future()
+        self._holding = True
         self._thread = threading.Thread(target=self._live, name=name, daemon=True)
+        self._inbox = Inbox(self._wake)
         self._lock = threading.Lock()  # guards what follows, for moments only
-        self._requests: list[_Request] = []
-        self._stops: list[_Stop] = []
-        self._closing = self._over = False
+        self._listeners: tuple[Callable[[JointState], None], ...] = ()
 
     def start(self) -> None:
         """Read the joints, hold them where they are, begin to listen; ``state`` is there then.
@@ -133,19 +126,17 @@ class Executor:
         self._thread.start()
         self._ready.result()
 
+    def start_limp(self) -> None:
+        """Like ``start``, but leave the joints as they are."""
+        self._holding = False
+        self.start()
+
     def close(self) -> None:
         """Slow down to rest, end the thread, close the driver; may be called again.
 
         What is under way ends with ``Interrupted("shutdown")``. The servos go on holding.
         """
-        with self._lock:
-            first, self._closing = not self._closing, True
-            dropped, self._requests = self._requests, []
-            if first:
-                self._stops.append(_Stop(_running_future(), tuple(Channel), "shutdown"))
-        for request in dropped:
-            request.future.set_exception(Interrupted("shutdown"))
-        self._wake.set()
+        first = self._inbox.close()
         if self._thread.ident is not None:
             self._clock.join(self._thread)
         elif first:
@@ -190,7 +181,7 @@ class Executor:
             raise ValueError(f"a trajectory of {trajectory.n} joints for the {channel.value}")
         if abs(trajectory.dt - self.dt) > 1e-9:
             raise ValueError(f"the trajectory's period is {trajectory.dt} s, not {self.dt} s")
-        future = _running_future()
+        future = running_future()
         return self._submit(
             future, channel, lambda k: self._control.execute(trajectory, channel, future, k)
         )
@@ -209,7 +200,7 @@ class Executor:
         q_goal = frozen_array(q_goal, (len(channel.joints),))
         if not is_finite(q_goal) or len(limits.velocity) != len(q_goal):
             raise ValueError(f"no goal and limits for the {channel.value}: {q_goal}, {limits}")
-        future = _running_future()
+        future = running_future()
         return self._submit(
             future, channel, lambda k: self._control.retarget(q_goal, limits, channel, future, k)
         )
@@ -229,6 +220,20 @@ class Executor:
         )
         return stream
 
+    def play(self, led: Jog | Pursuit, *, channel: Channel = Channel.ARM) -> None:
+        """Let the joints be led; they count as moving until the future of ``led`` is done.
+
+        ``stop`` and ``interrupt(led.future, ...)`` end it as they end any motion.
+        """
+        led.future.set_running_or_notify_cancel()
+        self._submit(
+            led.future, channel, lambda k: self._control.execute(led, channel, led.future, k)
+        )
+
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """How hard a stop of ``channel`` brakes, whatever the motion's own caps."""
+        return self._control.stop_limits(channel)
+
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
         """Slow down to rest from the next setpoint on, along the path that was being followed.
 
@@ -240,20 +245,8 @@ class Executor:
             Completes at rest; at once when nothing moves.
         """
         channels = tuple(Channel) if channel is None else (channel,)
-        future = _running_future()
-        dropped: list[_Request] = []
-        with self._lock:
-            asked, self._requests = self._requests, []
-            for request in asked:
-                (dropped if request.channel in channels else self._requests).append(request)
-            over = self._over or self._thread.ident is None
-            if not over:
-                self._stops.append(_Stop(future, channels, by))
-        for request in dropped:
-            request.future.set_exception(Interrupted(by))
-        if over:
-            future.set_result(None)
-        self._wake.set()
+        future = running_future()
+        self._inbox.stop(Stop(future, channels, by), anyone=self._thread.ident is not None)
         return future
 
     def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
@@ -262,53 +255,75 @@ class Executor:
         Returns:
             Completes when that motion is over and the joints are at rest.
         """
-        future = _running_future()
+        future = running_future()
         if motion.done():
             future.set_result(None)
             return future
         return self._submit(future, None, lambda _: self._control.interrupt(motion, by, future))
 
+    def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
+        """Look at the joints in every period, moving or not, and tell ``listener`` every snapshot.
+
+        It is called on the I/O thread, also while the joints cannot be reached, and must be brief.
+
+        Returns:
+            Ends it.
+        """
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+        self._wake.set()
+
+        def end() -> None:
+            with self._lock:
+                self._listeners = tuple(each for each in self._listeners if each is not listener)
+
+        return end
+
     def hold(self) -> Future[None]:
         """Drive the joints where they are: out of manual mode, or out of a fault."""
-        return self._ask(self._control.hold)
+        return self.ask(Control.hold)
+
+    def guide(self, how: Compliance) -> Future[None]:
+        """Let the arm yield to a hand until it is asked to hold, to stop or to let go.
+
+        The jaw holds on and may be moved meanwhile.
+        """
+        return self.ask(lambda control: control.guide(how))
 
     def release(self) -> Future[None]:
         """Let go of the joints, so that they can be moved by hand; refused while they move."""
-        return self._ask(self._control.release)
+        return self.ask(Control.release)
 
     def call(self, job: Callable[[JointDriver], T]) -> Future[T]:
         """Run ``job`` with the driver on the I/O thread; refused while something moves.
 
         The future holds what ``job`` returned or raised; a failed job is not a fault of the arm.
         """
-        return self._ask(lambda: self._control.call(job))
+        return self.ask(lambda control: control.call(job))
 
     def renew(self, job: Callable[[JointDriver], T]) -> Future[T]:
         """Like ``call``, for a job after which the driver's angles mean something else.
 
         Joints that are held stay where they are, under their new angles.
         """
-        return self._ask(lambda: self._control.renew(job))
+        return self.ask(lambda control: control.renew(job))
+
+    def ask(self, job: Callable[[Control], T]) -> Future[T]:
+        """Run ``job`` on the I/O thread between two ticks; what it returns or raises."""
+        future: Future[T] = running_future()
+        control = self._control
+        return self._submit(
+            future, None, lambda _: control.outcomes.conclude(future, result=job(control))
+        )
 
     # How
-
-    def _ask(self, job: Callable[[], T]) -> Future[T]:
-        """Queue a request that is over when it has run."""
-        future: Future[T] = _running_future()
-        return self._submit(future, None, lambda _: self._control.conclude(future, result=job()))
 
     def _submit(
         self, future: Future[T], channel: Channel | None, run: Callable[[int], None]
     ) -> Future[T]:
         if self._thread.ident is None:
             raise RuntimeError("start the executor first")
-        with self._lock:
-            closing = self._closing
-            if not closing:
-                self._requests.append(_Request(future, channel, run))
-        if closing:
-            future.set_exception(Interrupted("shutdown"))
-        self._wake.set()
+        self._inbox.ask(Request(future, channel, run))
         return future
 
     # The I/O thread
@@ -316,13 +331,13 @@ class Executor:
     def _live(self) -> None:
         with self._clock.attend():
             try:
-                self._control.start(self._clock.now())
+                self._control.start(self._clock.now(), holding=self._holding)
             except Exception as error:
                 self._leave()
                 self._ready.set_exception(error)
                 return
             self._ready.set_result(None)
-            while not self._is_over():
+            while not self._inbox.is_over(moving=self._control.is_moving):
                 self._clock.wait(self._turn(), self._wake)
             self._leave()
 
@@ -339,37 +354,34 @@ class Executor:
         except Exception as error:  # whatever it is, the thread lives on and says so
             self._control.fail(error)
         self._beat.advance()
-        self._control.settle_futures()
-        return self._beat.deadline if self._control.is_moving else now + _IDLE_PERIOD
+        self._control.outcomes.settle()
+        self._tell()
+        is_busy = self._control.is_busy or self._listeners
+        return self._beat.deadline if is_busy else now + _IDLE_PERIOD
+
+    def _tell(self) -> None:
+        state = self._control.state
+        if state is None:
+            return
+        for listener in self._listeners:
+            try:
+                listener(state)
+            except Exception:
+                _log.exception("a listener failed; the joints are not affected")
 
     def _serve(self, k: int) -> None:
-        with self._lock:
-            stops, self._stops = self._stops, []
-            requests, self._requests = self._requests, []
+        stops, requests = self._inbox.take()
         for stop in stops:
             self._control.stop(stop.channels, stop.by, stop.future)
         for request in requests:
             try:
                 request.run(k)
             except Exception as error:
-                self._control.conclude(request.future, error)
-
-    def _is_over(self) -> bool:
-        with self._lock:
-            self._over = self._closing and not self._control.is_moving and not self._stops
-            return self._over
+                self._control.outcomes.conclude(request.future, error)
 
     def _leave(self) -> None:
-        with self._lock:
-            self._closing = self._over = True
+        self._inbox.leave()
         try:
             self._control.close()
         except Exception:
             _log.exception("the driver could not be closed cleanly")
-
-
-def _running_future() -> Future[Any]:
-    """A future that nobody can cancel: what it stands for ends by being stopped."""
-    future: Future[Any] = Future()
-    future.set_running_or_notify_cancel()
-    return future

@@ -3,6 +3,10 @@
 The executor asks ``can(mode, event)`` or takes ``after(mode, event)`` and does nothing that the
 table does not allow. Two channels move (the arm and the jaw), but torque and faults belong to the
 whole bus, so there is one mode.
+
+Two modes are for hands. LIMP has no torque at all: the arm sinks under its weight. GUIDING keeps it
+up and lets it yield to whoever pushes it; the jaw holds on, and may be opened and closed.
+CALIBRATING is the bus lent to somebody else, who may do with the servos what he likes.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ class Mode(Enum):
     """What the arm is doing."""
 
     LIMP = "limp"
+    GUIDING = "guiding"
     HOLDING = "holding"
     MOVING = "moving"
     STOPPING = "stopping"
@@ -29,6 +34,7 @@ class Event(Enum):
     REST = "all motion has ended"
     RELEASE = "torque goes off"
     HOLD = "torque comes on, goal seeded"
+    GUIDE = "the arm yields to a hand"
     CALIBRATE = "a calibration takes the bus"
     DONE = "the calibration gives it back"
     FAIL = "a fault is seen"
@@ -36,12 +42,20 @@ class Event(Enum):
 
 TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.LIMP, Event.HOLD): Mode.HOLDING,
+    (Mode.LIMP, Event.GUIDE): Mode.GUIDING,
     (Mode.LIMP, Event.RELEASE): Mode.LIMP,
     (Mode.LIMP, Event.STOP): Mode.LIMP,
     (Mode.LIMP, Event.CALIBRATE): Mode.CALIBRATING,
     (Mode.LIMP, Event.FAIL): Mode.FAULT,
+    (Mode.GUIDING, Event.MOVE): Mode.GUIDING,  # of the jaw
+    (Mode.GUIDING, Event.GUIDE): Mode.GUIDING,
+    (Mode.GUIDING, Event.STOP): Mode.HOLDING,
+    (Mode.GUIDING, Event.HOLD): Mode.HOLDING,
+    (Mode.GUIDING, Event.RELEASE): Mode.LIMP,
+    (Mode.GUIDING, Event.FAIL): Mode.FAULT,
     (Mode.HOLDING, Event.MOVE): Mode.MOVING,
     (Mode.HOLDING, Event.HOLD): Mode.HOLDING,
+    (Mode.HOLDING, Event.GUIDE): Mode.GUIDING,
     (Mode.HOLDING, Event.STOP): Mode.HOLDING,
     (Mode.HOLDING, Event.REST): Mode.HOLDING,
     (Mode.HOLDING, Event.RELEASE): Mode.LIMP,
@@ -55,9 +69,10 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.STOPPING, Event.STOP): Mode.STOPPING,
     (Mode.STOPPING, Event.REST): Mode.HOLDING,
     (Mode.STOPPING, Event.FAIL): Mode.FAULT,
+    (Mode.CALIBRATING, Event.STOP): Mode.CALIBRATING,  # nothing moves of ours
     (Mode.CALIBRATING, Event.DONE): Mode.LIMP,
-    (Mode.CALIBRATING, Event.FAIL): Mode.FAULT,
     (Mode.FAULT, Event.STOP): Mode.FAULT,
+    (Mode.FAULT, Event.CALIBRATE): Mode.CALIBRATING,
     (Mode.FAULT, Event.RELEASE): Mode.LIMP,
     (Mode.FAULT, Event.HOLD): Mode.HOLDING,
 }

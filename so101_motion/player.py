@@ -12,6 +12,8 @@ A motion goes through at most three stages::
        |                          |
        +--stop, or a joint left behind--> slowing down --velocity small--> over
 
+Before the first of them a motion waits for joints that are outside their limits: see ``entry.py``.
+
 ``ending`` tells the second row from the first: it is what the motion's future will raise. Futures
 are not set here but handed to ``conclude``, because the executor completes them only after the
 snapshot that shows their effect has been published.
@@ -23,59 +25,23 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from so101_motion.channel import Channel, Tolerances
+from so101_motion.entry import ENTRY_TIME, Entry
 from so101_motion.errors import FollowingError, Interrupted, MotionError, ServoAlarm
 from so101_motion.geometry import Array
+from so101_motion.jog import Jog
 from so101_motion.planning import online
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.trajectory import Setpoint, Trajectory
-from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.pursuit import Pursuit
+from so101_motion.state import JointState
 from so101_motion.stream import Stream
 from so101_motion.units import to_deg
-
-
-class Channel(Enum):
-    """What moves together."""
-
-    ARM = "arm"
-    JAW = "jaw"
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The names of its joints."""
-        return ARM_JOINTS if self is Channel.ARM else (GRIPPER_JOINT,)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tolerances:
-    """When a motion has arrived, and when it is lost.
-
-    The defaults suit the simulated arm; a real servo resolves 0.0015 rad and sags under load, so
-    its driver comes with wider ones. All values chosen.
-
-    Attributes:
-        settle_position: Largest position error at the end [rad]; the default moves the tool of the
-            stretched arm by less than 0.1 mm.
-        settle_velocity: Largest velocity of a joint at rest [rad/s].
-        settle_ticks: For how many ticks in a row both must hold.
-        settle_timeout: How long after the last setpoint they may take to come true [s].
-        following_error: How far a joint may be from where it was wanted during the last
-            ``following_lag`` [rad].
-        following_lag: How far behind its setpoints a healthy servo may be [s].
-    """
-
-    settle_position: float = 1e-4
-    settle_velocity: float = 0.01
-    settle_ticks: int = 3
-    settle_timeout: float = 1.0
-    following_error: float = 0.14
-    following_lag: float = 0.1
-
 
 _JUMP = 1e-4
 """How far the first setpoint of a motion may be from the reference [rad], and how much faster
@@ -85,15 +51,20 @@ _JUMP = 1e-4
 _NO_ALARMS: Mapping[str, str] = {}
 
 
+Source = Trajectory | Stream | Jog | Pursuit
+"""What can be played: known beforehand, arriving in pieces, or made up from tick to tick."""
+
+
 @dataclass(slots=True, kw_only=True)
 class _Motion:
-    source: Trajectory | Stream
+    source: Source
     start: int | None  # the tick of its first setpoint; None: a stream that still gathers points
     future: Future[None]
     ending: MotionError | None = None
     waiting: list[Future[None]] = field(default_factory=list)  # who asked it to stop
     still: int = 0  # ticks at rest in a row
     last: int | None = None  # the tick of its last setpoint
+    entry: int | None = None  # until which tick it may wait for joints to come inside
 
 
 class Player:
@@ -118,11 +89,12 @@ class Player:
         conclude: Callable[[Future[Any], BaseException | None], None],
         recent: Callable[[], tuple[JointState, ...]],
     ) -> None:
-        self._channel, self._dt, self._stop_limits = channel, dt, stop_limits
+        self._channel, self._dt, self.stop_limits = channel, dt, stop_limits
         self._tolerances, self._conclude, self._recent = tolerances, conclude, recent
         self._motion: _Motion | None = None
         self._k = 0  # the tick that ``reference`` was commanded in
         self.reference = _at_rest(np.zeros(len(channel.joints)))
+        self._entry = Entry(channel.joints)
         self._wanted: deque[Array] = deque(maxlen=1 + round(tolerances.following_lag / dt))
 
     @property
@@ -139,13 +111,29 @@ class Player:
         """Whether ``future`` stands for the motion under way."""
         return self._motion is not None and self._motion.future is future
 
+    @property
+    def command(self) -> Array:
+        """Where the joints are to be sent now, shape (n,), [rad]: to the reference.
+
+        But one outside its limits is wanted where it is, unless a motion takes it in.
+        """
+        if not self._entry or (self._motion is not None and self._motion.ending is None):
+            return self.reference.q
+        return self._entry.left_alone(self.reference.q)
+
     def seat(self, q: Array) -> None:
         """The reference is ``q`` from now on, at rest; nothing is under way."""
         self.reference = _at_rest(q)
 
+    def regard(self, q: Array, stray: Mapping[str, float]) -> None:
+        """Take in where the joints are, shape (n,), [rad], and which are outside their limits."""
+        self._entry.regard(q, stray)
+        if self._entry and self._motion is None:
+            self.reference = _at_rest(self._entry.inside(self.reference.q))
+
     # Beginning and ending
 
-    def begin(self, source: Trajectory | Stream, future: Future[None], k: int) -> None:
+    def begin(self, source: Source, future: Future[None], k: int) -> None:
         """Play ``source`` from tick ``k`` on.
 
         Raises:
@@ -156,10 +144,13 @@ class Player:
                 f"another motion of the {self._channel.value} is under way;"
                 " stop it or wait for its end"
             )
-        first = source.sample(0.0)
+        if not isinstance(source, Trajectory):
+            self._entry.refuse()
+        self._entry.refuse_far()
+        first = source.start if isinstance(source, Jog | Pursuit) else source.sample(0.0)
         self._refuse_jump(first.q - self.reference.q, to_deg, "deg")
         self._refuse_jump(first.qd - self.reference.qd, to_deg, "deg/s")
-        start = k if isinstance(source, Trajectory) else None
+        start = None if isinstance(source, Stream) else k
         self._take_up(_Motion(source=source, start=start, future=future), k - 1)
 
     def retarget(self, q_goal: Array, limits: MotionLimits, future: Future[None], k: int) -> None:
@@ -173,6 +164,7 @@ class Player:
             raise MotionError(
                 f"the {self._channel.value} is being stopped; ask again when it is at rest"
             )
+        self._entry.refuse_far()
         now = self.reference
         source = online.from_state(now.q, now.qd, now.qdd, q_goal, limits, self._dt)
         start = k if previous is None else self._k
@@ -216,9 +208,14 @@ class Player:
     def step(self, k: int) -> None:
         """Move ``reference`` to where the motion wants it in tick ``k``."""
         motion = self._motion
+        if motion is not None and motion.entry is not None and not self._entry:
+            motion.start, motion.entry = k, None
         if motion is not None and motion.last is None:
             if isinstance(motion.source, Stream):
                 self._step_stream(motion, motion.source, k)
+            elif isinstance(motion.source, Jog | Pursuit):
+                self.reference = motion.source.advance()
+                motion.last = k if motion.source.is_over else None
             self._step_trajectory(motion, k)
         self._k = k
         self._wanted.append(self.reference.q)
@@ -270,6 +267,11 @@ class Player:
             wanted = np.array(self._wanted)
             # A servo lags behind, so it is measured against all it was told lately.
             off = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
+            if motion.entry is not None:
+                if self._k > motion.entry:
+                    self._give_way(motion, self._entry.mask, q, self._barred())
+                    return
+                off[self._entry.mask] = 0.0
             if np.max(off) > self._tolerances.following_error:
                 self._give_way(motion, off > self._tolerances.following_error, q, self._lost(off))
                 return
@@ -282,18 +284,23 @@ class Player:
         if self._motion is None:
             self._wanted.clear()
             self._wanted.append(self.reference.q)
+        if self._entry:
+            motion.start, motion.entry = None, k + round(ENTRY_TIME / self._dt)
         self._motion, self._k = motion, k
 
     def _slow_down(self, motion: _Motion, ending: MotionError) -> None:
-        motion.ending = ending
+        motion.ending, motion.entry = ending, None
         if motion.last is not None:
             return  # the reference is at rest; what remains is that the joints follow
         now = self.reference
         if isinstance(motion.source, Trajectory) and motion.start is not None and np.any(now.qd):
             t = (self._k - motion.start) * self._dt
-            motion.source = online.stop_on_path(motion.source, t, self._stop_limits, self._dt)
+            motion.source = online.stop_on_path(motion.source, t, self.stop_limits, self._dt)
+        elif isinstance(motion.source, Jog):
+            way = motion.source.braking()
+            motion.source = online.stop_on_path(way, 0.0, self.stop_limits, self._dt)
         else:
-            motion.source = online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt)
+            motion.source = online.stop(now.q, now.qd, now.qdd, self.stop_limits, self._dt)
         motion.start = self._k
 
     def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
@@ -316,6 +323,16 @@ class Player:
             recent=self._recent(),
         )
 
+    def _barred(self) -> FollowingError:
+        joint, off = self._entry.farthest()
+        return FollowingError(
+            f"{joint} was outside its calibrated range and did not come in, {to_deg(off):.1f} deg"
+            " are missing; see what holds it, or move it inside by hand",
+            joint=joint,
+            error=off,
+            recent=self._recent(),
+        )
+
     def _give_way(
         self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
     ) -> None:
@@ -329,9 +346,9 @@ class Player:
             qd=np.where(lost, 0.0, now.qd),
             qdd=np.where(lost, 0.0, now.qdd),
         )
-        motion.ending, motion.start, motion.last = error, self._k, None
+        motion.ending, motion.start, motion.last, motion.entry = error, self._k, None, None
         now = self.reference
-        motion.source = online.stop(now.q, now.qd, now.qdd, self._stop_limits, self._dt)
+        motion.source = online.stop(now.q, now.qd, now.qdd, self.stop_limits, self._dt)
 
     def _settle(self, motion: _Motion, last: int, q: Array, qd: Array) -> None:
         limits = self._tolerances

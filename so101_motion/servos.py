@@ -5,42 +5,48 @@ be decided before those can flow and what the figures mean to the arm:
 
 * what the ticks mean: from the calibration file, else from the servos' registers, else defaults;
 * who must be there: an arm's five servos, a gripper's one, and whoever else answers;
-* that nothing moves by being set up: a servo whose homing offset is about to change, which would
-  move its goal, is let go of for that moment, and a joint that stands outside its calibrated limits
-  is brought in slowly;
 * when a joint is in trouble (``alarms``), so that the executor ends its motion and backs off.
 
 All of it can be decided anew while the arm is held (``rebuild``): when the calibration file was
 written, or a component joins that asks for more. It runs on the I/O thread, like every driver.
+
+While nobody asks for a servo, or the bus is lent (``lend``), nothing is driven by us: an
+``Onlooker`` has the port, and reading goes on as far as servos answer.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from so101_motion.alarms import HOT_C, WARM_C, alarms
 from so101_motion.calib.record import JOINTS, JointCalibration
-from so101_motion.calib.survey import Survey, survey
+from so101_motion.calib.survey import JointSetup, Survey, survey
 from so101_motion.clock import Clock
-from so101_motion.drivers import registers as reg
+from so101_motion.compliance import Compliance
 from so101_motion.drivers.bus import PATIENCE, Bus, Port
 from so101_motion.drivers.droop import Gravity
 from so101_motion.drivers.feetech_arm import FeetechArm
 from so101_motion.drivers.health import JointHealth
 from so101_motion.drivers.port import PortOpener
 from so101_motion.drivers.presence import not_there
-from so101_motion.drivers.ticks import Ticks, to_speed_ticks
-from so101_motion.errors import BusError, ConfigError, PortUnavailable
+from so101_motion.drivers.ticks import JointMap, Ticks
+from so101_motion.errors import BusError, NotHolding, PortUnavailable
 from so101_motion.geometry import Array
 from so101_motion.gripper import JAW_CLOSED
-from so101_motion.hardware_config import BAUDRATE, GRIPPER_ID, SERVO_IDS, TIMEOUT
+from so101_motion.onlooker import Onlooker
+from so101_motion.servo_settings import ServoSettings
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.units import to_rad
+
+__all__ = ["ServoSettings", "Servos"]
+
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -55,90 +61,7 @@ JAW_DRIVE = 0.5
 """Share of its drive the jaw may use at most, as in LeRobot. A jaw that closes on something
 stiff must not be able to overload itself."""
 
-_OUTSIDE = to_rad(0.3)  # a joint further outside its limits than this is brought in slowly
-_INWARD_SPEED = to_rad(8.0)  # [rad/s], chosen; the servo turns no slower than 4.4 deg/s
-_INWARD_TIME = 10.0  # [s] after which a joint that cannot come in is left alone
 _LOOK_PERIOD = 0.1  # [s], how often the servos' figures change
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ServoSettings:
-    """What components ask of a port.
-
-    Attributes:
-        port: The serial port as given.
-        baudrate: Bits per second.
-        timeout: For how long servos that do not answer are asked at the start [s].
-        servo_ids: The arm's servos, base to wrist; None when no arm is asked for.
-        gripper_id: The jaw's servo; None when no gripper is asked for.
-        calibration_file: None to ask the servos.
-    """
-
-    port: str
-    baudrate: int = BAUDRATE
-    timeout: float = TIMEOUT
-    servo_ids: tuple[int, ...] | None = None
-    gripper_id: int | None = None
-    calibration_file: Path | None = None
-
-    def with_arm(self, servo_ids: tuple[int, ...]) -> ServoSettings:
-        """The same, and an arm with these servos."""
-        return replace(self, servo_ids=servo_ids)
-
-    def with_gripper(self, gripper_id: int) -> ServoSettings:
-        """The same, and a gripper with this servo."""
-        return replace(self, gripper_id=gripper_id)
-
-    def joined_with(self, other: ServoSettings) -> ServoSettings:
-        """What both ask for together.
-
-        Raises:
-            ConfigError: They contradict each other; the message names every such setting.
-        """
-        differing = []
-        merged: dict[str, object] = {}
-        for name in ("baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file"):
-            mine, theirs = getattr(self, name), getattr(other, name)
-            if None not in (mine, theirs) and mine != theirs:
-                differing.append(f"{name} {_plain(mine)} and {_plain(theirs)}")
-            merged[name] = theirs if mine is None else mine
-        if differing:
-            raise ConfigError(
-                "port",
-                other.port,
-                "another component uses this port with other settings: "
-                + "; ".join(differing)
-                + ". Give both the same",
-            )
-        joined = replace(self, **merged)  # type: ignore[arg-type]  # names and types are our own
-        joined.ids()
-        return joined
-
-    def ids(self) -> dict[str, int]:
-        """The servo of each joint that may be there.
-
-        Raises:
-            ConfigError: One servo is to move two joints.
-        """
-        arm = self.servo_ids or SERVO_IDS
-        ids = dict(zip(ARM_JOINTS, arm, strict=True))
-        if self.gripper_id in arm:
-            if self.servo_ids is not None:
-                raise ConfigError(
-                    "servo_id", self.gripper_id, f"belongs to the arm already: {list(arm)}"
-                )
-            ids = {joint: i for joint, i in ids.items() if i != self.gripper_id}
-        return {**ids, GRIPPER_JOINT: self.gripper_id or GRIPPER_ID}
-
-    def required(self) -> tuple[str, ...]:
-        """The joints that must be there."""
-        return (ARM_JOINTS if self.servo_ids is not None else ()) + (
-            (GRIPPER_JOINT,) if self.gripper_id is not None else ()
-        )
-
-
-def _plain(value: object) -> str:
-    return str(list(value)) if isinstance(value, tuple) else str(value)
 
 
 class Servos:
@@ -169,41 +92,58 @@ class Servos:
     ) -> None:
         self._clock, self._gravity, self._patience = clock, gravity, patience
         self.settings: ServoSettings = settings
+        self.setups: Mapping[str, JointSetup] = {}
+        self.notes: tuple[str, ...] = ()
         self._alarms: Mapping[str, str] = {}
         self._look_due = self._retry_due = clock.now()
-        self._inward_until: float | None = None
         self._opener = PortOpener(settings.port, settings.baudrate)
-        self._arm: FeetechArm | None = self._build(settings)
+        self._arm: FeetechArm | None = None
+        self._onlooker: Onlooker | None = None
+        self._is_lent = False
+        self._last = JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
+        self._begin(settings)
 
     # What a driver does
 
     def read(self) -> JointReading:
-        """Measure all joints; see ``FeetechArm.read``."""
+        """Measure all joints; see ``FeetechArm.read``.
+
+        While nothing is driven by us nothing is raised: a joint whose servo does not answer stays
+        where it was seen last, or at 0.
+        """
+        if self._onlooker is not None:
+            self._last = self._seen(self._onlooker)
+            return self._last
         arm = self._driver()
         reading = arm.read()
         now = self._clock.now()
-        if self._inward_until is not None:
-            self._watch_inward(arm, reading, now)
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
             self._alarms = alarms(arm.health)
         return replace(reading, alarms=self._alarms) if self._alarms else reading
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float) -> None:
-        """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad]."""
-        self._driver().write(q_cmd, q_jaw_cmd)
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Send the joints to ``q_cmd``, shape (5,), and the jaw; see ``FeetechArm.write``."""
+        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd)
 
     def set_torque(self, on: bool) -> None:
         """Hold the joints at the goal written last, or let go of them."""
-        arm = self._driver()
-        if on:
-            self._go_inward_slowly(arm)
-        arm.set_torque(on)
+        if self._onlooker is not None and not on:
+            self._onlooker.let_go()
+        else:
+            self._driver().set_torque(on)
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
+        self._driver().guide(how)
 
     def close(self) -> None:
         """Let go of the port; the servos stay as they are."""
-        if self._arm is not None:
-            self._arm.close()
+        arm, self._arm = self._arm, None
+        onlooker, self._onlooker = self._onlooker, None
+        for user in (arm, onlooker):
+            if user is not None:
+                user.close()
 
     # What else can be asked, on the I/O thread
 
@@ -219,13 +159,53 @@ class Servos:
             self._require(self._arm.bus.port, settings)  # to learn it while all still works
         before = self.settings
         self.close()
-        self._arm = None
         try:
-            self._arm = self._build(settings)
+            self._begin(settings)
         except BusError:
-            self._arm = self._build(replace(before, timeout=0.0))
+            self._begin(replace(before, timeout=0.0))
             self.settings = before
             raise
+
+    # Lending the bus, on the I/O thread
+
+    def lend(self) -> None:
+        """Take our hands off the servos, which stay as they are; ``on_bus`` is for the borrower."""
+        self.close()
+        self._is_lent = True
+        self._onlooker = self._look_on(self.settings)
+
+    def on_bus(self, job: Callable[[Bus], T]) -> T:
+        """Run ``job`` with the bus of a port on which we drive nothing.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+            Exception: What ``job`` raised.
+        """
+        assert self._onlooker is not None, "the bus has not been lent"
+        return self._onlooker.on_bus(job)
+
+    def at_baud(self, baud: int) -> None:
+        """Let the borrower talk at another rate."""
+        assert self._onlooker is not None, "the bus has not been lent"
+        self._onlooker.at_baud(baud)
+
+    def take_back(self, *, hold: bool) -> None:
+        """The bus is ours again: set everything up anew, as the settings are by now.
+
+        Args:
+            hold: Whether the joints are to be held next. Then the servos that answer are taken in
+                hand even if no component asks for them.
+
+        Raises:
+            BusError: A required servo cannot be reached or set up; it is tried again with each
+                ``read``.
+        """
+        self._is_lent = False
+        self.close()
+        if hold:
+            self._arm = self._build(self.settings)
+        else:
+            self._begin(self.settings)
 
     def set_torque_limit(self, joint: str, share: float) -> None:
         """Let ``joint`` use at most ``share``, 0 to 1, of its motor's drive."""
@@ -250,7 +230,23 @@ class Servos:
     @property
     def is_connected(self) -> bool:
         """Whether the port is open and the servos have been found."""
-        return self._arm is not None and self._arm.is_connected
+        user = self._arm or self._onlooker
+        return user is not None and user.is_connected
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the servos are ours to drive."""
+        return self._onlooker is None
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether the servos are ours to drive, and one of them drives its joint."""
+        return self._arm is not None and self._arm.is_driving
+
+    @property
+    def positions(self) -> Mapping[str, int]:
+        """Where each servo is that answers while we drive nothing [tick], by joint."""
+        return self._onlooker.positions if self._onlooker is not None else {}
 
     @property
     def port_losses(self) -> int:
@@ -294,7 +290,42 @@ class Servos:
             [getattr(setups[j].map, name) if j in setups else default for j in ARM_JOINTS]
         )
 
+    def _begin(self, settings: ServoSettings) -> None:
+        """Take the servos in hand, or only look on if nobody asks for any."""
+        if settings.required():
+            self._arm = self._build(settings)
+        else:
+            self._take(settings, self._survey(settings))
+            self._onlooker = self._look_on(settings)
+
+    def _look_on(self, settings: ServoSettings) -> Onlooker:
+        return Onlooker(
+            settings.port,
+            settings.baudrate,
+            self._clock,
+            ids=settings.ids(),
+            patience=self._patience,
+        )
+
+    def _seen(self, onlooker: Onlooker) -> JointReading:
+        onlooker.look()
+        strangers = onlooker.positions.keys() - self.setups.keys()
+        if strangers and not self._is_lent:  # somebody has switched the arm on
+            with suppress(BusError):
+                found = onlooker.on_bus(lambda bus: self._ask(bus, self.settings))
+                self._take(self.settings, found)
+        q = [*self._last.q, self._last.q_jaw]
+        for joint, ticks in onlooker.positions.items():
+            setup = self.setups.get(joint)
+            q[JOINTS.index(joint)] = (setup.map if setup else JointMap(servo_id=0)).to_rad(ticks)
+        return replace(self._last, q=np.array(q[:5]), q_jaw=float(q[5]))
+
     def _driver(self) -> FeetechArm:
+        if self._onlooker is not None:
+            raise NotHolding(
+                f"no component uses the arm on {self.settings.port}; configure an arm or a gripper"
+                " with this port"
+            )
         if self._arm is None:
             now = self._clock.now()
             if now < self._retry_due:
@@ -322,26 +353,33 @@ class Servos:
         except BusError:
             arm.close()
             raise
+        self._take(settings, found)
+        return arm
+
+    def _take(self, settings: ServoSettings, found: Survey) -> None:
         self.settings, self.setups, self.notes = settings, found.setups, found.notes
         for note in found.notes:
             _log.warning("%s", note)
-        return arm
 
     def _survey(self, settings: ServoSettings) -> Survey:
         """Look who is there and what is known of them, before the driver takes the port."""
-        ids = settings.ids()
         bus = self._bus(self._opener(), settings)
         try:
-            return survey(
-                bus,
-                ids,
-                required=settings.required(),
-                timeout=settings.timeout,
-                file=settings.calibration_file,
-                jaw_closed=JAW_CLOSED,
-            )
+            return self._ask(bus, settings)
         finally:
             bus.close()
+
+    @staticmethod
+    def _ask(bus: Bus, settings: ServoSettings) -> Survey:
+        return survey(
+            bus,
+            settings.ids(),
+            required=settings.required(),
+            timeout=settings.timeout or 0.0,
+            file=settings.file,
+            jaw_closed=JAW_CLOSED,
+            zero_offsets=settings.zero_offsets or {},
+        )
 
     def _require(self, port: Port, settings: ServoSettings) -> None:
         bus, ids = self._bus(port, settings), settings.ids()
@@ -353,28 +391,3 @@ class Servos:
     def _bus(self, port: Port, settings: ServoSettings) -> Bus:
         names = {servo_id: joint for joint, servo_id in settings.ids().items()}
         return Bus(port, names=names, patience=self._patience)
-
-    def _go_inward_slowly(self, arm: FeetechArm) -> None:
-        """Cap the speed of joints that will move because their goal must lie inside the limits."""
-        outside = self._outside(arm.read())
-        for joint in outside:
-            _log.warning("%s stands outside its calibrated limits; it moves in slowly", joint)
-            servo_id = self.setups[joint].map.servo_id
-            arm.bus.write(servo_id, reg.GOAL_VELOCITY, to_speed_ticks(_INWARD_SPEED))
-            arm.bus.write(servo_id, reg.ACCELERATION, 1)
-        if outside:
-            self._inward_until = self._clock.now() + _INWARD_TIME
-
-    def _watch_inward(self, arm: FeetechArm, reading: JointReading, now: float) -> None:
-        assert self._inward_until is not None
-        if now >= self._inward_until or not self._outside(reading):
-            self._inward_until = None
-            arm.set_caps(speed=SPEED_CAP, acceleration=ACCELERATION_CAP)
-
-    def _outside(self, reading: JointReading) -> list[str]:
-        angles = dict(zip(JOINTS, (*reading.q, reading.q_jaw), strict=True))
-        return [
-            joint
-            for joint, setup in self.setups.items()
-            if not setup.map.lower - _OUTSIDE <= angles[joint] <= setup.map.upper + _OUTSIDE
-        ]

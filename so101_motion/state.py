@@ -29,6 +29,9 @@ class JointReading:
         qd_jaw: Jaw velocity [rad/s].
         alarms: What is wrong with a joint, by name, and what to do about it; a motion of that joint
             is ended. Empty when all is well.
+        stray: Joints outside their limits, which get no goal, and the angle [rad] each is taken
+            to, slowly, when it is moved; by name. Empty when all are inside.
+        unheard: Joints that did not answer this time, by name; their angles are the last known.
     """
 
     q: Array
@@ -36,6 +39,8 @@ class JointReading:
     q_jaw: float
     qd_jaw: float
     alarms: Mapping[str, str] = field(default_factory=dict)
+    stray: Mapping[str, float] = field(default_factory=dict)
+    unheard: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))
@@ -57,6 +62,7 @@ class JointState:
         jaw_moving: Whether a jaw motion is under way (until settled).
         late_ticks: How many setpoints came more than half a period late since the start.
         fault: Why the arm is in FAULT, else None.
+        lent_to: Whom the bus is lent to while the arm is CALIBRATING, else None.
     """
 
     t: float
@@ -69,6 +75,7 @@ class JointState:
     jaw_moving: bool
     late_ticks: int
     fault: str | None = None
+    lent_to: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q_ref", frozen_array(self.q_ref, (5,)))
@@ -88,3 +95,8 @@ class JointState:
     def q_jaw(self) -> float:
         """Measured jaw angle [rad]."""
         return self.reading.q_jaw
+
+
+def lent_out(purpose: str) -> str:
+    """Why nothing can be moved while the bus is lent for ``purpose``."""
+    return f"the servos are in use for {purpose}; finish or abort that first"

@@ -55,6 +55,13 @@ def no_thread_outlives_its_test():
     assert not alive, f"threads outlive the test: {alive}"
 
 
+@pytest.fixture(autouse=True, scope="session")
+def no_second_copies_in_the_home_of_whoever_runs_the_tests(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+        yield
+
+
 @pytest.fixture
 def clock():
     return ManualClock()
@@ -74,8 +81,8 @@ class TapedArm(SimArm):
         self.torques = []
         self.is_closed = False
 
-    def write(self, q_cmd, q_jaw_cmd):
-        super().write(q_cmd, q_jaw_cmd)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd)
         self.tape.append((self._clock.now(), np.array(q_cmd), q_jaw_cmd))
 
     def set_torque(self, on):

@@ -25,6 +25,7 @@ SPEED_CHANGED = Sentence(text="New speed. Press Plan again.")
 
 _MODES = {
     Mode.LIMP: "Limp",
+    Mode.GUIDING: "Guided by hand",
     Mode.HOLDING: "Idle, holding",
     Mode.MOVING: "Moving",
     Mode.STOPPING: "Stopping",
@@ -43,6 +44,7 @@ def blocked(state: JointState) -> Sentence | None:
     """Why the arm cannot be moved at all, or None when it can."""
     reasons = {
         Mode.LIMP: "The arm is limp. It has to hold before it can move.",
+        Mode.GUIDING: "The arm is guided by hand. It has to hold before it can move.",
         Mode.FAULT: f"The arm is in a fault: {state.fault}.",
         Mode.CALIBRATING: "The arm is being calibrated.",
     }

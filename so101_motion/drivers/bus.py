@@ -1,8 +1,9 @@
 """Questions and answers on the servo bus: every transaction, its retries and its counters.
 
-How it works. The vendor's SDK builds all packets and runs the transactions with a single servo,
-over a port handler of ours (``sdk.py``). Answers to a sync read we pick out ourselves
-(``protocol.py``): the SDK gives up at the first silent servo and then hands out zeros for the rest.
+How it works. The vendor's SDK builds the packets and runs the transactions with a single servo,
+over a port handler of ours (``sdk.py``). What a control cycle sends and hears is done by ourselves
+(``protocol.py``): the SDK takes its time over a sync write, and in a sync read it gives up at the
+first silent servo and then hands out zeros for the rest.
 
 Three rules keep a wrong value from ever being believed:
 
@@ -27,7 +28,13 @@ from dataclasses import dataclass
 
 import scservo_sdk
 
-from so101_motion.drivers.protocol import Answer, Answers, Lengths, packet_size
+from so101_motion.drivers.protocol import (
+    Answer,
+    Answers,
+    Lengths,
+    packet_size,
+    sync_write_packet,
+)
 from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBER, Fault, Register
 from so101_motion.drivers.sdk import Port, WaitingHandler, sync_read_packet
 from so101_motion.errors import CorruptReply, NoReply, ServoFault
@@ -40,9 +47,13 @@ RETRIES = 3
 """How often a question to one servo is repeated. Chosen: with 7 % of the answers spoiled, one
 transaction in 40,000 fails."""
 
-PATIENCE = 0.008
+PATIENCE = 0.007
 """How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
-leave room for a busy machine and to fit into a control period."""
+leave room for a busy machine and so that a cycle in which nobody answers still fits into 10 ms."""
+
+_PERSISTENCE = (1, 1, 2, 4)
+"""How many times as long each try of a question to one servo waits. A lost answer is soon asked for
+again, and a computer that was busy elsewhere for 50 ms makes no servo silent. Chosen."""
 
 OVERDUE = 0.25
 """For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
@@ -155,10 +166,10 @@ class Bus:
             NoReply: The servo is silent.
             CorruptReply: No answer was sound.
         """
-        for _ in range(1 + RETRIES):
+        for tried in range(1 + RETRIES):
             self._expect_copies()
             begin, length = self._span((servo_id,), start, count)
-            answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length)
+            answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length, tried)
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
             self._lengths.miss(servo_id, length, time.monotonic())
@@ -178,8 +189,8 @@ class Bus:
         """
         params = (register.address, *register.encode(value))
         held = None
-        for _ in range(1 + RETRIES):
-            self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
+        for tried in range(1 + RETRIES):
+            self._once(servo_id, scservo_sdk.INST_WRITE, params, 0, tried)
             held = self.read(servo_id, register)
             if held == value:
                 return
@@ -327,31 +338,34 @@ class Bus:
 
     def sync_write(self, start: int, data: Mapping[int, bytes]) -> None:
         """Write as many bytes from ``start`` to each servo of ``data``; nobody acknowledges."""
-        count = len(next(iter(data.values())))
-        params = [byte for servo_id, share in data.items() for byte in (servo_id, *share)]
-        self._handler.is_using = False
-        self._sdk.syncWriteTxOnly(self._handler, start, count, params, len(params))
+        self.port.write(sync_write_packet(start, data))
 
     # How
 
     def _ask(
         self, servo_id: int, instruction: int, params: tuple[int, ...], count: int, what: str
     ) -> Answer:
-        for _ in range(1 + RETRIES):
-            answer = self._once(servo_id, instruction, params, count)
+        for tried in range(1 + RETRIES):
+            answer = self._once(servo_id, instruction, params, count, tried)
             if isinstance(answer, Answer):
                 return answer
             self._tally(servo_id).retries += 1
         raise self._failure(servo_id, answer, what)
 
     def _once(
-        self, servo_id: int, instruction: int, params: tuple[int, ...], count: int
+        self,
+        servo_id: int,
+        instruction: int,
+        params: tuple[int, ...],
+        count: int,
+        tried: int = 0,
     ) -> Answer | bytes:
         """One question to one servo: the answer, or the bytes that were none."""
         handler, tally = self._handler, self._tally(servo_id)
         handler.is_using = False  # the SDK forgets to after an exception
         packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
         self._sdk.txPacket(handler, packet)
+        handler.patience = self._patience * _PERSISTENCE[tried]
         handler.setPacketTimeout(len(packet) + packet_size(count))
         while True:
             raw, result = self._sdk.rxPacket(handler)

@@ -74,17 +74,31 @@ class Trim:
 
     Args:
         gravity: The torque that holds a pose.
+
+    Attributes:
+        yielding: How far each joint gives way under full drive [rad].
     """
 
     def __init__(self, gravity: Gravity) -> None:
         self._gravity = gravity
-        self._yielding = [yielding(32)] * 6
+        self.yielding = [yielding(32)] * 6
         self._explained = [0.0] * 6
         self._rest = [0.0] * 6
         self._goal: list[float] = []
         self._side = [0.0] * 6  # where each joint was when it was last seen off its goal
         self._crossed = [0] * 6  # its goal, how often
         self._since = self._last = 0.0
+
+    def explain(self, q: Sequence[float]) -> list[float]:
+        """What the weight at joint angles ``q`` [rad] must add to the six goals [rad]."""
+        torque: list[float] = self._gravity(np.array(q)).tolist()
+        shares = [min(max(t / STALL_TORQUE, -LARGEST_SAG), LARGEST_SAG) for t in torque[:_JAW]]
+        return [share * give for share, give in zip(shares, self.yielding, strict=False)] + [0.0]
+
+    @property
+    def rest(self) -> list[float]:
+        """What of ``offset`` the weight does not explain [rad]."""
+        return list(self._rest)
 
     @property
     def offset(self) -> list[float]:
@@ -111,7 +125,7 @@ class Trim:
         """
         self._take_up(goal, now)
         for i, off in enumerate(sag[:_JAW]):
-            most = LARGEST_SAG * self._yielding[i]
+            most = LARGEST_SAG * self.yielding[i]
             explained = self._explained[i]
             self._rest[i] = 0.0 if off is None else min(max(off, -most), most) - explained
 
@@ -132,19 +146,19 @@ class Trim:
         for i in range(_JAW):
             error = self._goal[i] - q[i]
             dead = DEAD_BANDS[min(self._crossed[i], len(DEAD_BANDS) - 1)]
-            is_droop = dead < abs(error) < LARGEST_SAG * self._yielding[i]
+            is_droop = dead < abs(error) < LARGEST_SAG * self.yielding[i]
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
                 self._learn(i, error, dt)
 
     def set_gain(self, i: int, p_gain: int) -> None:
         """The P gain of joint ``i`` is ``p_gain``."""
-        self._yielding[i] = yielding(p_gain)
+        self.yielding[i] = yielding(p_gain)
 
     def _learn(self, i: int, error: float, dt: float) -> None:
         if error * self._side[i] < 0.0:
             self._crossed[i] += 1
         self._side[i] = error
-        rest, bound = self._rest[i], LARGEST_DRIVE * self._yielding[i]
+        rest, bound = self._rest[i], LARGEST_DRIVE * self.yielding[i]
         # One that began beyond its bound may only come back.
         step = GAIN * dt * error
         self._rest[i] = min(max(rest + step, min(rest, -bound)), max(rest, bound))
@@ -152,10 +166,4 @@ class Trim:
     def _take_up(self, goal: list[float], now: float) -> None:
         self._goal, self._since = goal, now
         self._side, self._crossed = [0.0] * 6, [0] * 6
-        self._explain(goal)
-
-    def _explain(self, goal: list[float]) -> None:
-        torque: list[float] = self._gravity(np.array(goal)).tolist()
-        for i in range(_JAW):
-            share = min(max(torque[i] / STALL_TORQUE, -LARGEST_SAG), LARGEST_SAG)
-            self._explained[i] = share * self._yielding[i]
+        self._explained = self.explain(goal)

@@ -9,7 +9,9 @@ registers, so a setpoint that came late or wrong is still approached no faster t
 ``set_torque`` then writes it, reads it back, switches torque on and reads that back. The goal is
 where the joint is, and so much beyond that the servo carries the joint's weight. A servo that
 drives its joint already, because a former process left it so or the cable was out for a moment,
-stands a little off its goal under its load; the first goal keeps exactly that distance.
+stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
+outside its limits, where no goal can keep it, is left as it is until a goal inside comes
+(``strays.py``). What the goals are: see ``aim.py``, and while a hand guides the arm ``guiding.py``.
 
 *One silent servo costs nobody else anything.* For a few cycles its last position stands in. Then
 ``read`` raises ``NoReply`` once, which ends what is under way; after that the others are read as
@@ -18,30 +20,32 @@ restarted it is made to hold where it is and ``ServoFault`` is raised once, beca
 stand elsewhere now.
 
 *The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
-tries to get it back (``connection.py``) and sets the servos up again. They hold meanwhile, and
+tries to get it back (``chain.py``) and sets the servos up again. They hold meanwhile, and
 nothing is written to them before somebody asks for it.
 """
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from so101_motion.clock import Clock
+from so101_motion.compliance import Compliance
 from so101_motion.drivers import registers as reg
+from so101_motion.drivers.aim import Aim
 from so101_motion.drivers.bus import PATIENCE, Bus
-from so101_motion.drivers.connection import Connection
-from so101_motion.drivers.droop import Gravity, Trim
-from so101_motion.drivers.health import VITALS_COUNT, VITALS_START, JointHealth, joint_health
-from so101_motion.drivers.presence import Presence, not_there
-from so101_motion.drivers.registers import Register
+from so101_motion.drivers.chain import Chain
+from so101_motion.drivers.droop import Gravity
+from so101_motion.drivers.guiding import Guide
+from so101_motion.drivers.health import VITALS_START, JointHealth, Vitals
+from so101_motion.drivers.presence import not_there
 from so101_motion.drivers.sdk import Port
-from so101_motion.drivers.servo_setup import ServoCondition, prepare
+from so101_motion.drivers.servo_setup import ServoCondition, engage
 from so101_motion.drivers.slope import Slope
+from so101_motion.drivers.strays import Strays
 from so101_motion.drivers.ticks import JointMap, Ticks, to_acceleration_units, to_speed_ticks
-from so101_motion.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
+from so101_motion.errors import BusError, ServoFault
 from so101_motion.geometry import Array
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.units import to_rad
@@ -58,9 +62,6 @@ SETTLE_VELOCITY = to_rad(3.0)
 
 SETTLE_TIMEOUT = 2.0
 """How long settling may take [s]: ten time constants of the trim's integral."""
-
-VITALS_PERIOD = 0.1
-"""How often the long block is read [s]; makes the average cycle 1.07 times the shortest one."""
 
 _REWRITE = 0.03
 """After how long without a setpoint the goals are sent again, with what the trim has learnt [s]."""
@@ -98,24 +99,31 @@ class FeetechArm:
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
-        self._index = {joint.servo_id: i for i, joint in self._maps.items()}
+        self._chain = Chain(
+            open_port,
+            clock,
+            self._maps,
+            names=JOINTS,
+            ram={
+                reg.ACCELERATION: to_acceleration_units(acceleration),
+                reg.GOAL_VELOCITY: to_speed_ticks(speed),
+            },
+            met=self._take_over,
+            patience=patience,
+        )
+        self._index, self._presence = self._chain.index, self._chain.presence
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
-        self._ram = dict.fromkeys(self._index, _caps(speed, acceleration))
-        names = {servo_id: JOINTS[i] for servo_id, i in self._index.items()}
-        self._connection = Connection(open_port, clock, names=names, patience=patience)
-        self._presence = Presence(tuple(self._index))
-        self._greeted = self._torque = self._aimed = False
-        # Six numbers each, in plain lists: for so few they beat numpy in every cycle.
-        self._q, self._qd, self._goal = [0.0] * 6, [0.0] * 6, [0.0] * 6
-        self._held: list[float | None] = [None] * 6  # the servos' goals [rad]; None while limp
-        self._slope, self._trim = Slope(6), Trim(gravity)
-        self._vitals: dict[int, tuple[float, bytes]] = {}
-        self._vitals_due = self._written = clock.now()
+        self._torque = False
+        self._q, self._qd, self._slope = [0.0] * 6, [0.0] * 6, Slope(6)
+        self._aim, self._strays = Aim(self._maps, gravity), Strays(self._maps, self._chain.ram)
+        self._guide: Guide | None = None
+        self._vitals = Vitals(clock.now())
+        self._written = self._guided = clock.now()
         try:
             self._reach()
         except BusError:
-            self._connection.close()
+            self._chain.connection.close()
             raise
 
     # What a driver does
@@ -128,44 +136,95 @@ class FeetechArm:
             NoReply: A servo has fallen silent (raised once), or all are.
             ServoFault: A servo has restarted by itself (raised once).
         """
-        with self._watching():
+        with self._chain.watching():
             bus = self._reach()
             self._measure(bus)
-            if self._aimed and self._torque and self._clock.now() - self._written >= _REWRITE:
+            if self._guide is not None:
+                self._yield(bus, self._guide)
+            elif (
+                self._aim.is_set and self._torque and self._clock.now() - self._written >= _REWRITE
+            ):
                 self._send(bus)
         q, qd = self._q, self._qd
-        return JointReading(q=np.array(q[:5]), qd=np.array(qd[:5]), q_jaw=q[5], qd_jaw=qd[5])
+        stray = self._strays.nearest(q) if self._strays else {}
+        return JointReading(
+            q=np.array(q[:5]),
+            qd=np.array(qd[:5]),
+            q_jaw=q[5],
+            qd_jaw=qd[5],
+            stray={JOINTS[i]: q_inside for i, q_inside in stray.items()},
+            unheard=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
+        )
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float) -> None:
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
+
+        Args:
+            q_cmd: Where the arm joints are wanted now.
+            q_jaw_cmd: Where the jaw is.
+            qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s]; None is at rest.
+
+        While the arm is guided only the jaw is sent anywhere.
 
         Raises:
             PortUnavailable: There is no port at present.
         """
-        with self._watching():
-            bus = self._in_use()
-            self._aim([*q_cmd.tolist(), q_jaw_cmd])
+        with self._chain.watching():
+            bus = self._chain.bus()
+            if self._guide is not None:
+                self._aim.q[5] = q_jaw_cmd
+                return
+            qd = None if qd_cmd is None else qd_cmd.tolist()
+            self._aim.point([*q_cmd.tolist(), q_jaw_cmd], self._clock.now(), qd)
             if self._torque:
+                if self._strays:
+                    goals = self._aim.goals(self._presence.silent)
+                    for i in self._strays.lead(bus, self._aim.q, goals):
+                        self._aim.held[i] = self._maps[i].to_ticks(self._q[i])
                 self._send(bus)
 
     def set_torque(self, on: bool) -> None:
         """Hold the joints at the goal written last, or let go of them.
 
-        A silent jaw is left out; without one of its joints the arm is not switched on.
+        A joint outside its limits is left as it is, and so is a silent jaw; without one of its
+        joints the arm is not switched on.
 
         Raises:
             BusError: A servo did not obey. Letting go is tried with all of them first.
         """
-        with self._watching():
-            bus = self._in_use()
+        with self._chain.watching():
+            bus = self._chain.bus()
+            self._end_guiding(bus)
             if on:
                 self._switch_on(bus)
             else:
                 self._switch_off(bus)
 
+    def guide(self, how: Compliance | None) -> None:
+        """Let the joints of the arm yield to a hand; the jaw holds on.
+
+        ``read`` has to be called a hundred times a second then. Only RAM registers are written.
+
+        Args:
+            how: How they yield. None ends it: they hold where they are.
+
+        Raises:
+            BusError: A servo did not obey.
+            RuntimeError: The joints are not held.
+        """
+        with self._chain.watching():
+            bus = self._chain.bus()
+            if how is None:
+                self._end_guiding(bus)
+            elif not (self._torque and self._aim.is_set):
+                raise RuntimeError("hold the joints before they are guided")
+            else:
+                self._guide = Guide(how, self._aim.trim, self._q)
+                self._guided = self._clock.now()
+
     def close(self) -> None:
         """Let go of the port; the servos stay as they are."""
-        self._connection.close()
+        self._chain.connection.close()
 
     # What else can be asked of this arm, on the I/O thread
 
@@ -176,15 +235,7 @@ class FeetechArm:
         Raises:
             PortUnavailable: There is no port at present.
         """
-        return self._in_use()
-
-    def set_caps(self, *, speed: float, acceleration: float) -> None:
-        """Change the caps the servos keep [rad/s], [rad/s^2], for good.
-
-        Raises:
-            BusError: A servo did not take them.
-        """
-        self._put(dict.fromkeys(self._index, _caps(speed, acceleration)))
+        return self._chain.bus()
 
     def set_torque_limit(self, joint: str, share: float) -> None:
         """Let ``joint`` use at most ``share``, 0 to 1, of its motor's drive, also after a restart.
@@ -193,99 +244,60 @@ class FeetechArm:
             BusError: The servo did not take it.
         """
         servo_id = self._maps[JOINTS.index(joint)].servo_id
-        self._put({servo_id: {reg.TORQUE_LIMIT: round(1000.0 * min(max(share, 0.0), 1.0))}})
+        with self._chain.watching():
+            self._chain.bus()
+            limit = round(1000.0 * min(max(share, 0.0), 1.0))
+            self._chain.put(servo_id, reg.TORQUE_LIMIT, limit)
 
     # What any thread may ask
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
         """How each servo was when it was last looked at, base to jaw; newest tenth of a second."""
-        vitals, silent, tallies = self._vitals, self._presence.silent, self._connection.tallies
-        return tuple(
-            joint_health(
-                JOINTS[i],
-                servo_id,
-                *vitals[servo_id],
-                tallies[servo_id],
-                is_silent=servo_id in silent or not self.is_connected,
-            )
-            for servo_id, i in self._index.items()
-            if servo_id in vitals
-        )
+        names = {servo_id: JOINTS[i] for servo_id, i in self._index.items()}
+        silent = self._presence.silent if self.is_connected else names
+        return self._vitals.health(names, self._chain.connection.tallies, silent)
 
     @property
     def is_connected(self) -> bool:
         """Whether the port is open and the servos have been found."""
-        return self._greeted
+        return self._chain.is_met
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether a servo drives its joint."""
+        return any(held is not None for held in self._aim.held)
 
     @property
     def port_losses(self) -> int:
         """How often the port went away since the start."""
-        return self._connection.losses
+        return self._chain.connection.losses
 
     # Connecting
 
-    @contextlib.contextmanager
-    def _watching(self) -> Iterator[None]:
-        """Notice here that the port went away."""
-        try:
-            yield
-        except PortUnavailable as error:
-            if self._connection.is_open:
-                self._connection.lost(error)
-            self._aimed = self._greeted = False
-            raise
-
     def _reach(self) -> Bus:
-        bus = self._connection.bus()
-        if not self._greeted:
-            self._greet(bus)
-            self._greeted = True
-        return bus
+        if not self._chain.is_met:
+            self._aim.is_set, self._guide = False, None
+            self._torque = self._chain.meet()
+            self._slope.clear()
+        return self._chain.bus()
 
-    def _in_use(self) -> Bus:
-        if not self._greeted:
-            reason = "not connected at present; the connection is taken up again by itself"
-            raise PortUnavailable("the arm's port", reason)
-        return self._connection.bus()
-
-    def _greet(self, bus: Bus) -> None:
-        """Find the servos and set them up; those that are driven go on as they are."""
-        self._aimed = False
-        ids = tuple(self._index)
-        found = bus.answering(ids)
-        missing = [i for i in ids if i not in found and i not in self._presence.silent]
-        if missing or not found:
-            raise not_there(bus, missing or ids, found)
-        self._presence.restart(found)
-        self._torque = all([self._take_over(bus, servo_id).torque for servo_id in found])
-        self._slope.clear()
-
-    def _take_over(self, bus: Bus, servo_id: int) -> ServoCondition:
-        """Set one servo up and learn how it stands."""
-        i = self._index[servo_id]
+    def _take_over(self, i: int, servo: ServoCondition) -> None:
+        """Joint ``i``'s servo has been set up; learn how it stands."""
         joint = self._maps[i]
-        condition = prepare(bus, joint, self._ram[servo_id])
-        self._q[i] = joint.to_rad(condition.present_ticks)
-        self._held[i] = joint.to_rad(condition.goal_ticks) if condition.torque else None
-        if i < 5:
-            self._trim.set_gain(i, condition.p_gain)
-        return condition
+        self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
+        self._q[i] = joint.to_rad(servo.present_ticks)
+        self._aim.found(i, servo)
+        self._strays.found(i, crawls=servo.crawls)
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
         """Servos that were silent answer again; all are seen to before anything is raised."""
-        restarted: list[int] = []
-        refusals: list[ServoFault] = []
-        for servo_id in servo_ids:
+        limp, refusals = self._chain.meet_again(servo_ids)
+        restarted = limp if self._torque else []
+        for servo_id in restarted:
+            self._aim.is_set = False
             try:
-                condition = self._take_over(bus, servo_id)
-                if self._torque and not condition.torque:
-                    self._aimed = False
-                    restarted.append(servo_id)
-                    self._engage(bus, servo_id, condition.present_ticks)
-                    self._held[self._index[servo_id]] = self._q[self._index[servo_id]]
-            except (NoReply, CorruptReply):
-                self._presence.dismiss(servo_id)  # not yet; it is tried again when it answers
+                self._catch(bus, servo_id)
             except ServoFault as error:
                 refusals.append(error)
         if refusals:
@@ -298,17 +310,25 @@ class FeetechArm:
                 servo_id=restarted[0],
             )
 
+    def _catch(self, bus: Bus, servo_id: int) -> None:
+        """Hold a limp joint where it is."""
+        i = self._index[servo_id]
+        here = self._maps[i].to_ticks(self._q[i])
+        if self._strays.may_be_driven(bus, i, here):
+            self._aim.held[i] = goal = self._maps[i].to_goal(self._q[i])
+            engage(bus, servo_id, goal)
+
     # Measuring
 
     def _measure(self, bus: Bus) -> None:
         now, position = self._clock.now(), reg.PRESENT_POSITION
-        has_vitals = now >= self._vitals_due
         found = bus.sync_read(
             tuple(self._index),
             VITALS_START,
-            VITALS_COUNT if has_vitals else position.size,
+            self._vitals.count(now),
             tries=2,
-            given_up=self._presence.silent,
+            silence_tries=1,
+            given_up=self._presence.unanswering,
         )
         for servo_id, answer in found.items():
             i = self._index[servo_id]
@@ -316,86 +336,86 @@ class FeetechArm:
             self._q[i] = self._maps[i].to_rad(Ticks(ticks))
         self._slope.add(now, self._q)
         self._qd = self._slope.value()
-        if self._aimed and self._torque:
-            fresh = [self._index[servo_id] for servo_id in found]
-            self._trim.measure(self._q, self._qd, fresh, now)
-        if has_vitals:
-            self._vitals_due = now + VITALS_PERIOD
-            self._vitals = self._vitals | {i: (now, answer.data) for i, answer in found.items()}
-        change = self._presence.judge(found)
+        if self._aim.is_set and self._torque and self._guide is None:
+            if self._strays:
+                self._strays.arrive(bus, self._q)
+            fresh = {self._index[servo_id] for servo_id in found} - self._strays.left
+            self._aim.trim.measure(self._q, self._qd, fresh, now)
+        self._vitals.take(now, found)
+        change = self._presence.judge(found, now)
         if change.fallen or self._presence.all_silent:
-            self._aimed = False
+            self._aim.is_set = False
             raise not_there(bus, change.fallen or tuple(self._index), found)
-        self._take_back(bus, change.back)
+        if change.back:
+            self._take_back(bus, change.back)
 
     # Commanding
 
-    def _aim(self, goal: list[float]) -> None:
-        now, was_aimed = self._clock.now(), self._aimed
-        self._goal, self._aimed = goal, True
-        if was_aimed:
-            self._trim.command(goal, now)
-        else:
-            off = zip(self._held, goal, strict=True)
-            self._trim.start(goal, now, [None if held is None else held - q for held, q in off])
-
-    def _goal_ticks(self) -> dict[int, Ticks]:
-        """Goals of the servos that answer, by id."""
-        silent, offset = self._presence.silent, self._trim.offset
-        goals = {}
-        for servo_id, i in self._index.items():
-            if servo_id not in silent:
-                self._held[i] = wanted = self._goal[i] + offset[i]
-                goals[servo_id] = self._maps[i].to_goal(wanted)
-        return goals
-
     def _send(self, bus: Bus) -> None:
         self._written = self._clock.now()
-        encode = reg.GOAL_POSITION.encode
-        data = {servo_id: encode(goal) for servo_id, goal in self._goal_ticks().items()}
+        encode, left = reg.GOAL_POSITION.encode, self._strays.left
+        data = {}
+        for servo_id, goal in self._aim.goals(self._presence.silent).items():
+            i = self._index[servo_id]
+            if i not in left:
+                self._aim.held[i] = goal
+                data[servo_id] = encode(goal)
+        if data:
+            bus.sync_write(reg.GOAL_POSITION.address, data)
+
+    def _yield(self, bus: Bus, guide: Guide) -> None:
+        """Send guided joints goals and torque limits, and the jaw its own."""
+        now = self._clock.now()
+        q_goal, shares = guide.step(self._q, self._qd, now - self._guided)
+        self._guided = now
+        goals = self._aim.goals(self._presence.silent)
+        data = {}
+        for servo_id, goal in goals.items():
+            i, ram = self._index[servo_id], self._chain.ram[servo_id]
+            if i in self._strays.left:
+                continue
+            limit = ram[reg.TORQUE_LIMIT]
+            if i < len(q_goal):
+                goal = self._maps[i].to_goal(q_goal[i])
+                limit = min(round(1000.0 * shares[i]), limit)
+            self._aim.held[i] = goal
+            speed = reg.GOAL_VELOCITY.encode(ram[reg.GOAL_VELOCITY])
+            inert = reg.GOAL_TIME.encode(0)  # lies between the others
+            data[servo_id] = (
+                reg.GOAL_POSITION.encode(goal) + inert + speed + reg.TORQUE_LIMIT.encode(limit)
+            )
         bus.sync_write(reg.GOAL_POSITION.address, data)
 
-    @staticmethod
-    def _engage(bus: Bus, servo_id: int, goal: int) -> None:
-        bus.write(servo_id, reg.GOAL_POSITION, goal)
-        bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+    def _end_guiding(self, bus: Bus) -> None:
+        """The joints hold where they are, pulling no harder than before, and then may again."""
+        guide, self._guide = self._guide, None
+        if guide is None:
+            return
+        self._aim.is_set = False
+        self._aim.point([*self._q[:5], self._aim.q[5]], self._clock.now())
+        self._send(bus)
+        limits = {servo_id: ram[reg.TORQUE_LIMIT] for servo_id, ram in self._chain.ram.items()}
+        self._chain.put_all(reg.TORQUE_LIMIT, limits)
 
     def _switch_on(self, bus: Bus) -> None:
-        if not self._aimed:
+        if not self._aim.is_set:
             raise RuntimeError("write a goal before torque is switched on")
         lost = sorted(i for i in self._presence.silent if self._index[i] < 5)
         if lost:
             raise not_there(bus, lost, set(self._index) - self._presence.silent)
-        for servo_id, goal in self._goal_ticks().items():
-            self._engage(bus, servo_id, goal)
+        for servo_id, goal in self._aim.goals(self._presence.silent).items():
+            i = self._index[servo_id]
+            held = self._aim.held[i]
+            here = self._maps[i].to_ticks(self._q[i]) if held is None else held
+            if self._strays.may_be_driven(bus, i, here):
+                engage(bus, servo_id, goal)
+                self._aim.held[i] = goal
         self._torque = True
 
     def _switch_off(self, bus: Bus) -> None:
-        self._torque = self._aimed = False
-        self._held = [None] * 6
-        failures: list[BusError] = []
-        for servo_id in self._index.keys() - self._presence.silent:
-            try:
-                bus.write(servo_id, reg.TORQUE_ENABLE, 0)
-            except PortUnavailable:
-                raise
-            except BusError as error:
-                failures.append(error)
-        if failures:
-            raise failures[0]
-
-    def _put(self, values: Mapping[int, dict[Register, int]]) -> None:
-        with self._watching():
-            bus = self._in_use()
-            for servo_id, ram in values.items():
-                self._ram[servo_id] = self._ram[servo_id] | ram
-                if servo_id not in self._presence.silent:
-                    for register, value in ram.items():
-                        bus.write(servo_id, register, value)
-
-
-def _caps(speed: float, acceleration: float) -> dict[Register, int]:
-    return {
-        reg.ACCELERATION: to_acceleration_units(acceleration),
-        reg.GOAL_VELOCITY: to_speed_ticks(speed),
-    }
+        self._torque = self._aim.is_set = False
+        self._aim.held = [None] * 6
+        try:
+            self._chain.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self._index, 0))
+        finally:
+            self._strays.let_go(bus)

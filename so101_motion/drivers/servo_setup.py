@@ -1,9 +1,20 @@
 """Bringing a servo into the state the driver relies on, by changing only what differs.
 
 EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
-given, its homing offset and limits. RAM: the speed and acceleration caps and, where one was asked
-for, a torque limit. A servo that restarts forgets its RAM and comes up limp, with no cap at all, so
-this runs again whenever one was silent.
+given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A
+servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs again
+whenever one was silent.
+
+A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
+
+* A goal is counted from the homing offset, so a new offset would take the joint along. The servo is
+  let go of for the 10 ms that this takes and then given the same place under its new number. (It
+  builds up its pull anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
+* A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
+  written, in case a firmware takes that for a reason to move. See ``strays.py``.
+* A servo that cannot reach its goal for lack of torque (a program died that had turned it down)
+  would leap there once it is allowed to. Its goal is first brought to where it pulls as hard as
+  before.
 """
 
 from __future__ import annotations
@@ -13,8 +24,23 @@ from dataclasses import dataclass
 
 from so101_motion.drivers import registers as reg
 from so101_motion.drivers.bus import Bus
-from so101_motion.drivers.registers import Register
-from so101_motion.drivers.ticks import JointMap, Ticks
+from so101_motion.drivers.registers import TICKS_PER_TURN, Register
+from so101_motion.drivers.ticks import JointMap, Ticks, to_speed_ticks
+from so101_motion.units import to_rad
+
+CRAWL_SPEED = to_rad(8.0)
+"""How fast a joint comes in from outside its limits [rad/s]. Chosen: slow enough to look what it
+does and to take a hand away; the servo itself turns no slower than 4 to 9 deg/s."""
+
+CRAWL: Mapping[Register, int] = {
+    reg.ACCELERATION: 1,
+    reg.GOAL_VELOCITY: to_speed_ticks(CRAWL_SPEED),
+}
+"""The caps of such a joint."""
+
+OUTSIDE_TICKS = 4
+"""A joint so little beyond its limits counts as inside [tick]: 0.35 deg, half of what the gears
+have of play. Chosen."""
 
 _START = reg.TORQUE_ENABLE.address
 _COUNT = reg.TORQUE_LIMIT.address + reg.TORQUE_LIMIT.size - _START
@@ -22,48 +48,112 @@ _COUNT = reg.TORQUE_LIMIT.address + reg.TORQUE_LIMIT.size - _START
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoCondition:
-    """How a servo was found.
+    """How a servo was found, under its present homing offset.
 
     Attributes:
         torque: Whether it drives its joint.
-        goal_ticks: Where it was sent last.
+        goal_ticks: What its position loop pulls towards. None if its goal register is no clue: it
+            is so far off that the servo would pull as hard as it can.
         present_ticks: Where it is.
         p_gain: Proportional gain of its position loop.
+        max_acceleration: What its acceleration is cut at, in units of register 41.
+        torque_limit: What its torque limit is now, in thousandths of full drive.
+        crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
         changed: Names of the registers that had to be changed.
     """
 
     torque: bool
-    goal_ticks: Ticks
+    goal_ticks: Ticks | None
     present_ticks: Ticks
     p_gain: int
+    max_acceleration: int
+    torque_limit: int
+    crawls: bool
     changed: tuple[str, ...]
 
 
 def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCondition:
-    """Make a servo ready; its torque and its goal stay as they are.
+    """Make a servo ready; whether it is driven, and where to, stays as it is.
 
     Args:
         bus: Where it is.
         joint: Which one, and what its calibration is.
-        ram: What RAM registers must hold.
+        ram: What RAM registers must hold. Without a torque limit among them it becomes what the
+            servo starts with.
 
     Raises:
         BusError: It cannot be reached or does not take a value.
     """
     servo_id = joint.servo_id
-    changed = bus.store(servo_id, _eeprom(bus, joint))
+    full, p_gain = bus.read(servo_id, reg.MAX_TORQUE), bus.read(servo_id, reg.P_GAIN)
     block = bus.read_block(servo_id, _START, _COUNT, what="its settings")
-    for register, value in ram.items():
-        if register.cut(block, _START) != value:
-            bus.write(servo_id, register, value)
-            changed += (register.name,)
+    torque, limit = reg.TORQUE_ENABLE.cut(block, _START) == 1, reg.TORQUE_LIMIT.cut(block, _START)
+    goal = _pull(bus, servo_id, block, p_gain=p_gain, may_do_more=limit < full)
+    if torque and goal is not None and limit < full:
+        bus.write(servo_id, reg.GOAL_POSITION, goal)
+    shift = 0
+    if joint.homing_offset is not None:
+        shift = bus.read(servo_id, reg.HOMING_OFFSET) - joint.homing_offset
+    here = bus.read(servo_id, reg.PRESENT_POSITION) if goal is None else goal
+    here = (here + shift) % TICKS_PER_TURN if shift else here
+    crawls = torque and is_outside(joint, Ticks(here))
+    changed = _fill(bus, servo_id, CRAWL) if crawls else ()
+    if torque and shift:
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    changed += bus.store(servo_id, _eeprom(bus, joint))
+    if torque and shift:
+        if not crawls:
+            bus.write(servo_id, reg.GOAL_POSITION, here)
+        bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
+    ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
+    changed += _fill(bus, servo_id, ram)
     return ServoCondition(
-        torque=reg.TORQUE_ENABLE.cut(block, _START) == 1,
-        goal_ticks=Ticks(reg.GOAL_POSITION.cut(block, _START)),
+        torque=torque,
+        goal_ticks=None if goal is None else Ticks(here),
         present_ticks=Ticks(bus.read(servo_id, reg.PRESENT_POSITION)),
-        p_gain=bus.read(servo_id, reg.P_GAIN),
+        p_gain=p_gain,
+        max_acceleration=bus.read(servo_id, reg.MAX_ACCELERATION),
+        torque_limit=ram[reg.TORQUE_LIMIT],
+        crawls=crawls,
         changed=changed,
     )
+
+
+def engage(bus: Bus, servo_id: int, goal: int) -> None:
+    """Drive a joint to ``goal`` [tick].
+
+    Raises:
+        BusError: The servo did not obey.
+    """
+    bus.write(servo_id, reg.GOAL_POSITION, goal)
+    bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+
+
+def is_outside(joint: JointMap, ticks: Ticks) -> bool:
+    """Whether a position is so far outside the joint's limits that no goal can keep it there."""
+    where = joint.unrolled(ticks)
+    return not joint.lower_ticks - OUTSIDE_TICKS <= where <= joint.upper_ticks + OUTSIDE_TICKS
+
+
+def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bool) -> int | None:
+    """What a servo pulls towards as hard as it does now [tick]; None if that cannot be told."""
+    goal, limit = reg.GOAL_POSITION.cut(block, _START), reg.TORQUE_LIMIT.cut(block, _START)
+    present = bus.read(servo_id, reg.PRESENT_POSITION)
+    most = 4 * limit // max(p_gain, 1)  # its drive is p_gain / 4 thousandths a tick
+    if abs(goal - present) <= most:
+        return goal
+    if may_do_more:
+        return present + (most if goal > present else -most)
+    return None  # no arm's weight takes all it can: the joint is held fast, or the goal is old
+
+
+def _fill(bus: Bus, servo_id: int, ram: Mapping[Register, int]) -> tuple[str, ...]:
+    """See that RAM registers hold what they must; the names of those that did not."""
+    block = bus.read_block(servo_id, _START, _COUNT, what="its settings")
+    differing = {row: value for row, value in ram.items() if row.cut(block, _START) != value}
+    for register, value in differing.items():
+        bus.write(servo_id, register, value)
+    return tuple(register.name for register in differing)
 
 
 def _eeprom(bus: Bus, joint: JointMap) -> dict[Register, int]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.clock import Clock
+from so101_motion.compliance import Compliance
 from so101_motion.geometry import Array, frozen_array
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 
@@ -68,7 +69,7 @@ class SimArm:
         self._inner = self._q.copy()
         self._goal = self._q.copy()
         self._jammed = np.zeros(6, dtype=bool)
-        self._torque = False
+        self._torque = self._yields = False
         self._failure: Exception | None = None
 
     # What a driver does
@@ -81,19 +82,33 @@ class SimArm:
                 q=self._q[:5], qd=self._qd[:5], q_jaw=float(self._q[5]), qd_jaw=float(self._qd[5])
             )
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float) -> None:
-        """Give the joints a goal: arm joints, shape (5,), and jaw [rad]."""
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Give the joints a goal: arm joints, shape (5,), and jaw [rad]; ``qd_cmd`` is no use."""
         with self._lock:
             self._follow()
-            self._goal = np.append(q_cmd, q_jaw_cmd)
+            self._goal = np.append(self._goal[:5] if self._yields else q_cmd, q_jaw_cmd)
 
     def set_torque(self, on: bool) -> None:
         """Let go of the joints, or drive them from where they are to the goal written last."""
         with self._lock:
             self._follow()
+            self._yields = False
             if on != self._torque:
                 self._torque = on
                 self._inner, self._qd = self._q.copy(), np.zeros(6)
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints be pushed by hand; they stay where they are left. How makes no odds.
+
+        Raises:
+            RuntimeError: The joints are not driven.
+        """
+        with self._lock:
+            self._follow()
+            if how is not None and not self._torque:
+                raise RuntimeError("hold the joints before they are guided")
+            self._yields = how is not None
+            self._leave_where_they_are()
 
     def close(self) -> None:
         """The arm stays as it is, but cannot be talked to any more."""
@@ -108,17 +123,20 @@ class SimArm:
         return self._torque
 
     def push(self, q: ArrayLike, q_jaw: float | None = None) -> None:
-        """Move limp joints by hand to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad].
+        """Move limp or guided joints by hand to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad].
 
         Raises:
-            RuntimeError: Torque is on; nobody turns these gears against the motor.
+            RuntimeError: They are held; nobody turns these gears against the motor.
         """
         with self._lock:
-            if self._torque:
-                raise RuntimeError("the joints are driven; switch torque off before pushing them")
+            self._catch_up()
+            if self._torque and (not self._yields or q_jaw is not None):
+                raise RuntimeError("the joints are driven; let go of them before pushing them")
             self._q[:5] = frozen_array(q, (5,))
             if q_jaw is not None:
                 self._q[5] = q_jaw
+            if self._yields:
+                self._leave_where_they_are()
 
     def jam(self, joint: str) -> None:
         """Hold ``joint`` fast where it is, whatever its goal."""
@@ -150,6 +168,10 @@ class SimArm:
         if self._failure is not None:
             raise self._failure
         self._catch_up()
+
+    def _leave_where_they_are(self) -> None:
+        self._inner[:5] = self._goal[:5] = self._q[:5]
+        self._qd[:5] = 0.0
 
     def _catch_up(self) -> None:
         """Bring the joints from the last instant they were looked at to now."""

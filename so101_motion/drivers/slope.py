@@ -15,6 +15,10 @@ from operator import mul
 WINDOW = 0.1
 """How far back the line reaches [s]; chosen, see above."""
 
+_SPACING = WINDOW / 16
+"""Measurements that follow closer than that [s] are left out: at 100 a second none, at 200 every
+other one. They would cost time and add little."""
+
 _FEWEST = 3  # with two points the scatter would be the slope; slow polling keeps this many
 
 
@@ -31,6 +35,8 @@ class Slope:
 
     def add(self, t: float, values: Sequence[float]) -> None:
         """Take in ``values``, n of them, measured at ``t`` [s]."""
+        if self._t and t - self._t[-1] < _SPACING:
+            return
         self._t.append(t)
         for signal, value in zip(self._signals, values, strict=True):
             signal.append(value)

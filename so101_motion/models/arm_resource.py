@@ -34,13 +34,24 @@ from so101_motion.models.streaming import played
 from so101_motion.motion import Motion
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.scene import Scene
 from so101_motion.rig import Rig
+from so101_motion.scene_file import obstacles_from
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_rad
 
 AT_START = to_rad(0.5)
 """How near a first waypoint must be to where the arm is to be taken for its start [rad]. Motion
 services send the present joints as the first waypoint; an arm rests up to this far off; chosen."""
+
+
+def scene_of(wanted: SimulatedArmConfig | HardwareArmConfig) -> Scene:
+    """What stands around an arm, as its configuration says.
+
+    Raises:
+        ConfigError: An obstacle cannot be meant; the message names it.
+    """
+    return Scene(floor_z=wanted.floor_z, obstacles=obstacles_from(wanted.obstacles))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,12 +297,12 @@ class ArmResource(Arm):
     # Manual mode
 
     async def set_manual_mode(self, manual_mode: bool, enabled_for: int = 0, **kwargs: Any) -> None:
-        """Let go of the joints, for ``enabled_for`` seconds or until told otherwise; or hold."""
+        """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
         with grpc_statuses():
             await self._manual.set(manual_mode, enabled_for)
 
     async def get_manual_mode(self, **kwargs: Any) -> bool:
-        """Whether the joints are limp."""
+        """Whether the arm is to be moved by hand: it yields, or its torque is off."""
         return self._arm.in_manual
 
     # What it is

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import aclosing
-from dataclasses import replace
 from typing import Any, ClassVar
 
 from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
@@ -19,7 +18,7 @@ from so101_motion.entry import remarks
 from so101_motion.errors import So101Error
 from so101_motion.hardware_config import HardwareArmConfig, PortConfig
 from so101_motion.models import convert
-from so101_motion.models.arm_resource import ArmResource, ArmSettings
+from so101_motion.models.arm_resource import ArmResource, ArmSettings, scene_of
 from so101_motion.models.commands import KEYS, Request, answer, motion_params
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_name
@@ -70,6 +69,7 @@ class HardwareArm(ArmResource):
             ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
         """
         settings = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
+        scene_of(settings)
         return ([motion_name(settings.motion)] if settings.motion else []), []
 
     @classmethod
@@ -79,14 +79,15 @@ class HardwareArm(ArmResource):
         """Build the component from its configuration; nothing moves."""
         with grpc_statuses():
             wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
-            settings = ArmSettings.of(wanted, dependencies)
+            settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
             asked = servo_settings(wanted.connection)
             rig = open_hardware(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             rig.arm.set_speed(wanted.speed)
             rig.arm.set_acceleration(wanted.acceleration)
+            rig.arm.compliance = wanted.compliance
             rig.arm.set_load(wanted.load)
-            rig.arm.scene = replace(rig.arm.scene, floor_z=wanted.floor_z)
+            rig.arm.scene = scene
             rig.warm_up()
             arm = cls(config.name, rig, settings, wanted.servo_ids)
         except BaseException:
@@ -137,6 +138,11 @@ class HardwareArm(ArmResource):
         async with aclosing(playing) as updates:  # type: ignore[type-var]
             async for update in updates:
                 yield update
+
+    async def set_manual_mode(self, manual_mode: bool, enabled_for: int = 0, **kwargs: Any) -> None:
+        """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
+        await self._ready()
+        await super().set_manual_mode(manual_mode, enabled_for, **kwargs)
 
     async def _ready(self) -> None:
         with grpc_statuses():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any, ClassVar
 
 from viam.components.gripper import Gripper
@@ -13,7 +14,7 @@ from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.config import checked_number
-from so101_motion.errors import ConfigError, So101Error
+from so101_motion.errors import ConfigError, ServoAlarm, So101Error
 from so101_motion.hardware_config import HardwareGripperConfig
 from so101_motion.models import convert
 from so101_motion.models.awaiting import arrival, left_alone
@@ -128,8 +129,26 @@ class HardwareGripper(GripperResource):
         await out_of_fault(self.rig)
         aperture = percentage / 100.0
         closes = aperture < self._gripper.aperture
+        if not closes:
+            await self._unload()
         start = self._gripper.start_grab if closes else self._gripper.start_move
         return self._watched(start(aperture))
+
+    async def _unload(self) -> None:
+        """Let a jaw that is overloaded stop pressing, for opening it is what helps.
+
+        An alarm ends whatever moves its joint, and leaves it standing where it is; that is all a
+        servo needs to take an overload back.
+        """
+        if "overload" not in self._own_health().get("faults", ()):
+            return
+        with suppress(ServoAlarm):
+            here = min(max(self._gripper.aperture, 0.0), 1.0)
+            await arrival(self._watched(self._gripper.start_move(here)))
+        for _ in range(10):
+            if GRIPPER_JOINT not in self._rig.arm.state.reading.alarms:
+                return
+            await asyncio.sleep(0.05)
 
     # Requests
 

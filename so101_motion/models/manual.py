@@ -1,4 +1,4 @@
-"""Manual mode: the joints are limp, to be moved by hand, for a while or until told otherwise."""
+"""Manual mode: the arm yields to the hand that guides it, for a while or until told otherwise."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ import asyncio
 import logging
 
 from so101_motion.arm import Arm
+from so101_motion.compliance import Compliance
 from so101_motion.config import checked_number
 from so101_motion.errors import So101Error
+from so101_motion.modes import Mode
 
 LONGEST = 86400.0
 """Longest time manual mode can be limited to [s]; chosen, a day."""
 
 
 class ManualMode:
-    """Switches an arm between holding and being moved by hand. Lives in the event loop.
+    """Switches an arm between holding and being guided by hand. Lives in the event loop.
 
     Args:
         arm: The arm.
@@ -26,13 +28,16 @@ class ManualMode:
         self._logger = logger
         self._timer: asyncio.Task[None] | None = None
 
-    async def set(self, enabled: bool, enabled_for: float = 0.0) -> None:
-        """Let go, or hold again.
+    async def set(
+        self, enabled: bool, enabled_for: float = 0.0, how: Compliance | None = None
+    ) -> None:
+        """Yield to a hand, or hold again.
 
         Args:
-            enabled: Whether the joints shall be limp.
+            enabled: Whether the arm shall yield.
             enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time: they
                 are a person's.
+            how: How it yields; the arm's own way if not given.
 
         Raises:
             ConfigError: ``enabled_for`` is negative or absurdly long.
@@ -40,7 +45,7 @@ class ManualMode:
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
         self.forget()
-        await asyncio.to_thread(self._arm.set_manual, enabled)
+        await asyncio.to_thread(self._arm.set_manual, enabled, how)
         if enabled and enabled_for > 0.0:
             self._timer = asyncio.create_task(self._hold_after(enabled_for))
 
@@ -53,7 +58,7 @@ class ManualMode:
     async def _hold_after(self, seconds: float) -> None:
         await asyncio.sleep(seconds)
         try:
-            if self._arm.in_manual:
+            if self._arm.state.mode is Mode.GUIDING:
                 await asyncio.to_thread(self._arm.set_manual, False)
         except So101Error as error:
             self._logger.warning("the time for manual mode is up, but: %s", error)

@@ -135,6 +135,7 @@ class ServoCommands:
         given = arguments(request, "enabled_for", *MANUAL_RANGES)
         how = compliance(given, self._rig.arm.compliance)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
+        await out_of_fault(self._rig)
         await self._manual.set(True, seconds, how)
         return {"mode": "manual", "servos": list(self._ids)}
 

@@ -14,8 +14,9 @@ from viam.resource.types import Model
 from so101_motion.clock import ManualClock, MonotonicClock
 from so101_motion.config import SimulatedArmConfig
 from so101_motion.errors import ConfigError
+from so101_motion.hardware_config import MANUAL_RANGES, compliance
 from so101_motion.models import convert
-from so101_motion.models.arm_resource import ArmResource, ArmSettings
+from so101_motion.models.arm_resource import ArmResource, ArmSettings, scene_of
 from so101_motion.models.commands import (
     KEYS,
     Command,
@@ -28,15 +29,10 @@ from so101_motion.models.commands import (
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_name
 from so101_motion.models.manual import LONGEST
-from so101_motion.planning.scene import Scene
 from so101_motion.rig import TICK, Rig, open_simulated
 
 LONGEST_STEP = 3600.0
 """How much simulated time may pass in one request [s]; chosen."""
-
-
-COMPLIANCE = {"pos_deadband_deg": 45.0, "loop_hz": 200.0, "p_gain": 255.0, "torque_limit": 1000.0}
-"""How a real arm can be told to yield in manual mode, and the published largest values."""
 
 
 class SimulatedArm(ArmResource):
@@ -67,6 +63,7 @@ class SimulatedArm(ArmResource):
             ConfigError: As it is, for the SDK makes an INVALID_ARGUMENT of its text.
         """
         settings = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
+        scene_of(settings)
         return ([motion_name(settings.motion)] if settings.motion else []), []
 
     @classmethod
@@ -80,7 +77,7 @@ class SimulatedArm(ArmResource):
             rig = open_simulated(
                 speed=wanted.speed,
                 acceleration=wanted.acceleration,
-                scene=Scene(floor_z=wanted.floor_z),
+                scene=scene_of(wanted),
                 clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
             )
         rig.arm.set_load(wanted.load)
@@ -102,11 +99,10 @@ class SimulatedArm(ArmResource):
         return {"speed_degs_per_sec": in_deg(self._arm.speed)}
 
     async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "enabled_for", *COMPLIANCE)
-        for key, upper in COMPLIANCE.items():  # checked as on the real arm; here they do nothing
-            given.number(key, 0.0, lower=0.0, upper=upper)
+        given = arguments(request, "enabled_for", *MANUAL_RANGES)
+        how = compliance(given)  # checked as on the real arm; here it makes no odds
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
-        await self._manual.set(True, seconds)
+        await self._manual.set(True, seconds, how)
         return {"mode": "manual"}
 
     async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:

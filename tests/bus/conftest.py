@@ -48,9 +48,9 @@ class TapedDriver:
         self.tape.append((self._q_cmd, self.world.q[:5]))
         return reading
 
-    def write(self, q_cmd, q_jaw_cmd):
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
         self._q_cmd = np.array(q_cmd)
-        self.arm.write(q_cmd, q_jaw_cmd)
+        self.arm.write(q_cmd, q_jaw_cmd, qd_cmd)
 
     def set_torque(self, on):
         self.arm.set_torque(on)

@@ -25,7 +25,8 @@ from so101_motion.rig import open_hardware
 from so101_motion.servos import ServoSettings
 
 PATIENCE = 0.05
-"""Above what a busy machine takes to run the emulator's thread [s]."""
+"""Above what a busy machine mostly takes to run the emulator's thread [s]; every answer that does
+get lost costs a test as much."""
 
 MIDDLES_DEG = (4.1, -1.45, -5.8, -0.6, 3.2)
 """Where the emulated joints' travel has its middle, which a calibration takes for zero [deg]."""
@@ -38,10 +39,11 @@ class HardwareBench:
         clock: What time it is for the servos and the rigs.
         emulator: The servos.
         port: A link to their port.
+        patience: How long an answer is waited for, on the wall clock [s].
     """
 
-    def __init__(self, folder, **options):
-        self.clock = ManualClock()
+    def __init__(self, folder, *, patience=PATIENCE, **options):
+        self.clock, self.patience = ManualClock(), patience
         self.port = folder / "arm"
         weight = RobotModel.load().gravity_torque
         self.emulator = Emulator(
@@ -64,7 +66,7 @@ class HardwareBench:
         return ServoSettings(**{"port": str(self.port), **wanted})
 
     def open(self, **changes):
-        rig = open_hardware(self.settings(**changes), clock=self.clock, patience=PATIENCE)
+        rig = open_hardware(self.settings(**changes), clock=self.clock, patience=self.patience)
         self._rigs.append(rig)
         return rig
 

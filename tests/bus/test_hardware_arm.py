@@ -8,7 +8,7 @@ from grpclib import GRPCError, Status
 from hardware_harness import MIDDLES_DEG, ModelBench, arm_client
 from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
 
-from so101_motion.calib import record
+from so101_motion.calib import record, store
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.models.hardware_arm import HardwareArm
 
@@ -304,6 +304,8 @@ async def test_the_calibration_is_told_with_its_source(bench, client):
     }  # fmt: skip
     assert answer["calibration"]["gripper"]["norm_mode"] == 1
     assert answer["source"]["shoulder_pan"] == "registers"
+    assert answer["zero"]["shoulder_pan"] == {"by": "middle", "middle_deg": 0.0}
+    assert "gripper" not in answer["zero"]
 
 
 async def test_reloading_needs_a_file(bench, client):
@@ -316,10 +318,10 @@ async def test_reloading_needs_a_file(bench, client):
 async def test_reloading_reads_the_very_file_that_was_configured(bench, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(bench.port.parent))
     file = bench.port.parent / "arm.json"
-    record.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1000)})
+    store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1000)})
     arm = bench.new_arm(calibration_file="arm.json")
     async with arm_client(arm) as client:
-        record.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1100)})
+        store.save(file, {"shoulder_pan": record.JointCalibration(id=1, range_min=1100)})
         answer = await ask(client, bench, command="reload_calibration")
         assert (answer["success"], answer["calibration_file"]) == (True, str(file))
         calibration = (await ask(client, bench, command="get_calibration"))["calibration"]
@@ -395,4 +397,4 @@ async def test_closing_the_arm_stops_it_though_the_gripper_stays(bench, arm, cli
 
     assert bench.q_deg[0] == pytest.approx(here, abs=1.0)
     assert gripper.rig.users == 2
-    assert HardwareArm.built == {}
+    assert HardwareArm.here == {}

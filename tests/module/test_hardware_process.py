@@ -11,7 +11,12 @@ import sys
 import pytest
 from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, ROOT, running_module, until
 from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
 from viam.components.arm import JointPositions
+
+from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.port import SerialPort
+from so101_motion.drivers.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
 
 EMULATE = "from so101_motion.cli import main; main()"
 
@@ -54,6 +59,18 @@ def emulated(request, bench):
     if request.config.getoption("--hardware"):
         pytest.skip("troubles its servos; not for a real arm")
     return bench
+
+
+def servos(port):
+    """Torque, torque limit and place of each servo, once nobody else has the port."""
+    bus = Bus(SerialPort(port))
+    try:
+        return [
+            tuple(bus.read(i, row) for row in (TORQUE_ENABLE, TORQUE_LIMIT, PRESENT_POSITION))
+            for i in range(1, 7)
+        ]
+    finally:
+        bus.close()
 
 
 async def joints(arm):
@@ -143,3 +160,48 @@ async def test_a_killed_module_leaves_the_arm_holding(emulated):
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
         assert await joints(arm) == pytest.approx(start, abs=1.5)
+
+
+async def test_a_terminated_module_stops_the_arm_and_leaves_it_holding(emulated):
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        start = await joints(arm)
+        goal = JointPositions(values=[start[0] + 80.0, *start[1:]])
+        move = asyncio.ensure_future(arm.move_to_joint_positions(goal))
+
+        async def is_under_way():
+            return (await joints(arm))[0] > start[0] + 8.0
+
+        await until(is_under_way)
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+        with pytest.raises((GRPCError, StreamTerminatedError, ConnectionError)):
+            await move
+    here = servos(emulated.port)
+    await asyncio.sleep(0.5)
+    after = servos(emulated.port)
+
+    assert [torque for torque, _, _ in after] == [1] * 6
+    assert [place for _, _, place in after] == pytest.approx([place for _, _, place in here], abs=8)
+    assert after[0][2] - 2048 < 60.0 * 4096 / 360, "it did not go on to its goal"
+
+
+GUIDE_AND_END = """
+import sys
+from so101_motion.rig import open_hardware
+from so101_motion.servos import ServoSettings
+
+rig = open_hardware(ServoSettings(port=sys.argv[1]).with_arm((1, 2, 3, 4, 5)))
+rig.arm.set_manual(True)
+"""
+
+
+async def test_a_program_that_just_ends_leaves_the_arm_holding(emulated):
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", GUIDE_AND_END, emulated.port, cwd=ROOT
+    )
+    assert await asyncio.wait_for(process.wait(), 30.0) == 0
+    found = servos(emulated.port)
+
+    assert [torque for torque, _, _ in found] == [1] * 6
+    assert [limit for _, limit, _ in found] == [1000] * 5 + [500]

@@ -26,8 +26,8 @@ class TapedArm(SimArm):
         super().__init__(clock)
         self.goals = []
 
-    def write(self, q_cmd, q_jaw_cmd):
-        super().write(q_cmd, q_jaw_cmd)
+    def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
+        super().write(q_cmd, q_jaw_cmd, qd_cmd)
         self.goals.append(np.array(q_cmd))
 
 

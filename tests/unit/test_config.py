@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from so101_motion.config import SimulatedArmConfig, SimulatedGripperConfig, suggest
+from so101_motion.config import LoadConfig, SimulatedArmConfig, SimulatedGripperConfig, suggest
 from so101_motion.errors import ConfigError
 
 
@@ -132,3 +132,26 @@ def test_a_gripper_setting_that_does_not_exist_is_refused(attributes, says):
 def test_a_suggestion_is_only_made_when_something_is_near():
     assert suggest("zzz", ("speed", "motion")) == "known: speed, motion"
     assert suggest("spede", ("speed", "motion")).startswith('did you mean "speed"?')
+
+
+def test_what_the_arm_carries_is_read_in_kilograms_and_millimetres():
+    config = SimulatedArmConfig.from_attributes(
+        {"payload_kg": 0.15, "payload_com_mm": [8.0, 0.0, 98.0], "servo_voltage": 12}
+    )
+    assert config.load == LoadConfig(mass=0.15, com=(0.008, 0.0, 0.098), servo_voltage=12.0)
+    assert SimulatedArmConfig.from_attributes({}).load == LoadConfig()
+
+
+@pytest.mark.parametrize(
+    ("attributes", "complaint"),
+    [
+        ({"payload_kg": 150.0}, "from 0 to 5 kg"),
+        ({"payload_kg": -0.1}, "from 0 to 5 kg"),
+        ({"payload_com_mm": [8.0, 0.0]}, "must be three numbers"),
+        ({"payload_com_mm": [8.0, 0.0, 5000.0]}, "from -1000 to 1000"),
+        ({"servo_voltage": 5.0}, "must be 7.4 or 12"),
+    ],
+)
+def test_a_load_that_cannot_be_meant_is_refused(attributes, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        SimulatedArmConfig.from_attributes(attributes)

@@ -6,6 +6,7 @@ from concurrent.futures import wait
 import numpy as np
 import pytest
 
+from so101_motion.compliance import Compliance
 from so101_motion.errors import Interrupted, MotionError, NotHolding
 from so101_motion.modes import Mode
 
@@ -39,6 +40,66 @@ def test_limp_joints_refuse_to_move(sim):
     ):
         with pytest.raises(NotHolding, match="leave manual mode first"):
             sim.after(0.0, future)
+
+
+def test_a_guided_arm_stays_where_it_is_pushed_and_is_held_there(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    assert sim.state.mode is Mode.GUIDING
+    assert sim.arm.torque
+    sim.arm.push(Q_GOAL)
+    sim.clock.advance(0.5)
+    np.testing.assert_array_equal(sim.state.q, Q_GOAL)
+    np.testing.assert_array_equal(sim.state.q_ref, Q_GOAL)
+    sim.after(0.0, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    with pytest.raises(RuntimeError, match="driven"):
+        sim.arm.push(np.zeros(5))
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    sim.after(0.0, sim.executor.stop())
+    assert sim.state.mode is Mode.HOLDING
+    sim.after(5.0, sim.executor.execute(sim.to_goal(np.zeros(5))))
+
+
+def test_a_limp_arm_is_held_before_it_is_guided_and_can_be_let_go_again(sim):
+    sim.after(0.0, sim.executor.release())
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    assert sim.arm.torque
+    sim.after(0.0, sim.executor.release())
+    assert sim.state.mode is Mode.LIMP
+    assert not sim.arm.torque
+
+
+def test_a_guided_arm_is_looked_at_in_every_tick_and_refuses_to_move(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    before = sim.state.t
+    sim.clock.advance(0.0101)
+    assert sim.state.t == pytest.approx(before + 0.01, abs=1e-3)
+    for future in (
+        sim.executor.execute(sim.to_goal(Q_GOAL)),
+        sim.executor.retarget(Q_GOAL, sim.limits),
+        sim.executor.open_stream(sim.limits).future,
+    ):
+        with pytest.raises(NotHolding, match="guided by hand; leave manual mode first"):
+            sim.after(0.02, future)
+
+
+def test_a_moving_arm_is_not_guided(sim):
+    move = sim.executor.execute(sim.to_goal(Q_GOAL))
+    with pytest.raises(MotionError, match="not possible while the arm is moving"):
+        sim.after(0.1, sim.executor.guide(Compliance()))
+    sim.after(5.0, move)
+
+
+def test_what_fails_while_it_is_guided_is_a_fault_and_it_yields_no_more(sim):
+    sim.after(0.0, sim.executor.guide(Compliance()))
+    sim.arm.disconnect(ConnectionError("the cable"))
+    sim.clock.advance(0.1)
+    assert sim.state.mode is Mode.FAULT
+    sim.arm.reconnect()
+    sim.after(0.1, sim.executor.hold())
+    assert sim.state.mode is Mode.HOLDING
+    with pytest.raises(RuntimeError, match="driven"):
+        sim.arm.push(Q_GOAL)
 
 
 def test_a_moving_arm_is_not_let_go(sim):

@@ -2,9 +2,9 @@ from dataclasses import replace
 
 import pytest
 
+from so101_motion.channel import Tolerances
 from so101_motion.errors import ConfigError, Interrupted, NotHolding, ServoAlarm
 from so101_motion.gripper import JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
-from so101_motion.player import Tolerances
 from so101_motion.units import to_rad
 
 

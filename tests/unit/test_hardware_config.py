@@ -2,6 +2,7 @@ import math
 
 import pytest
 
+from so101_motion.compliance import Compliance
 from so101_motion.errors import ConfigError
 from so101_motion.hardware_config import (
     CalibrationConfig,
@@ -50,7 +51,8 @@ def test_all_that_later_versions_know_is_taken():
     assert arm.connection.timeout == 5.0
     assert arm.connection.baudrate == 500000
     assert arm.speed == pytest.approx(to_rad(50.0)), "0 counts as not given"
-    assert arm.unused == ("mesh_decimation_ratios", "manual_mode")
+    assert arm.unused == ("mesh_decimation_ratios", "manual_mode.loop_hz")
+    assert arm.compliance == Compliance(), "these are the defaults"
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from so101_motion.named_poses import POSES, NamedPose
 
-from so101_motion.planning.collision import FLOOR_Z, CollisionModel
+from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.model import RobotModel
 
 
@@ -11,7 +11,7 @@ from so101_motion.planning.model import RobotModel
 def test_a_named_pose_lies_within_the_limits_and_touches_nothing(pose: NamedPose) -> None:
     model = RobotModel.load()
     model.check_limits(pose.q)
-    contact = CollisionModel(model, floor_z=FLOOR_Z).first_contact(pose.q)
+    contact = CollisionModel(model).first_contact(pose.q)
     assert contact is None
 
 

@@ -322,7 +322,7 @@ def test_a_servo_that_falls_silent_costs_the_others_nothing(arm, file):
     session = recording(file, arm)
     arm.sweep_all(JOINTS[:3])
     arm.world.disconnect("wrist_flex")
-    arm.tick(20)
+    arm.tick(30)
     view = session.view
     assert view.joints["wrist_flex"].sentence == "its servo does not answer"
     assert "no reply from wrist_flex" in view.error

@@ -1,8 +1,16 @@
 import pytest
+import scservo_sdk
 from hypothesis import given
 from hypothesis import strategies as st
 
-from so101_motion.drivers.protocol import Answer, Answers, Lengths, checksum, packet_size
+from so101_motion.drivers.protocol import (
+    Answer,
+    Answers,
+    Lengths,
+    checksum,
+    packet_size,
+    sync_write_packet,
+)
 from so101_motion.drivers.registers import Fault
 
 
@@ -26,6 +34,26 @@ def test_the_manuals_example_is_understood():
     answers.feed(bytes.fromhex("FF FF 01 04 00 18 05 DD"))
     assert answers.found == {1: Answer(b"\x18\x05", Fault.NONE)}
     assert answers.is_complete
+
+
+class Recorder(scservo_sdk.PortHandler):
+    """A port that keeps the packet."""
+
+    def clearPort(self):
+        """There is nothing to clear."""
+
+    def writePort(self, packet):
+        self.packet = bytes(packet)
+        return len(packet)
+
+
+@given(st.integers(0, 79), st.integers(1, 7), st.sets(ids, min_size=1, max_size=6), st.data())
+def test_a_sync_write_is_built_as_the_vendors_sdk_builds_it(start, count, servo_ids, data):
+    shares = {i: data.draw(st.binary(min_size=count, max_size=count)) for i in servo_ids}
+    params = [byte for i, share in shares.items() for byte in (i, *share)]
+    port = Recorder("")
+    scservo_sdk.PacketHandler(0).syncWriteTxOnly(port, start, count, params, len(params))
+    assert sync_write_packet(start, shares) == port.packet
 
 
 @given(st.dictionaries(ids, positions, min_size=1, max_size=6), st.data())

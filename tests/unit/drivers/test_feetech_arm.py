@@ -1,9 +1,11 @@
 import math
+import time
 
 import numpy as np
 import pytest
 
 from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import OVERDUE
 from so101_motion.drivers.feetech_arm import JOINTS, SETTLE_VELOCITY, FeetechArm
 from so101_motion.drivers.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.errors import NoReply, PortUnavailable, ServoFault
@@ -230,7 +232,9 @@ def test_joints_go_where_they_are_sent_by_their_own_maps(make_stand):
 
 def test_a_cycle_is_two_transactions_and_near_the_least_the_wire_can_carry(stand):
     stand.hold()
-    stand.follow(0.2, np.zeros(5))
+    settled = time.monotonic() + OVERDUE  # until then an answer to the set-up may be on its way
+    while time.monotonic() < settled:
+        stand.follow(0.2, np.zeros(5))
     stand.port.sent.clear()
     stand.follow(1.0, np.zeros(5))
     packets = stand.port.sent[: -1 or None]
@@ -276,11 +280,8 @@ def test_under_load_the_joints_rest_where_they_were_sent(make_stand):
     np.testing.assert_allclose(stand.q[:5], [0.0, 0.4, -0.3, 0.0, 0.0], atol=math.radians(0.3))
 
 
-def test_caps_can_be_changed_and_a_jaw_can_be_weakened(stand):
-    stand.arm.set_caps(speed=0.5, acceleration=2.0)
+def test_a_jaw_can_be_weakened(stand):
     stand.arm.set_torque_limit("gripper", 0.4)
-    assert stand.memory(1, reg.GOAL_VELOCITY) == 325
-    assert stand.memory(JAW, reg.ACCELERATION) == 8
     assert stand.memory(JAW, reg.TORQUE_LIMIT) == 400
     assert stand.memory(1, reg.TORQUE_LIMIT) == 1000
 
@@ -495,7 +496,7 @@ def test_writing_and_switching_without_a_port_is_refused(stand):
     for use in (
         lambda: stand.arm.write(np.zeros(5), 0.0),
         lambda: stand.arm.set_torque(True),
-        lambda: stand.arm.set_caps(speed=1.0, acceleration=1.0),
+        lambda: stand.arm.set_torque_limit("gripper", 0.4),
         lambda: stand.arm.bus,
     ):
         with pytest.raises(PortUnavailable, match="not connected at present"):

@@ -46,6 +46,13 @@ def test_slow_polling_keeps_enough_points():
     np.testing.assert_allclose(slope.value(), [1.0])
 
 
+def test_fast_polling_tells_the_same():
+    slope = Slope(1)
+    for k in range(1000):
+        slope.add(0.0005 * k, np.array([0.5 * 0.0005 * k]))
+    np.testing.assert_allclose(slope.value(), [0.5])
+
+
 def test_after_a_gap_the_past_is_forgotten():
     slope = Slope(1)
     for k in range(10):

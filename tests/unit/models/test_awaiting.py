@@ -6,7 +6,7 @@ from concurrent.futures import Future
 import pytest
 
 from so101_motion.errors import Interrupted, NoPath
-from so101_motion.models.awaiting import arrival, left_alone
+from so101_motion.models.awaiting import arrival, carried_out, left_alone
 from so101_motion.motion import Motion
 
 
@@ -103,3 +103,32 @@ def test_a_motion_nobody_waits_for_reports_what_went_wrong(caplog, error, lines)
         mover.running.set_exception(error)
 
     assert len(caplog.records) == lines
+
+
+async def test_a_step_is_finished_although_nobody_waits_for_it_any_more():
+    begun, may_end, done = threading.Event(), threading.Event(), []
+
+    def step():
+        begun.set()
+        may_end.wait(5.0)
+        done.append(True)
+
+    call = asyncio.create_task(carried_out(step))
+    await asyncio.to_thread(begun.wait, 5.0)
+    call.cancel()
+    await asyncio.sleep(0.01)
+    assert not call.done()
+    may_end.set()
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    assert done == [True]
+
+
+async def test_a_step_returns_and_raises_what_it_does():
+    assert await carried_out(lambda: 7) == 7
+    with pytest.raises(NoPath):
+        await carried_out(fails)
+
+
+def fails():
+    raise NoPath("no way")

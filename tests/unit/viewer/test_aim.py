@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from so101_viewer.aim import Aimer
 
-from so101_motion.planning.collision import FLOOR_Z
+from so101_motion.planning.scene import Scene
 from so101_motion.planning.goals import JointGoal, PoseGoal
 
 HOME = np.zeros(5)
@@ -12,7 +12,7 @@ HOME = np.zeros(5)
 
 @pytest.fixture(scope="module")
 def aimer() -> Aimer:
-    return Aimer.load(floor_z=FLOOR_Z)
+    return Aimer.load(scene=Scene())
 
 
 def test_the_ghost_stands_at_a_point_within_reach(aimer: Aimer) -> None:

@@ -1,0 +1,43 @@
+"""What the executor asks of an arm: the one seam between real and simulated.
+
+The drivers fit this without importing it; mypy checks the fit in ``rig.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from so101_motion.compliance import Compliance
+from so101_motion.geometry import Array
+from so101_motion.state import JointReading
+
+
+class JointDriver(Protocol):
+    """Six joints, real or simulated. Only the I/O thread calls it.
+
+    Each method may raise; the arm is then in FAULT. ``read`` is still called now and then, so it is
+    the place to reconnect; nothing is written before somebody asks the arm to hold again.
+    """
+
+    def read(self) -> JointReading:
+        """Measure all joints."""
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Set the goals: arm joints, shape (5,), and jaw [rad].
+
+        ``qd_cmd`` is how fast the arm joints are wanted there, shape (5,), [rad/s]; None is at
+        rest. With torque off this only seeds the goal, which is then what was just measured.
+        """
+
+    def set_torque(self, on: bool) -> None:
+        """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints yield to a hand and hold themselves up; None ends that.
+
+        They are driven before and afterwards. Meanwhile ``read`` comes at every tick, and of what
+        is written only the jaw's goal counts.
+        """
+
+    def close(self) -> None:
+        """Release the port and leave the servos as they are. Nothing is called after this."""

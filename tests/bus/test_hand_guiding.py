@@ -1,0 +1,208 @@
+"""Manual mode on a real executor and the emulated servos."""
+
+import numpy as np
+import pytest
+from grpclib import GRPCError
+from hardware_harness import ModelBench, arm_client, hardware_bench
+
+from so101_motion.compliance import Compliance
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.errors import Interrupted, MotionError, NotHolding
+from so101_motion.executor import Channel
+from so101_motion.modes import Mode
+
+LEAD = "0.1 shoulder_pan start\n2.1 shoulder_pan 30\n2.6 shoulder_pan release\n"
+
+
+def lead(bench, script=LEAD):
+    bench.emulator.advance()
+    bench.world.hand = Hand(parse_script(script), bench.clock.now())
+
+
+def limits(bench):
+    servos = [bench.world.servo(place) for place in range(1, 7)]
+    return [servo.memory.raw(emu.TORQUE_LIMIT) for servo in servos]
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def rig(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_manual(True)
+    return rig
+
+
+def test_the_arm_goes_where_it_is_led_and_is_seen_there(bench, rig):
+    assert rig.arm.state.mode is Mode.GUIDING
+    assert rig.arm.in_manual
+    assert not rig.arm.is_moving
+    before = bench.q_deg
+    lead(bench)
+    bench.advance(3.0)
+    after = bench.q_deg
+
+    assert after[0] == pytest.approx(30.0, abs=1.5)
+    assert after[1:5] == pytest.approx(before[1:5], abs=0.5), "it carries itself"
+    assert rig.arm.state.q_ref == pytest.approx(rig.arm.state.q)
+
+
+def test_holding_again_ends_it_where_it_is_and_with_all_its_strength(bench, rig):
+    lead(bench)
+    bench.advance(3.0)
+    rig.arm.set_manual(False)
+    here = bench.q_deg
+    bench.advance(1.0)
+
+    assert rig.arm.state.mode is Mode.HOLDING
+    assert limits(bench) == [1000] * 5 + [500]
+    assert bench.q_deg == pytest.approx(here, abs=0.5)
+
+
+def test_a_stop_and_a_motion_end_it(bench, rig):
+    bench.finish(rig.executor.stop())
+    assert rig.arm.state.mode is Mode.HOLDING
+    rig.arm.set_manual(True)
+    bench.finish(bench.go(rig, 20, 0, 0, 0, 0))
+    assert rig.arm.state.mode is Mode.HOLDING
+    assert limits(bench)[:5] == [1000] * 5
+    rig.arm.set_manual(True)
+    bench.finish(rig.arm.start_retarget(np.zeros(5)))
+
+    assert np.degrees(rig.arm.state.q[0]) == pytest.approx(0.0, abs=0.5)
+
+
+def test_what_would_move_the_arm_behind_the_hand_s_back_is_refused(bench, rig):
+    with pytest.raises(NotHolding, match="guided by hand"):
+        bench.finish(rig.executor.retarget(np.zeros(5), rig.arm.limits))
+    with pytest.raises(MotionError, match="guiding"):
+        rig.lend_bus("calibration")
+
+
+def test_the_jaw_opens_and_closes_while_the_arm_is_guided(bench, rig):
+    bench.finish(rig.gripper.start_move(0.5))
+    assert rig.gripper.aperture == pytest.approx(0.5, abs=0.02)
+    assert rig.arm.state.mode is Mode.GUIDING
+    motion = rig.gripper.start_move(0.9)
+    bench.advance(0.2)
+    with pytest.raises(MotionError, match="jaw is moving"):
+        bench.finish(rig.executor.release())
+    bench.finish(rig.executor.hold())
+    assert rig.arm.state.mode is Mode.MOVING
+    bench.finish(motion)
+    assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_stop_of_the_jaw_leaves_the_arm_guided(bench, rig):
+    motion = rig.gripper.start_move(0.9)
+    bench.advance(0.2)
+    bench.finish(rig.executor.stop(Channel.JAW))
+    with pytest.raises(Interrupted):
+        bench.finish(motion)
+    assert rig.arm.state.mode is Mode.GUIDING
+
+
+def test_from_limp_it_is_held_first(bench, rig):
+    rig.arm.set_torque(False)
+    assert rig.arm.state.mode is Mode.LIMP
+    rig.arm.set_manual(True, Compliance(resistance=0.1))
+    assert rig.arm.state.mode is Mode.GUIDING
+    before = bench.q_deg
+    bench.advance(2.0)
+
+    assert bench.q_deg[1:5] == pytest.approx(before[1:5], abs=3.0), "what was falling is caught"
+
+
+def test_an_unplugged_cable_is_a_fault_and_afterwards_it_holds(bench, rig):
+    bench.emulator.unplug()
+    bench.advance(0.5)
+    assert rig.arm.state.mode is Mode.FAULT
+    bench.emulator.plug()
+    bench.advance(3.0)
+    with pytest.raises(NotHolding):
+        rig.arm.set_manual(True)
+    before = bench.q_deg
+    bench.finish(rig.executor.hold())
+    bench.advance(0.5)
+
+    assert limits(bench) == [1000] * 5 + [500]
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+
+
+def test_a_dead_servo_is_a_fault_and_the_others_hold(bench, rig):
+    bench.world.disconnect("wrist_roll")
+    bench.advance(0.5)
+
+    assert rig.arm.state.mode is Mode.FAULT
+    assert "wrist_roll" in rig.arm.state.fault
+    assert limits(bench)[:4] == [1000] * 4
+
+
+def test_closing_leaves_an_arm_that_holds(bench, rig):
+    rig.close()
+    before = bench.q_deg
+    bench.advance(2.0)
+
+    assert limits(bench)[:5] == [1000] * 5
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+
+
+# As a component
+
+
+@pytest.fixture
+async def models(tmp_path, planning_process):
+    bench = ModelBench(tmp_path)
+    yield bench
+    await bench.end()
+
+
+async def test_the_configuration_and_the_request_say_how_it_yields(models):
+    arm = models.new_arm(manual_mode={"pos_deadband_deg": 1.0, "torque_limit": 80.0})
+    assert arm.rig.arm.compliance == Compliance(dead_band=np.radians(1.0), resistance=0.08)
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        answer = await models.in_time(
+            client.do_command({"command": "enter_manual_mode", "torque_limit": 120.0})
+        )
+        assert answer == {"mode": "manual", "servos": [1, 2, 3, 4, 5]}
+        await models.pass_time(0.5)
+        assert limits(models)[0] == pytest.approx(120, abs=25)
+        status = await client.get_status()
+        assert (status["mode"], status["state"]) == ("manual", "guiding")
+        assert await models.in_time(client.do_command({"command": "exit_manual_mode"})) == {
+            "mode": "auto"
+        }
+        await models.in_time(client.set_manual_mode(True))
+        await models.pass_time(0.5)
+        assert limits(models)[0] == pytest.approx(80, abs=25)
+        await models.in_time(client.stop())
+        assert not await client.get_manual_mode()
+
+
+async def test_torque_off_is_not_manual_mode_s_yielding(models):
+    arm = models.new_arm()
+    async with arm_client(arm) as client:
+        await models.in_time(client.do_command({"command": "set_torque", "enable": False}))
+        assert (await client.get_status())["state"] == "limp"
+        with pytest.raises(GRPCError, match="torque_limit"):
+            await client.do_command({"command": "enter_manual_mode", "torque_limit": 1001.0})
+
+
+async def test_after_the_cable_was_out_manual_mode_works_again(models):
+    arm = models.new_arm()
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        models.emulator.unplug()
+        await models.pass_time(0.5)
+        models.emulator.plug()
+        await models.pass_time(3.0)
+        assert (await client.get_status())["state"] == "fault"
+        await models.in_time(client.set_manual_mode(True))
+        assert (await client.get_status())["state"] == "guiding"

@@ -1,0 +1,63 @@
+"""Ways through waypoints, planned and played by the real rig on emulated servos with their weight,
+friction and play: the arm stays on the way, passes every waypoint, and ends where it should."""
+
+import math
+
+import pytest
+from following import follow, random_plan
+from hardware_harness import hardware_bench
+
+from so101_motion.drivers.emulator import registers as emu
+
+SPEEDS = [(50, 100), (90, 300), (120, 500), (180, 500)]
+"""In deg/s and deg/s^2; the first is what an arm does unless told otherwise."""
+
+
+PATIENT = 2.0
+"""Time stands still while an answer is waited for; an emulator that the machine kept waiting must
+not be taken for a wire that lost it [s]."""
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path, patience=PATIENT) as bench:
+        yield bench
+
+
+def opened(bench, speed, acceleration):
+    rig = bench.open()
+    bench.advance(1.0)  # the weight is taken up
+    rig.arm.set_speed(math.radians(speed))
+    rig.arm.set_acceleration(math.radians(acceleration))
+    return rig
+
+
+def assert_followed(followed):
+    assert followed.error < 3.0
+    assert followed.final <= 0.3
+    assert followed.missed < 3.0
+    assert 0.03 < followed.lag < 0.08, "the same at every speed"
+
+
+@pytest.mark.parametrize(("speed", "acceleration"), SPEEDS)
+def test_the_arm_stays_within_3_deg_of_its_way_at_every_speed(bench, speed, acceleration):
+    rig = opened(bench, speed, acceleration)
+    for seed in (1, 2):
+        assert_followed(follow(bench, rig, *random_plan(rig, seed)))
+
+
+def test_servos_that_another_program_left_with_more_acceleration_are_led_no_further(bench):
+    for servo in bench.world.servos:
+        servo.memory.keep(emu.MAX_ACCELERATION, 254)
+    rig = opened(bench, 180, 500)
+    assert_followed(follow(bench, rig, *random_plan(rig, 3)))
+
+
+def test_a_way_is_followed_on_a_bad_wire(tmp_path, planning_process):
+    with hardware_bench(tmp_path, patience=0.1) as bench:
+        rig = opened(bench, 90, 300)
+        bench.emulator.bus.faults.loss, bench.emulator.bus.faults.corrupt = 0.05, 0.02
+        assert_followed(follow(bench, rig, *random_plan(rig, 4, waypoints=2)))
+        health = rig.servos.health
+        bench.emulator.bus.faults.loss = bench.emulator.bus.faults.corrupt = 0.0
+    assert sum(one.lost + one.corrupt for one in health) > 20
