@@ -2,11 +2,12 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+RUNS := $(VENV)/.installed
+STAMP := $(VENV)/.installed-dev
 
 .PHONY: demo test check bench pictures clean browser
 
-demo: $(STAMP)
+demo: $(RUNS)
 	$(BIN)/so101 demo
 
 test: $(STAMP) browser
@@ -35,11 +36,19 @@ pictures: $(STAMP) browser
 browser: $(STAMP)
 	@sh tests/browser/install_browser.sh $(BIN)
 
-$(STAMP): pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null || { echo "error: $(PYTHON) not found. try: make PYTHON=/path/to/python3.11 (or newer)"; exit 1; }
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+# What install.py asks for, and the page.
+$(RUNS): pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[viewer]'
+	@cat pyproject.toml constraints.txt > $@
+
+$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
-	@cat pyproject.toml constraints.txt > $@  # as install.py does
+	@cat pyproject.toml constraints.txt > $(RUNS)
+	@touch $@
+
+$(BIN)/python:
+	@command -v $(PYTHON) >/dev/null || { echo "error: $(PYTHON) not found. try: make PYTHON=/path/to/python3.11 (or newer)"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,5 +1,6 @@
 #!/bin/sh
-# viam-server runs this once for each version, with time enough to install. It never fails: a
-# failure here would hold up the whole machine, and run.sh tries again at every start.
-"$(dirname -- "$0")/run.sh" --install || echo "the installation will be tried again at the start" >&2
+# viam-server runs this once for each version and waits for it for up to an hour. It always ends
+# before that, because install.py has a limit, and it never fails: a failure here would hold up the
+# whole machine, while run.sh goes on with the installation at the next start.
+"$(dirname -- "$0")/setup.sh" || echo "the installation is tried again when the module starts" >&2
 exit 0

@@ -9,7 +9,7 @@ import threading
 import click
 import numpy as np
 
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.shared import import_preview, reports_errors
 from so101_motion.cli.tables import plan_table
 from so101_motion.units import to_mm
 
@@ -33,14 +33,7 @@ def demo(text: bool, host: str, web_port: int, allow_remote: bool) -> None:
 def _in_browser(host: str, web_port: int, allow_remote: bool) -> None:
     from so101_motion.rig import open_simulated
 
-    try:
-        from so101_viewer import serve
-    except ImportError as error:
-        raise click.ClickException(
-            f"the preview needs viser, which could not be imported: {error}\n"
-            "try: pip install --force-reinstall so101-motion, or so101 demo --text"
-        ) from error
-
+    serve = import_preview()
     done = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: done.set())

@@ -16,6 +16,7 @@ import numpy as np
 
 from so101_motion.cli.shared import (
     Source,
+    import_preview,
     json_option,
     print_json,
     reports_errors,
@@ -98,8 +99,8 @@ def _goal_options(verb: F) -> F:
     ) -> Any:
         if sum(given is not None for given in (xyz, joints, pose)) != 1:
             raise click.UsageError("where to? give one of --xyz, --joints, --pose")
-        if xyz is None and (approach is not None or line):
-            raise click.UsageError("--approach and --line belong to --xyz")
+        if xyz is None and (approach is not None or line or frame != "tool"):
+            raise click.UsageError("--approach, --line and --frame belong to --xyz")
         source = Source(
             port=source.port,
             calibration_file=source.calibration_file,
@@ -260,8 +261,7 @@ def _wait(rig: Rig, motion: Motion, found: Plan) -> None:
 
 
 def _show(rig: Rig, found: Plan, source: Source) -> None:
-    from so101_viewer import serve
-
+    serve = import_preview()
     with serve(rig, title=source.what.capitalize(), plan=found) as page:
         click.echo(f"open   {page.url}")
         click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)

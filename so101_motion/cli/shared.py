@@ -22,6 +22,7 @@ from so101_motion.errors import (
     ConfigError,
     Interrupted,
     MotionError,
+    MotorSetupError,
     PlanningError,
     PortUnavailable,
     So101Error,
@@ -33,10 +34,14 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
+"""Exit codes that no error stands for."""
+
 _EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
     (PlanningError, 5),
     (PortUnavailable, 3),
     (BusError, 4),
+    (MotorSetupError, 4),
     (CalibrationError, 6),
     (Interrupted, 7),
     (MotionError, 4),
@@ -157,3 +162,19 @@ def source_options(verb: F) -> F:
 def json_option(verb: F) -> F:
     """The option ``--json``; the verb gets ``as_json``."""
     return click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")(verb)
+
+
+def import_preview() -> Any:
+    """What serves the browser preview: ``so101_viewer.serve``, imported when it is needed.
+
+    Raises:
+        click.ClickException: The extra that holds it was not installed.
+    """
+    try:
+        from so101_viewer import serve
+    except ModuleNotFoundError as error:
+        raise click.ClickException(
+            f"the preview needs {error.name}, which is not installed\n"
+            "try: pip install 'so101-motion[viewer]', or so101 demo --text"
+        ) from error
+    return serve

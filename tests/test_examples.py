@@ -1,0 +1,102 @@
+"""The examples do what they say, on the simulated arm."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from google.protobuf.struct_pb2 import Struct
+from viam.proto.app.robot import ComponentConfig
+
+from so101_motion.models.module import MODELS
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+MACHINE = json.loads((EXAMPLES / "machine.json").read_text())
+RESOURCES = (*MACHINE["components"], *MACHINE["services"])
+
+
+ARGUMENTS = {
+    "pick_and_place.py": [],
+    "palletising.py": ["--rows", "1", "--columns", "1", "--speed", "180"],
+    "plot_trajectory.py": ["trajectory.png", "--xyz", "200", "-100", "150"],
+    "leader_follower.py": [],
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("examples")
+
+
+@pytest.fixture(scope="module")
+def said(folder):
+    """What an example prints, by its name. All run at once: most of their time they wait."""
+    running = {
+        name: subprocess.Popen(
+            [sys.executable, str(EXAMPLES / name), *arguments],
+            cwd=folder,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for name, arguments in ARGUMENTS.items()
+    }
+
+    def outcome(name):
+        out, err = running[name].communicate(timeout=100)
+        assert running[name].returncode == 0, err
+        return out
+
+    yield outcome
+    for process in running.values():
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.slow
+def test_a_cube_is_carried_around_the_wall_over_grpc(said):
+    lines = said("pick_and_place.py").splitlines()
+
+    where = [line.strip() for line in lines if "tool at" in line]
+    assert where[1] == "tool at (200.0, -140.0, 112.0) mm"
+    assert where[4] == "tool at (200.0, 140.0, 112.0) mm"
+    assert lines[-1] == "done"
+
+
+@pytest.mark.slow
+def test_a_pallet_is_filled(said):
+    lines = said("palletising.py")
+
+    assert "jaw at (160.0, 140.0, 11.6) mm" in lines
+    assert "jaw at (160.0, -160.0, 11.6) mm" in lines
+
+
+@pytest.mark.slow
+def test_a_trajectory_becomes_a_picture(said, folder):
+    assert "setpoints" in said("plot_trajectory.py")
+    assert (folder / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_the_follower_follows(said):
+    off = [float(x) for x in re.findall(r"follower (\S+) deg off", said("leader_follower.py"))]
+    assert len(off) == 3
+    assert max(off) <= 0.2
+
+
+def test_the_sample_machine_has_every_model_once():
+    assert sorted(resource["model"] for resource in RESOURCES) == sorted(
+        str(model.MODEL) for model in MODELS
+    )
+
+
+@pytest.mark.parametrize("resource", RESOURCES, ids=lambda resource: resource["name"])
+def test_the_sample_machine_is_accepted(resource):
+    (model,) = (model for model in MODELS if str(model.MODEL) == resource["model"])
+    assert str(model.API) == resource["api"]
+    attributes = Struct()
+    attributes.update(resource.get("attributes", {}))
+    model.validate_config(ComponentConfig(name=resource["name"], attributes=attributes))
