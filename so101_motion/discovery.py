@@ -94,7 +94,7 @@ def discover(
     if not ports and not notes:
         notes.append(
             "no USB serial adapter is plugged in; check the cable (some only carry power). A port"
-            " that is no USB adapter can be named in the attribute ports"
+            " that is no USB adapter has to be named, with --port or in the attribute ports"
         )
     return Discovery(reports=tuple(reports), notes=tuple(notes))
 

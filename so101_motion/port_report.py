@@ -8,6 +8,7 @@ do not write to the same one.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -114,7 +115,13 @@ def file_name(port: FoundPort) -> str:
 
 
 def name_in_data(file: Path) -> str | None:
-    """What a file in the module's data directory is called in a configuration."""
+    """What a file in the module's data directory is called in a configuration.
+
+    None for any other file, which has to be called by its path, and where there is no such
+    directory: on the command line a name means what lies in the current one.
+    """
+    if not os.environ.get("VIAM_MODULE_DATA"):
+        return None
     try:
         return file.name if store.resolve(file.name) == file else None
     except CalibrationError:

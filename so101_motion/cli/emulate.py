@@ -16,6 +16,7 @@ from so101_motion.cli.shared import reports_errors
 @click.command()
 @click.option("--link", type=click.Path(path_type=Path), help="A link that leads to the port.")
 @click.option("--ids", default="1-6", show_default=True, help="Who is there: 1-6, 1-3,5, 6=1.")
+@click.option("--new", is_flag=True, help="As the kit comes: all have id 1, none is plugged in.")
 @click.option("--realtime", is_flag=True, help="Bytes take the time they take on a wire.")
 @click.option("--latency", default=0.0, metavar="S", help="The adapter holds replies this long.")
 @click.option("--loss", default=0.0, metavar="P", help="Share of replies that get lost.")
@@ -26,6 +27,7 @@ from so101_motion.cli.shared import reports_errors
 def emulate(
     link: Path | None,
     ids: str,
+    new: bool,
     realtime: bool,
     latency: float,
     loss: float,
@@ -35,7 +37,10 @@ def emulate(
 ) -> None:
     """Put six virtual servos behind a serial port until Ctrl-C; faults can be typed while it runs.
 
-    Prints the port. Any program that talks to STS3215 servos can open it.
+    Prints the port. Any program that talks to STS3215 servos can open it. What people do to an
+    arm can be typed as well: "only:gripper" puts this servo alone on the cable, "chain" puts all
+    on it, "pose" lets a hand hold the arm up, "sweep" lets it lead each joint to its stops, and
+    "end sweep" lets go.
     """
     from so101_motion.drivers.emulator import emulator, pty_port, run
     from so101_motion.drivers.emulator import faults as fault_names
@@ -45,7 +50,9 @@ def emulate(
     signal.signal(signal.SIGTERM, lambda *_: done.set())
     options = emulator.EmulatorOptions(
         link=link,
-        ids=emulator.parse_ids(ids),
+        ids=dict.fromkeys(range(1, 7), 1) if new else emulator.parse_ids(ids),
+        loose=new,
+        calibrated=not new,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
         wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),

@@ -19,6 +19,7 @@ from so101_motion.cli.shared import (
     import_preview,
     json_option,
     print_json,
+    quietly,
     reports_errors,
     source_options,
 )
@@ -162,7 +163,7 @@ def plan(
     """  # noqa: D301
     if q_from is not None and source.port is not None:
         raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
-    with source.open(q_start=None if q_from is None else to_rad(q_from)) as rig:
+    with quietly(), source.open(q_start=None if q_from is None else to_rad(q_from)) as rig:
         found = _planned(rig, goal, scene_file)
         _report(found, source, as_json)
         if out is not None:
@@ -187,7 +188,7 @@ def move(source: Source, goal: Goal, scene_file: Path | None, yes: bool, as_json
     so101 move --port /dev/ttyACM0 --pose ready
     so101 move --sim --xyz 250,0,60 --line --yes
     """  # noqa: D301
-    with source.open() as rig:
+    with quietly(), source.open() as rig:
         found = _planned(rig, goal, scene_file)
         if not as_json:
             _report(found, source, as_json=False)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
@@ -71,6 +73,18 @@ def reports_errors(verb: F) -> F:
     return reporting  # type: ignore[return-value]  # the same signature, by functools.wraps
 
 
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Keep log lines out of the picture; what a person must know is said in it."""
+    log = logging.getLogger("so101_motion")
+    before = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+
+
 def print_json(kind: str, content: Mapping[str, object]) -> None:
     """One JSON object on stdout, for programs."""
     whole = {"schema": f"so101/{kind}/1", "version": __version__, **content}
@@ -83,7 +97,7 @@ class Source:
 
     Attributes:
         port: Serial port of a real or emulated arm; None for the simulated one.
-        calibration_file: Its calibration; None to ask the servos.
+        calibration_file: Its calibration; None to look for the one that fits its servos.
         speed: Joint speed cap [rad/s]; None for the default.
         acceleration: Joint acceleration cap [rad/s^2]; None for the default.
     """
@@ -116,7 +130,8 @@ class Source:
             from so101_motion.hardware_config import SERVO_IDS
             from so101_motion.servos import ServoSettings
 
-            asked = ServoSettings(port=self.port, calibration_file=self.calibration_file)
+            file = self.calibration_file or _known_calibration(self.port)
+            asked = ServoSettings(port=self.port, calibration_file=file)
             rig = open_hardware(asked.with_arm(SERVO_IDS))
         try:
             if self.speed is not None:
@@ -127,6 +142,26 @@ class Source:
             rig.close()
             raise
         return rig
+
+
+def _known_calibration(port: str) -> Path | None:
+    """The calibration file that fits the arm on a port, and a word about it on stderr.
+
+    Raises:
+        PortUnavailable: The port cannot be used, and why.
+    """
+    from so101_motion.cli.finding import look_at
+
+    file = look_at(port).calibration
+    if file is None:
+        click.echo(
+            "no calibration file of this arm is known, so zero is the middle of each joint's travel"
+            " and points are some 40 mm off; so101 calibrate makes one, --calibration names one",
+            err=True,
+        )
+    else:
+        click.echo(f"calibration: {file}", err=True)
+    return file
 
 
 def source_options(verb: F) -> F:
@@ -142,7 +177,7 @@ def source_options(verb: F) -> F:
     @click.option(
         "--calibration",
         type=click.Path(path_type=Path),
-        help="The arm's calibration file; by default what its servos say.",
+        help="The arm's calibration file; by default the one that fits its servos.",
     )
     @functools.wraps(verb)
     def with_source(

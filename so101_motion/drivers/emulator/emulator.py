@@ -7,6 +7,7 @@ for one; there is nothing to patch.
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Mapping
@@ -23,6 +24,7 @@ from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.drivers.emulator.hardware import SO101, STS3215_12V, Joint, ServoType
 from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.emulator.sweep import SPEED, holding_script, sweeping_script
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
 from so101_motion.errors import ConfigError
 
@@ -41,6 +43,7 @@ class EmulatorOptions:
         kind: Which servo is built in.
         volts: Supply voltage [V]; None for the one the servo is made for.
         q_start: Joint angles at the start, shape (6,), [rad].
+        loose: Whether no servo is on the cable at the start, whatever their ids.
         calibrated: Whether limits are stored in the servos, or they are as new (0 to 4095).
         goal_enables_torque: Whether writing a goal switches torque on.
         dither: How far readings of a resting joint scatter [tick]; 3 on the measured arm.
@@ -56,6 +59,7 @@ class EmulatorOptions:
     kind: ServoType = STS3215_12V
     volts: float | None = None
     q_start: tuple[float, ...] = (0.0,) * 6
+    loose: bool = False
     calibrated: bool = True
     goal_enables_torque: bool = True
     dither: int = 0
@@ -106,7 +110,7 @@ def build_world(
             ends = sorted(servo.drive.to_ticks(stop) for stop in (joint.lower, joint.upper))
             servo.memory.keep(reg.MIN_POSITION, max(round(ends[0]), 0))
             servo.memory.keep(reg.MAX_POSITION, min(round(ends[1]), 4095))
-        servo.connected = place in options.ids
+        servo.connected = place in options.ids and not options.loose
         servos.append(servo)
     volts = options.kind.volts if options.volts is None else options.volts
     return World(servos, t=t, gravity=gravity, supply=Supply(volts))
@@ -133,7 +137,7 @@ class Emulator:
         gravity: Gravity = no_gravity,
     ) -> None:
         self._options = options or EmulatorOptions()
-        self._now = now
+        self._now, self._gravity = now, gravity
         self.world = build_world(self._options, t=now(), gravity=gravity)
         self.world.hand = Hand(parse_script(self._options.hand), now())
         self.bus = Bus(self.world, replace(self._options.wire))
@@ -183,6 +187,15 @@ class Emulator:
                     self.world.servo(place).memory.set(reg.ID, int(value))
                 case "object":
                     self.world.put_object(value)
+                case "only":
+                    self._plug_in(self.world.servo(place))
+                case "chain":
+                    self._plug_in(*self.world.servos)
+                case "pose":
+                    self._take_in_hand(holding_script(self._gravity, by=1.0))
+                case "sweep":
+                    speed = math.radians(value) if value > 0.0 else SPEED
+                    self._take_in_hand(sweeping_script(self._gravity, speed=speed)[0])
                 case name:
                     setattr(self.bus.faults, name, value)
 
@@ -209,8 +222,23 @@ class Emulator:
                     servo.memory.set(reg.ID, self._ids[self.world.servos.index(servo)])
                 case "object":
                     self.world.take_object()
+                case "only" | "chain":
+                    self._plug_in()
+                case "pose" | "sweep":
+                    self.world.hand = Hand()
                 case name:
                     setattr(self.bus.faults, name, 0.0)
+
+    def _plug_in(self, *servos: Servo) -> None:
+        """Let these servos be on the cable and no others."""
+        for place, servo in enumerate(self.world.servos, start=1):
+            if servo in servos and not servo.connected:
+                self.world.connect(place)
+            elif servo not in servos:
+                self.world.disconnect(place)
+
+    def _take_in_hand(self, script: str) -> None:
+        self.world.hand = Hand(parse_script(script), self.world.t)
 
     def close(self) -> None:
         """Take the port away and end the thread."""

@@ -21,11 +21,13 @@ from so101_motion.errors import ConfigError
 FaultKind = Literal[
     "dead", "reboot", "hot", "brownout", "unplug", "twin", "object",
     "loss", "request_loss", "corrupt", "duplicate", "late",
+    "only", "chain", "pose", "sweep",
 ]  # fmt: skip
 
-_NEEDS_SERVO = frozenset({"dead", "reboot", "hot", "twin"})
+_NEEDS_SERVO = frozenset({"dead", "reboot", "hot", "twin", "only"})
 _SHARES = frozenset({"loss", "request_loss", "corrupt", "duplicate", "late"})
 _NEEDS_VALUE = _SHARES | {"hot", "brownout", "twin", "object"}
+_MAY_HAVE_VALUE = frozenset({"sweep"})
 
 
 @dataclass(slots=True, kw_only=True)
@@ -94,7 +96,9 @@ class FaultEvent:
     Attributes:
         kind: ``dead`` (cable pulled), ``reboot``, ``hot`` [degC], ``brownout`` [V], ``unplug``
             (the port), ``twin`` (a second servo takes this id), ``object`` between the jaws [m],
-            or the name of a wire fault with its share.
+            or the name of a wire fault with its share. Also what people do to an arm on purpose:
+            ``only`` (this servo alone is on the cable), ``chain`` (all are), ``pose`` (a hand holds
+            all joints at zero) and ``sweep`` (it leads each to its stops, so fast [deg/s]).
         servo: Which servo, by joint or place on the cable.
         value: The number that belongs to the kind.
         at: When, from the start or from being typed [s].
@@ -123,7 +127,7 @@ def parse_fault(text: str) -> FaultEvent:
     if (kind in _NEEDS_SERVO) != (form["servo"] is not None):
         need = "needs a servo, as in dead:elbow_flex" if kind in _NEEDS_SERVO else "has no servo"
         raise ConfigError("fault", text, f"{kind} {need}")
-    if (kind in _NEEDS_VALUE) != (form["value"] is not None):
+    if kind not in _MAY_HAVE_VALUE and (kind in _NEEDS_VALUE) != (form["value"] is not None):
         need = "needs a value, as in hot:6=68" if kind in _NEEDS_VALUE else "has no value"
         raise ConfigError("fault", text, f"{kind} {need}")
     try:

@@ -35,6 +35,7 @@ from itertools import count
 from pathlib import Path
 
 from so101_motion.drivers.emulator.bus import Bus, Reply
+from so101_motion.realtime import go_first
 
 FASTEST = 1_000_000
 """What the port is set to before any client sets it [baud]."""
@@ -198,6 +199,8 @@ class PtyPort:
     # -- the thread -----------------------------------------------------------------------------
 
     def _serve(self) -> None:
+        if self._pacing.realtime:
+            go_first()  # servos do not wait until a busy computer has time for them
         while not self._closing:
             with self._lock:
                 terminal = self._terminal

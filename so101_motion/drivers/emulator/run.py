@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import threading
 import time
@@ -12,6 +13,7 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
 from so101_motion.drivers.emulator.world import Gravity, no_gravity
 from so101_motion.errors import ConfigError
+from so101_motion.realtime import go_first
 
 _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets physics catch up
 
@@ -24,6 +26,8 @@ class _Timetable:
         self._entries: list[tuple[float, Callable[[FaultEvent], None], FaultEvent]] = []
 
     def add(self, fault: FaultEvent) -> None:
+        if fault.servo is not None:
+            self._emulator.world.servo(fault.servo)  # to refuse at once what does not exist
         start = time.monotonic() + fault.at
         self._entries.append((start, self._emulator.begin, fault))
         if fault.duration is not None:
@@ -40,6 +44,27 @@ class _Timetable:
         if not self._entries:
             return _LOOK_EVERY
         return min(max(self._entries[0][0] - time.monotonic(), 0.0), _LOOK_EVERY)
+
+
+class _Typing:
+    """Lines as somebody types them; a buffered file would keep the second of two to itself."""
+
+    def __init__(self, source: TextIO | None) -> None:
+        self._source = source
+        self._rest = b""
+
+    def wait(self, seconds: float, stop: threading.Event) -> list[str]:
+        """What is typed within this time, or none at the end of it or of the file."""
+        if self._source is None:
+            stop.wait(seconds)
+            return []
+        if not select.select([self._source], [], [], seconds)[0]:
+            return []
+        data = os.read(self._source.fileno(), 4096)
+        if not data:
+            self._source = None
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        return [line.decode(errors="replace").strip() for line in lines]
 
 
 def run_emulator(
@@ -65,19 +90,15 @@ def run_emulator(
     """
     with Emulator(options, gravity=gravity) as emulator:
         announce(emulator.port)
-        timetable = _Timetable(emulator)
+        if options.pacing.realtime:
+            go_first()  # like the thread that serves the port, which must not wait for this one
+        timetable, typing = _Timetable(emulator), _Typing(commands)
         for fault in options.faults:
             timetable.add(fault)
         try:
             while not stop.is_set():
-                if commands is None:
-                    stop.wait(timetable.wait())
-                elif select.select([commands], [], [], timetable.wait())[0]:
-                    line = commands.readline()
-                    if line:
-                        _obey(line.strip(), emulator, timetable, announce)
-                    else:
-                        commands = None
+                for line in typing.wait(timetable.wait(), stop):
+                    _obey(line, emulator, timetable, announce)
                 timetable.run_due()
                 emulator.advance()  # the first request after a pause must not wait for the physics
         except KeyboardInterrupt:

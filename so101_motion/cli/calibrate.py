@@ -1,0 +1,162 @@
+"""``so101 calibrate``: where each joint's stops are, guided."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+import click
+
+from so101_motion.cli.calibration import facts, meanings
+from so101_motion.cli.shared import (
+    INTERRUPTED,
+    STOPPED,
+    fail,
+    json_option,
+    print_json,
+    reports_errors,
+)
+from so101_motion.errors import CalibrationError, So101Error
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
+
+if TYPE_CHECKING:
+    from so101_motion.calib.record import Calibration
+    from so101_motion.calib.store import Stored
+    from so101_motion.calibrator import Calibrator, Ended
+    from so101_motion.cli.calibration_walk import CalibrationWalk
+    from so101_motion.cli.terminal import Terminal
+    from so101_motion.port_report import PortReport
+
+_JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
+
+
+@click.command()
+@click.option(
+    "--port",
+    envvar="SO101_PORT",
+    metavar="PORT",
+    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
+)
+@click.option("--file", help="Where to save; by default the file this arm already has.")
+@click.option("--joint", "joints", type=_JOINT, multiple=True, help="Only this one; repeatable.")
+@click.option(
+    "--accept",
+    type=_JOINT,
+    multiple=True,
+    metavar="JOINT",
+    help="Take this joint's travel as it is, because something limits it; repeatable.",
+)
+@click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
+@click.option("--events", type=click.File("w"), help="What is said, as JSON lines, into a file.")
+@json_option
+@reports_errors
+def calibrate(
+    port: str | None,
+    file: str | None,
+    joints: tuple[str, ...],
+    accept: tuple[str, ...],
+    yes: bool,
+    events: TextIO | None,
+    as_json: bool,
+) -> None:
+    """Teach the arm where its joints end, so that an angle means the same to it and to you.
+
+    The joints go limp, and you move each by hand to both its stops; bars show how far you are. It
+    takes two minutes. Until you save, Ctrl-C puts everything back as it was. After saving, the arm
+    is held where it stands.
+
+    \b
+    so101 calibrate                      the only arm that is plugged in
+    so101 calibrate --file my_arm.json   into this file
+    so101 calibrate --joint gripper      only the jaw; what is known of the others stays
+    """  # noqa: D301
+    from so101_motion.cli import finding
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import Terminal
+
+    report = finding.find_arm(port)
+    path = finding.calibration_file(file, report)
+    before = _before(path)
+    with quietly(), closing(_opened(report, path, joints)) as calibrator:
+        with Terminal(ask=not yes, events=events) as terminal:
+            terminal.say(f"arm on {report.port.name}, to be saved to {path}")
+            ended = _calibrated(calibrator, terminal, before, accept)
+        assert ended.stored is not None
+        told = [meaning.sentence for meaning in meanings(ended.stored)]
+        if as_json:
+            held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": told}
+            print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
+        else:
+            _tell(ended, ended.stored, told)
+
+
+def _opened(report: PortReport, path: Path, joints: tuple[str, ...]) -> Calibrator:
+    """The port, with nothing driven."""
+    from so101_motion.calib.record import JOINTS
+    from so101_motion.calibrator import Calibrator
+    from so101_motion.rig import open_hardware
+    from so101_motion.servos import ServoSettings
+
+    settings = ServoSettings(
+        port=report.port.name, baudrate=report.baudrate, timeout=None, fallback_file=path
+    )
+    rig = open_hardware(settings)
+    try:
+        return Calibrator(rig, joints or JOINTS)
+    except BaseException:
+        rig.close()
+        raise
+
+
+def _before(path: Path) -> Calibration:
+    """What the file says; one that cannot be used says nothing, and is kept when it is replaced."""
+    from so101_motion.calib import store
+
+    try:
+        return store.read(path).calibration
+    except CalibrationError:
+        return {}
+
+
+def _calibrated(
+    calibrator: Calibrator, terminal: Terminal, before: Calibration, accept: tuple[str, ...]
+) -> Ended:
+    from so101_motion.cli.calibration_walk import CalibrationWalk
+    from so101_motion.cli.terminal import Quit
+
+    walk = CalibrationWalk(calibrator, terminal, before=before, accept=accept)
+    try:
+        return walk.go()
+    except (Quit, KeyboardInterrupt) as reason:
+        _put_back(walk, terminal)
+        raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
+    except So101Error as error:
+        _put_back(walk, terminal)
+        fail(error)
+
+
+def _put_back(walk: CalibrationWalk, terminal: Terminal) -> None:
+    try:
+        terminal.say(f"given up: {walk.give_up()}", style="yellow")
+    except So101Error as error:
+        terminal.say(
+            f"the servos could not be put back now ({error}). The next so101 calibrate does it, and"
+            " so does whatever opens the arm with this calibration file",
+            style="red",
+        )
+
+
+def _tell(ended: Ended, stored: Stored, told: list[str]) -> None:
+    from so101_motion.cli.terminal import echo
+
+    click.echo(f"saved to {stored.path}")
+    for meaning in told:
+        echo(meaning, indent="  ")
+    for note in stored.notes:
+        echo(f"note: {note}", err=True)
+    if ended.trouble:
+        echo(f"note: saved, but {ended.trouble}", err=True)
+    if ended.holds:
+        echo("the arm is held where it stands; switch its power off to let go", err=True)
+    echo("next: so101 doctor, or so101 discover for a Viam configuration", err=True)

@@ -1,0 +1,303 @@
+"""``so101 calibration …``: looking at calibration files, taking them over, getting them back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.units import to_deg
+
+if TYPE_CHECKING:
+    from so101_motion.calib.compare import Row
+    from so101_motion.calib.record import Calibration
+    from so101_motion.calib.store import Stored
+    from so101_motion.calib.zero_meaning import Meaning
+
+
+@click.group()
+def calibration() -> None:
+    """Show, compare, take over and restore calibration files."""
+
+
+_port_option = click.option(
+    "--port",
+    envvar="SO101_PORT",
+    metavar="PORT",
+    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
+)
+
+
+@calibration.command()
+@click.argument("file", required=False)
+@json_option
+@reports_errors
+def show(file: str | None, as_json: bool) -> None:
+    """What a calibration file says and means; without FILE, which files there are.
+
+    Besides the numbers: where each joint's zero comes from, how many millimetres that makes at the
+    jaws, and which earlier versions are kept.
+    """
+    if file is None:
+        _list_files(as_json)
+        return
+    from so101_motion.calib import store
+    from so101_motion.cli.terminal import echo
+
+    stored = store.read(store.resolve(file))
+    kept = store.versions(stored.path)
+    told = meanings(stored)
+    if as_json:
+        print_json("calibration", {**facts(stored), **_zero_facts(stored, told, kept)})
+        return
+    click.echo(str(stored.path))
+    _table(stored.calibration)
+    for meaning in told:
+        echo(meaning.sentence, indent="  ")
+    for version in kept:
+        click.echo(f"  version {version.number}, kept {version.kept_at:%Y-%m-%d %H:%M} UTC")
+    _notes(stored)
+
+
+@calibration.command()
+@click.argument("file")
+@click.argument("other", required=False)
+@_port_option
+@json_option
+@reports_errors
+def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
+    """Compare FILE with what the servos hold, or with the file OTHER.
+
+    Exit code 6 if they differ.
+    """
+    from so101_motion.calib import compare, store
+
+    calibration = store.read(store.resolve(file)).calibration
+    if other is not None:
+        there = _as_held(store.read(store.resolve(other)).calibration)
+    else:
+        there = _held_by_servos(port)
+    rows = compare.diff(calibration, there)
+    missing = [joint for joint in calibration if joint not in there]
+    if as_json:
+        told = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
+        print_json("calibration-diff", {"rows": told, "missing": missing})
+    else:
+        _tell_diff(rows, missing, "the servos" if other is None else other)
+    if missing or any(row.differs for row in rows):
+        raise SystemExit(CHECK_FAILED)
+
+
+@calibration.command()
+@click.argument("file")
+@click.option("--lerobot", metavar="ID", help="For the arm that LeRobot calls so (--robot.id).")
+@click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
+@click.option("--out", type=click.Path(path_type=Path), help="Into this file.")
+@reports_errors
+def export(file: str, lerobot: str | None, kind: str, out: Path | None) -> None:
+    """Write FILE as LeRobot reads it; without --lerobot or --out to stdout.
+
+    \b
+    so101 calibration export my_arm.json --lerobot my_follower
+    """  # noqa: D301
+    from so101_motion.calib import lerobot as format_of_lerobot
+    from so101_motion.calib import store
+
+    if lerobot is not None and out is not None:
+        raise click.UsageError("give either --lerobot or --out")
+    calibration = store.read(store.resolve(file)).calibration
+    path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
+    if path is None:
+        click.echo(format_of_lerobot.text(calibration).decode(), nl=False)
+        return
+    format_of_lerobot.export(calibration, path)
+    click.echo(f"written to {path}")
+    click.echo(
+        "LeRobot's zero is the middle of each travel; what this package knows of zeros stays here",
+        err=True,
+    )
+
+
+@calibration.command("import")
+@click.argument("source")
+@click.option("--file", help="Where to save it; by default in your data directory, same name.")
+@json_option
+@reports_errors
+def import_(source: str, file: str | None, as_json: bool) -> None:
+    """Take over a calibration of LeRobot (old or new) or of the published module.
+
+    What FILE said before is kept as a version. The servos get it when an arm is opened with it.
+
+    \b
+    so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json
+    """  # noqa: D301
+    from so101_motion.calib import store
+    from so101_motion.cli import finding
+
+    read = store.read(store.resolve(source))
+    path = finding.own_folder() / read.path.name if file is None else store.resolve(file)
+    stored = store.save(path, read.calibration, zeros=read.zeros)
+    if as_json:
+        told = facts(stored)
+        print_json("calibration", {**told, "notes": [*read.notes, *stored.notes]})
+        return
+    click.echo(f"saved to {stored.path}")
+    _table(stored.calibration)
+    _notes(read)
+    _notes(stored)
+    click.echo(f"next: so101 calibration show {stored.path}", err=True)
+
+
+@calibration.command()
+@click.argument("file")
+@click.option("--number", type=int, metavar="N", help="Which version; by default the last other.")
+@json_option
+@reports_errors
+def restore(file: str, number: int | None, as_json: bool) -> None:
+    """Let FILE say again what it said before; what it says now becomes a version.
+
+    "so101 calibration show FILE" lists the versions.
+    """
+    from so101_motion.calib import store
+
+    stored = store.restore(store.resolve(file), number)
+    if as_json:
+        print_json("calibration", facts(stored))
+        return
+    click.echo(f"{stored.path} says again:")
+    _table(stored.calibration)
+    _notes(stored)
+
+
+# What others of this package want as well
+
+
+def meanings(stored: Stored) -> tuple[Meaning, ...]:
+    """What the zeros of a calibration mean, for each joint of the arm and for all together."""
+    from so101_motion.calib import zero, zero_meaning
+    from so101_motion.planning.model import RobotModel
+    from so101_motion.state import ARM_JOINTS
+
+    zeros = {
+        joint: zero.in_force(stored.zeros.get(joint), None)
+        for joint in ARM_JOINTS
+        if joint in stored.calibration
+    }
+    return zero_meaning.explain(zeros, stored.calibration, RobotModel.load()) if zeros else ()
+
+
+def facts(stored: Stored) -> dict[str, Any]:
+    """What a calibration file says, for programs."""
+    return {
+        "file": str(stored.path),
+        "calibration": {joint: entry.to_json() for joint, entry in stored.calibration.items()},
+        "zeros": {
+            joint: {"by": zero.by, "middle_deg": round(to_deg(zero.angle), 3)}
+            for joint, zero in stored.zeros.items()
+        },
+        "notes": list(stored.notes),
+    }
+
+
+# How
+
+
+def _list_files(as_json: bool) -> None:
+    from so101_motion.calib import places
+    from so101_motion.cli.terminal import echo
+
+    found = places.find()
+    if as_json:
+        told = [
+            {
+                "file": str(one.path),
+                "origin": one.origin,
+                "role": one.role,
+                "joints": list(one.stored.calibration) if one.stored is not None else [],
+                "problem": one.problem,
+            }
+            for one in found
+        ]
+        print_json("calibrations", {"files": told})
+        return
+    for one in found:
+        joints = len(one.stored.calibration) if one.stored is not None else 0
+        role = "" if one.role == "unknown" else f" of a {one.role}"
+        click.echo(str(one.path))
+        echo(one.problem or f"{one.origin}{role}, {joints} joints", indent="  ")
+    if not found:
+        click.echo("no calibration file is known; so101 calibrate makes one", err=True)
+
+
+def _zero_facts(
+    stored: Stored, told: Iterable[Meaning], kept: Iterable[Any]
+) -> dict[str, list[dict[str, object]]]:
+    return {
+        "meaning": [
+            {"joint": m.joint, "by": m.by, "jaws_mm": m.jaws_mm, "sentence": m.sentence}
+            for m in told
+        ],
+        "versions": [
+            {"number": version.number, "kept_at": version.kept_at.isoformat()} for version in kept
+        ],
+    }
+
+
+def _table(calibration: Calibration) -> None:
+    click.echo(f"  {'joint':<15}{'id':>3}{'offset':>8}{'from':>7}{'to':>7}{'travel':>10}")
+    for joint, entry in calibration.items():
+        travel_deg = (entry.range_max - entry.range_min) * 360.0 / 4096.0
+        click.echo(
+            f"  {joint:<15}{entry.id:>3}{entry.homing_offset:>8}{entry.range_min:>7}"
+            f"{entry.range_max:>7}{travel_deg:>6.0f} deg"
+        )
+
+
+def _notes(stored: Stored) -> None:
+    from so101_motion.cli.terminal import echo
+
+    for note in stored.notes:
+        echo(f"note: {note}", err=True)
+
+
+def _tell_diff(rows: tuple[Row, ...], missing: list[str], there: str) -> None:
+    different = [row for row in rows if row.differs]
+    for row in different:
+        click.echo(f"{row.joint}: {row.field} is {row.filed} in the file, {row.held} in {there}")
+    for joint in missing:
+        click.echo(f"{joint}: not known in {there}")
+    if not different and not missing:
+        click.echo(f"the same as in {there}")
+
+
+def _as_held(calibration: Calibration) -> Mapping[str, Mapping[str, int]]:
+    from so101_motion.calib.compare import FIELDS
+
+    return {
+        joint: {field: getattr(entry, field) for field in FIELDS}
+        for joint, entry in calibration.items()
+    }
+
+
+def _held_by_servos(port: str | None) -> Mapping[str, Mapping[str, int]]:
+    """What the servos hold, by joint; they are only asked."""
+    from so101_motion.calib.recognise import SERVO_IDS, look
+    from so101_motion.checkup import held
+    from so101_motion.cli import finding
+    from so101_motion.cli.shared import quietly
+    from so101_motion.rig import open_hardware
+    from so101_motion.servos import ServoSettings
+
+    report = finding.find_arm(port)
+    settings = ServoSettings(port=report.port.name, baudrate=report.baudrate, timeout=None)
+    with quietly(), closing(open_hardware(settings)) as rig:
+        loan = rig.lend_bus("a comparison")
+        try:
+            seen = loan.call(look)
+        finally:
+            loan.abandon()
+    return {joint: held(seen.servos[i]) for joint, i in SERVO_IDS.items() if i in seen.servos}

@@ -1,0 +1,260 @@
+"""``so101 doctor``: everything that somebody who is to help would ask for."""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from so101_motion import __version__
+from so101_motion.cli.calibration import meanings
+from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.errors import CalibrationError, PortUnavailable, So101Error
+from so101_motion.units import to_deg
+
+if TYPE_CHECKING:
+    from so101_motion.calib.store import Stored
+    from so101_motion.checkup import Check
+    from so101_motion.findings import Findings
+    from so101_motion.rig import Rig
+
+_SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
+
+
+@click.command()
+@click.option("--sim", is_flag=True, help="The simulated arm: checks the installation only.")
+@click.option(
+    "--port",
+    envvar="SO101_PORT",
+    metavar="PORT",
+    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
+)
+@click.option(
+    "--calibration",
+    type=click.Path(path_type=Path),
+    help="The arm's calibration file; by default the one its servos agree with.",
+)
+@click.option(
+    "--report", type=click.Path(path_type=Path), help="Write all of it to this file, to send it on."
+)
+@json_option
+@reports_errors
+def doctor(
+    sim: bool, port: str | None, calibration: Path | None, report: Path | None, as_json: bool
+) -> None:
+    """Check the installation, the port, the servos and the calibration; nothing moves.
+
+    Each line says what was found, and what to do if something is wrong. The exit code is 0 if the
+    arm can be moved, warnings or not, and 6 if it cannot.
+
+    \b
+    so101 doctor
+    so101 doctor --port /dev/ttyACM0 --report doctor.md
+    """  # noqa: D301
+    from so101_motion.checkup import check_up, is_healthy
+    from so101_motion.cli.shared import quietly
+
+    with quietly():
+        seen = _installed(is_whole=sim)
+        if not sim:
+            seen = _with_port(seen, port, calibration)
+    checks = check_up(seen)
+    if as_json:
+        print_json("doctor", _facts(seen, checks))
+    else:
+        for check in checks:
+            _tell(check)
+    if report is not None:
+        _write(report, seen, checks)
+    if not is_healthy(checks):
+        raise SystemExit(CHECK_FAILED)
+    if not as_json:
+        click.echo("fit to be moved", err=True)
+
+
+# Looking
+
+
+def _installed(*, is_whole: bool) -> Findings:
+    """What needs no hardware; if that is the whole of it, with the simulated arm's speed."""
+    from so101_motion.findings import Findings, software
+    from so101_motion.rig import open_simulated
+
+    with open_simulated() as rig:
+        seen = _planned(Findings(software=software()), rig)
+        if is_whole:
+            seen = replace(seen, speed=rig.arm.speed, acceleration=rig.arm.acceleration)
+        return seen
+
+
+def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:
+    from so101_motion.calib import store
+    from so101_motion.cli import finding
+    from so101_motion.drivers import host
+    from so101_motion.drivers.ports import adapters_without_port
+
+    seen = replace(seen, lost_adapters=adapters_without_port())
+    try:
+        report = finding.find_patient(port)
+    except PortUnavailable as error:
+        return replace(seen, port=port, port_trouble=error.reason)
+    name = report.port.name
+    seen = replace(
+        seen,
+        port=name,
+        adapter=report.port.description,
+        meddlers={} if host.is_rule_installed() else host.meddlers(),
+        latency_timer=host.latency_timer(name),
+    )
+    file = report.calibration if calibration is None else store.resolve(str(calibration))
+    return _with_arm(_with_file(seen, file), report.baudrate)
+
+
+def _with_file(seen: Findings, file: Path | None) -> Findings:
+    from so101_motion.calib import journal, store
+
+    if file is None:
+        return seen
+    seen = replace(seen, file=file, is_unfinished=journal.path_for(file).exists())
+    try:
+        return replace(seen, stored=store.read(file))
+    except CalibrationError as error:
+        return replace(seen, file_trouble=str(error))
+
+
+def _with_arm(seen: Findings, baudrate: int) -> Findings:
+    """The same with what the servos say; a held arm stays held."""
+    from so101_motion.findings import examine
+    from so101_motion.rig import open_hardware
+    from so101_motion.servos import ServoSettings
+
+    assert seen.port is not None
+    settings = ServoSettings(port=seen.port, baudrate=baudrate, timeout=None)
+    try:
+        with closing(open_hardware(settings)) as rig:
+            loan = rig.lend_bus("a check-up")
+            try:
+                servos, hearing = examine(loan)
+            finally:
+                loan.abandon()
+            seen = replace(
+                seen,
+                servos=servos,
+                hearing=hearing,
+                speed=rig.arm.speed,
+                acceleration=rig.arm.acceleration,
+            )
+    except PortUnavailable as error:
+        return replace(seen, port_trouble=error.reason)
+    return replace(seen, meanings=meanings(seen.stored or _as_servos_hold(seen)))
+
+
+def _as_servos_hold(seen: Findings) -> Stored:
+    """What counts without a file: what the servos hold."""
+    from so101_motion.calib import record
+    from so101_motion.calib.store import Stored
+    from so101_motion.checkup import held
+
+    calibration = {
+        joint: record.from_registers(joint, facts.servo_id, **held(facts))[0]
+        for joint, facts in seen.facts.items()
+        if facts.is_calibrated
+    }
+    return Stored(path=Path(), calibration=calibration, zeros={}, notes=())
+
+
+def _planned(seen: Findings, rig: Rig) -> Findings:
+    """The same with how long planning takes, once the planning process is awake."""
+    import numpy as np
+
+    from so101_motion.planning.goals import PoseGoal
+
+    goal = PoseGoal.at_point(np.array([0.25, 0.12, 0.15]))
+    try:
+        rig.arm.plan(goal)
+        begin = time.perf_counter()
+        rig.arm.plan(goal)
+        return replace(seen, planning_time=time.perf_counter() - begin)
+    except So101Error as error:
+        return replace(seen, planning_trouble=str(error))
+
+
+# Telling
+
+
+def _tell(check: Check) -> None:
+    from so101_motion.cli.terminal import echo
+
+    sign, colour = _SIGNS[check.verdict]
+    click.echo(click.style(sign, fg=colour) + f" {check.name}")
+    echo(check.sentence, indent="    ")
+    if check.fix:
+        echo(f"try: {check.fix}", indent="    ")
+
+
+def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
+    from so101_motion.checkup import is_healthy
+
+    heard, file = seen.hearing, seen.file
+    return {
+        "healthy": is_healthy(checks),
+        "checks": [
+            {"name": c.name, "verdict": c.verdict, "sentence": c.sentence, "fix": c.fix}
+            for c in checks
+        ],
+        "software": dict(seen.software),
+        "port": seen.port,
+        "calibration_file": None if file is None else str(file),
+        "servos": {
+            joint: {"id": facts.servo_id, **facts.held} for joint, facts in seen.facts.items()
+        },
+        "bus": None
+        if heard is None
+        else {
+            "asked": heard.asked,
+            "lost": heard.lost,
+            "garbled": heard.corrupt,
+            "cycle_ms": {
+                "median": round(1e3 * heard.median, 3),
+                "p99": round(1e3 * heard.p99, 3),
+                "longest": round(1e3 * heard.longest, 3),
+            },
+        },
+        "zeros": [
+            {"joint": m.joint, "by": m.by, "middle_deg": m.angle_deg, "jaws_mm": m.jaws_mm}
+            for m in seen.meanings
+        ],
+        "planned": {
+            "speed_degs_per_sec": _deg(seen.speed),
+            "acceleration_degs_per_sec_per_sec": _deg(seen.acceleration),
+        },
+    }
+
+
+def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
+    """All of it as a page that can be attached to a question."""
+    lines = [f"# so101 doctor, version {__version__}", "", "| | what | found | try |", "|-|-|-|-|"]
+    lines += [
+        f"| {_SIGNS[c.verdict][0]} | {c.name} | {_cell(c.sentence)} | {_cell(c.fix)} |"
+        for c in checks
+    ]
+    facts = json.dumps(_facts(seen, checks), indent=2)
+    lines += ["", "Everything that was read:", "", "```json", facts, "```", ""]
+    try:
+        path.write_text("\n".join(lines), encoding="utf-8")
+    except OSError as error:
+        raise click.FileError(str(path), error.strerror or str(error)) from error
+    click.echo(f"written to {path}", err=True)
+
+
+def _deg(value: float | None) -> float | None:
+    return None if value is None else to_deg(value)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")

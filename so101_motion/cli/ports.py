@@ -1,0 +1,77 @@
+"""``so101 ports``: which serial ports there are, and what is on each."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.shared import NO_DEVICE, json_option, print_json, reports_errors
+
+if TYPE_CHECKING:
+    from so101_motion.port_report import PortReport
+
+
+@click.command()
+@click.option(
+    "--port",
+    "extra",
+    multiple=True,
+    envvar="SO101_PORT",
+    metavar="PORT",
+    help="Look at this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
+)
+@json_option
+@reports_errors
+def ports(extra: tuple[str, ...], as_json: bool) -> None:
+    """List serial ports, which of them has an arm, and why one cannot be used.
+
+    Servos are asked who they are; nothing is written to them. A port that another program uses is
+    left alone. Exit code 3 if there is no port at all.
+    """
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import echo
+    from so101_motion.discovery import discover
+
+    with quietly():
+        found = discover(extra)
+    if as_json:
+        reports = [facts(report) for report in found.reports]
+        print_json("ports", {"ports": reports, "notes": list(found.notes)})
+    else:
+        for report in found.reports:
+            port = report.port
+            click.echo(click.style(port.name, bold=True))
+            names = ", ".join(
+                name for name in (port.device, port.description) if name not in (port.name, "")
+            )
+            if names:
+                echo(names, indent="  ")
+            echo(report.sentence, indent="  ")
+            if report.because:
+                echo(f"{report.role}: {report.because}", indent="  ")
+    for note in found.notes:
+        echo(f"note: {note}", err=True)
+    if not found.reports:
+        raise SystemExit(NO_DEVICE)
+
+
+def facts(report: PortReport) -> dict[str, object]:
+    """A report, for programs."""
+    port = report.port
+    return {
+        "port": port.name,
+        "device": port.device,
+        "aliases": list(port.aliases),
+        "adapter": port.description,
+        "serial_number": port.serial_number,
+        "is_servo_adapter": port.is_servo_adapter,
+        "found": report.sentence,
+        "has_arm": report.has_arm,
+        "joints": list(report.joints),
+        "servo_ids": list(report.servo_ids),
+        "baudrate": report.baudrate,
+        "role": report.role,
+        "role_because": report.because,
+        "calibration_file": None if report.calibration is None else str(report.calibration),
+    }

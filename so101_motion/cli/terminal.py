@@ -1,0 +1,209 @@
+"""A guided verb and the person in front of it: a picture that changes, lines that stay, and keys.
+
+On a terminal the person sees a picture that is drawn anew ten times a second and presses single
+keys. Where standard error is a file or a pipe, there is no picture, and what has to be known comes
+line by line; where standard input is no terminal, or with ``--yes``, nobody is asked.
+
+What talks to servos runs beside the picture, and is never cut short: after Ctrl-C or a key it ends
+what it has begun, so that no servo is left with half of its settings.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import sys
+import termios
+import textwrap
+import threading
+import time
+import tty
+from collections.abc import Callable
+from concurrent.futures import Future
+from datetime import UTC, datetime
+from types import TracebackType
+from typing import Any, Self, TextIO, TypeVar
+
+import click
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.text import Text
+
+T = TypeVar("T")
+
+ENTER = "\n"
+
+_FRAME = 0.1  # [s] between two pictures
+
+
+class Quit(Exception):
+    """The person at the keyboard wants no more."""
+
+
+class Terminal:
+    """What a person sees and presses. Use it in a ``with`` block.
+
+    Args:
+        ask: Whether there may be a person to ask.
+        events: Where each line is also written as a JSON object; None for nowhere.
+
+    Attributes:
+        is_manned: Whether a person can be asked.
+        pressed: The last key that was pressed during the last ``run``; empty if none was.
+    """
+
+    def __init__(self, *, ask: bool = True, events: TextIO | None = None) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._live = Live(console=self._console, auto_refresh=False, transient=True)
+        self._is_drawn = self._console.is_terminal
+        self.is_manned = ask and self._is_drawn and sys.stdin.isatty()
+        self.pressed = ""
+        self._events = events
+        self._last = ""
+        self._before: list[Any] | None = None
+
+    def __enter__(self) -> Self:
+        if self.is_manned:
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        if self._is_drawn:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._is_drawn:
+            self._live.update(Text(""))
+            self._live.stop()
+        if self._before is not None:
+            termios.tcsetattr(sys.stdin, termios.TCSAFLUSH, self._before)
+
+    # What is seen
+
+    def say(self, sentence: str, *, style: str = "", **facts: Any) -> None:
+        """A line that stays; the same one twice in a row is said once.
+
+        Args:
+            sentence: The line.
+            style: How it looks on a terminal.
+            facts: What it says, for programs that read the events.
+        """
+        if sentence == self._last:
+            return
+        self._last = sentence
+        if self._is_drawn:
+            self._console.print(Text(sentence, style=style))
+        else:
+            click.echo(sentence, err=True)
+        if self._events is not None:
+            stamp = datetime.now(UTC).isoformat(timespec="milliseconds")
+            self._events.write(json.dumps({"at": stamp, "says": sentence, **facts}) + "\n")
+            self._events.flush()
+
+    def mention(self, sentence: str, **facts: Any) -> None:
+        """What the picture says as well: a line where there is none."""
+        if not self._is_drawn:
+            self.say(sentence, **facts)
+
+    def show(self, *parts: RenderableType) -> None:
+        """The picture from now on."""
+        if self._is_drawn:
+            self._live.update(Group(*parts), refresh=True)
+
+    # What is pressed
+
+    def key(self, seconds: float) -> str:
+        """The key that is pressed within so many seconds, as a small letter; empty if none is.
+
+        Raises:
+            Quit: It is ``q``.
+        """
+        if not self.is_manned:
+            time.sleep(seconds)
+            return ""
+        if not select.select([sys.stdin], [], [], seconds)[0]:
+            return ""
+        pressed = os.read(sys.stdin.fileno(), 64).decode(errors="replace").lower()
+        if pressed.startswith("q"):
+            raise Quit
+        return ENTER if pressed[:1] in ("\r", "\n") else pressed[:1]
+
+    def await_key(self, keys: str, picture: Callable[[], RenderableType]) -> str:
+        """Show a picture until one of ``keys`` is pressed; with nobody to ask, the first is taken.
+
+        Raises:
+            Quit: ``q`` is pressed.
+        """
+        while self.is_manned:
+            self.show(picture())
+            pressed = self.key(_FRAME)
+            if pressed and pressed in keys:
+                return pressed
+        return keys[0]
+
+    # What goes on meanwhile
+
+    def run(self, work: Callable[[], T], picture: Callable[[], RenderableType]) -> T:
+        """What ``work`` returns, with a picture while it lasts.
+
+        Raises:
+            Quit: ``q`` was pressed; ``work`` has ended.
+            KeyboardInterrupt: Likewise for Ctrl-C.
+            Exception: What ``work`` raised.
+        """
+        future: Future[T] = Future()
+        thread = threading.Thread(target=_into, args=(future, work), name="so101-guided")
+        thread.start()
+        self.pressed = ""
+        try:
+            while not future.done():
+                self.show(picture())
+                if self.is_manned:
+                    self.pressed = self.key(_FRAME) or self.pressed
+                else:
+                    thread.join(_FRAME)
+        except (Quit, KeyboardInterrupt):
+            if not future.done():
+                self.say("one moment, ending what has been begun ...")
+            raise
+        finally:
+            thread.join()
+        return future.result()
+
+
+def _into(future: Future[T], work: Callable[[], T]) -> None:
+    try:
+        future.set_result(work())
+    except BaseException as error:  # handed to whoever waits
+        future.set_exception(error)
+
+
+def sentence(text: str) -> str:
+    """With a capital letter and a full stop."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith(("?", ".")) else ".")
+
+
+def echo(text: str, *, indent: str = "", err: bool = False) -> None:
+    """Print a sentence, on a terminal broken between words."""
+    stream = sys.stderr if err else sys.stdout
+    if stream.isatty():
+        width = shutil.get_terminal_size().columns
+        further = indent + "  "
+        text = textwrap.fill(text, width, initial_indent=indent, subsequent_indent=further)
+    else:
+        text = indent + text
+    click.echo(text, err=err)
+
+
+def keys_line(**keys: str) -> Text:
+    """What can be pressed: ``keys_line(Enter="save", q="quit")``."""
+    line = Text()
+    for key, what in keys.items():
+        line.append(f" {key} ", style="reverse").append(f" {what}   ")
+    return line

@@ -1,0 +1,93 @@
+"""``so101 install-udev``: let this computer's users at servo adapters. Linux only."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+
+from so101_motion.cli.shared import reports_errors
+from so101_motion.errors import PortUnavailable
+
+_EXPLANATION = """\
+Why: a serial port belongs to root and to a group, dialout on Debian and Ubuntu, uucp on Arch. The
+rule lets whoever sits at the screen use servo adapters, and the group dialout. Over SSH, or for a
+program that starts by itself, be in that group:
+    sudo usermod -aG dialout $USER      and log in again
+The rule also keeps ModemManager from asking new adapters whether they are modems.
+"""
+
+_BRLTTY = """\
+brltty, which drives Braille displays, takes adapters with a CH340 chip (1a86:7523) for one; before
+its version 6.5 they then have no port at all. Unless you use a Braille display:
+    sudo apt remove brltty              and plug the adapter in again
+"""
+
+
+@click.command("install-udev")
+@click.option("--install", is_flag=True, help="Write the rule; needs root.")
+@click.option("--print", "printed", is_flag=True, help="Print the rule; so it is by default.")
+@reports_errors
+def install_udev(install: bool, printed: bool) -> None:
+    """Let users of this Linux computer at servo adapters, without root.
+
+    Prints the udev rule on stdout, and on stderr what it is for; --install writes it to
+    /etc/udev/rules.d and has it take effect.
+    """
+    from so101_motion.drivers import host
+
+    if install and printed:
+        raise click.UsageError("give either --print or --install")
+    if sys.platform != "linux":
+        raise click.UsageError("udev is a thing of Linux; here nothing need be installed")
+    if install:
+        write_rule(host.RULES)
+        return
+    click.echo(host.udev_rules(), nl=False)
+    click.echo(f"\n{_EXPLANATION}\n{_BRLTTY}", err=True)
+    if host.is_rule_installed():
+        click.echo(f"It is installed: {host.RULES}", err=True)
+    else:
+        click.echo(f"To install it:\n    {_as_root()}", err=True)
+
+
+def write_rule(path: Path) -> None:
+    """Put the rule in its place and let it take effect.
+
+    Raises:
+        PortUnavailable: It cannot be written.
+    """
+    from so101_motion.drivers import host
+
+    try:
+        path.write_text(host.udev_rules(), encoding="utf-8")
+    except OSError as error:
+        reason = f"{error.strerror}; do it as root: {_as_root()}"
+        raise PortUnavailable(str(path), reason) from error
+    click.echo(f"written to {path}")
+    if _take_effect():
+        click.echo("in force now; if a port is still refused, plug the adapter in again", err=True)
+    else:
+        click.echo("in force from the next start of this computer", err=True)
+
+
+def _take_effect() -> bool:
+    udevadm = shutil.which("udevadm")
+    if udevadm is None:
+        return False
+    reload = [udevadm, "control", "--reload"]
+    again = [udevadm, "trigger", "--subsystem-match=tty"]
+    return all(
+        subprocess.run(command, capture_output=True, check=False).returncode == 0
+        for command in (reload, again)
+    )
+
+
+def _as_root() -> str:
+    """The command as root has to give it, who does not know where this one lies."""
+    own = shutil.which(sys.argv[0]) or os.path.abspath(sys.argv[0])
+    return f"sudo {own} install-udev --install"

@@ -1,0 +1,169 @@
+"""What is seen of an arm before it is judged: its servos, how well they are heard, its calibration.
+
+``examine`` asks the servos and writes nothing. The rest of ``Findings`` is filled in by whoever
+knows it: what a port is called and which file is meant is not the same for a terminal and for a
+component. ``checkup`` judges all of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+import re
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.calib import chain_check
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.recognise import ServoFacts
+from so101_motion.calib.servo_search import Tuner
+from so101_motion.calib.setup_view import Verification
+from so101_motion.calib.store import Stored
+from so101_motion.calib.zero_meaning import Meaning
+from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.health import VITALS_COUNT, VITALS_START
+
+CYCLES = 200
+"""How often all servos are read to judge the bus; takes half a second. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hearing:
+    """How well the servos can be heard.
+
+    Attributes:
+        asked: How many answers were due.
+        lost: How many did not come.
+        corrupt: How many came garbled.
+        median: How long it takes to read all servos [s].
+        p99: The same, exceeded by one reading in a hundred [s].
+        longest: The longest [s].
+    """
+
+    asked: int
+    lost: int
+    corrupt: int
+    median: float
+    p99: float
+    longest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What was seen. Whatever could not be looked at is None or empty.
+
+    Attributes:
+        software: Versions of what matters, by name; empty text for what is missing.
+        port: The serial port; None for the simulated arm.
+        adapter: What its adapter calls itself.
+        port_trouble: Why it cannot be used.
+        meddlers: Programs that get between us and ports, and what they do.
+        lost_adapters: Adapters that are plugged in but have no port, and why.
+        latency_timer: For how long the adapter holds bytes back [s].
+        servos: How the six servos were found.
+        hearing: How well they can be heard.
+        file: The calibration file; None when there is none.
+        stored: What it says; None when it cannot be used.
+        file_trouble: Why it cannot be used.
+        is_unfinished: Whether a calibration to it was interrupted.
+        meanings: What the zeros in force mean, all together last.
+        speed: Joint speed that is planned with [rad/s]; None when nothing can be moved.
+        acceleration: Joint acceleration that is planned with [rad/s^2]; likewise.
+        planning_time: How long a motion took to plan [s].
+        planning_trouble: Why none could be planned.
+    """
+
+    software: Mapping[str, str] = field(default_factory=dict)
+    port: str | None = None
+    adapter: str = ""
+    port_trouble: str = ""
+    meddlers: Mapping[str, str] = field(default_factory=dict)
+    lost_adapters: tuple[str, ...] = ()
+    latency_timer: float | None = None
+    servos: Verification | None = None
+    hearing: Hearing | None = None
+    file: Path | None = None
+    stored: Stored | None = None
+    file_trouble: str = ""
+    is_unfinished: bool = False
+    meanings: tuple[Meaning, ...] = ()
+    speed: float | None = None
+    acceleration: float | None = None
+    planning_time: float | None = None
+    planning_trouble: str = ""
+
+    @property
+    def facts(self) -> dict[str, ServoFacts]:
+        """What each servo that answers says of itself, by joint, base to jaw."""
+        if self.servos is None:
+            return {}
+        found = {joint: check.facts for joint, check in self.servos.motors.items()}
+        return {joint: facts for joint, facts in found.items() if facts is not None}
+
+
+def software() -> dict[str, str]:
+    """Versions of this package and of what it needs, by name; empty text for what is missing."""
+    names = ["so101-motion"]
+    with contextlib.suppress(metadata.PackageNotFoundError):
+        needed = metadata.requires("so101-motion") or ()
+        names += [_name(line) for line in needed if ";" not in line]  # extras are no needs
+    found = {}
+    for name in names:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = ""
+    return {**found, "Python": platform.python_version(), "platform": platform.platform()}
+
+
+def _name(requirement: str) -> str:
+    return re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+
+
+def examine(access: BusAccess) -> tuple[Verification, Hearing | None]:
+    """How the servos are, and how well they are heard; takes a second and writes nothing.
+
+    Returns:
+        The second is None when nobody answers.
+
+    Raises:
+        PortUnavailable: There is no port.
+    """
+    with Tuner(access) as tuner:
+        servos = chain_check.verify(tuner)
+    ids = [check.servo_id for check in servos.motors.values() if check.facts is not None]
+    return servos, access.call(lambda bus: listen(bus, ids)) if ids else None
+
+
+def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> Hearing:
+    """Read all servos again and again as the control loop does, on the port's thread.
+
+    Raises:
+        PortUnavailable: There is no port.
+    """
+    ids = tuple(ids)
+    before = _counted(bus, ids)
+    times = []
+    for _ in range(cycles):
+        begin = time.perf_counter()
+        bus.sync_read(ids, VITALS_START, VITALS_COUNT)
+        times.append(time.perf_counter() - begin)
+    lost, corrupt = (now - then for now, then in zip(_counted(bus, ids), before, strict=True))
+    return Hearing(
+        asked=cycles * len(ids),
+        lost=lost,
+        corrupt=corrupt,
+        median=float(np.median(times)),
+        p99=float(np.quantile(times, 0.99)),
+        longest=max(times),
+    )
+
+
+def _counted(bus: Bus, ids: Iterable[int]) -> tuple[int, int]:
+    tallies = [bus.tallies[servo_id] for servo_id in ids if servo_id in bus.tallies]
+    return sum(tally.lost for tally in tallies), sum(tally.corrupt for tally in tallies)

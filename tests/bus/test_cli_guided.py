@@ -1,0 +1,177 @@
+"""The guided verbs on a terminal, with an emulated arm in the other hand."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from typist import Typist
+
+from so101_motion.calib import store
+from so101_motion.cli import main
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.faults import parse_fault
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("SO101_PORT", raising=False)
+
+
+@pytest.fixture
+def make_kit(tmp_path):
+    made = []
+
+    def make(**options):
+        made.append(Emulator(EmulatorOptions(link=tmp_path / "arm", **options)))
+        return made[-1]
+
+    yield make
+    for kit in made:
+        kit.close()
+
+
+@pytest.fixture
+def arm(make_kit):
+    """A finished arm without weight, limp at its zeros."""
+    return make_kit()
+
+
+def eeprom(kit):
+    return [bytes(servo.memory.bytes[:40]) for servo in kit.world.servos]
+
+
+def sweep(kit):
+    """Lead all joints at once to both their stops and back."""
+    pause = threading.Event()
+    for share in (*np.linspace(0.5, 0, 15), *[0] * 6, *np.linspace(0, 1, 30), *[1] * 6, 0.5):
+        with kit.world.lock:
+            for servo in kit.world.servos:
+                shaft = servo.drive.shaft
+                shaft.put(shaft.lower + float(share) * (shaft.upper - shaft.lower))
+        pause.wait(0.015)
+
+
+def until_recording(person):
+    person.sees("about to go limp")
+    person.presses("\n")
+    person.sees("in the middle of its travel")
+    person.presses("\n")
+    person.sees("opens straight upwards")
+    person.presses("\n")
+    person.sees("homing pose is taken")
+    person.sees("Move every joint")
+
+
+# Calibrating
+
+
+def test_a_calibration_by_hand_is_saved_once_the_person_says_so(arm, tmp_path):
+    file = tmp_path / "mine.json"
+    asked = ("calibrate", "--port", arm.port, "--file", str(file), "--joint", "elbow_flex")
+    with Typist(*asked) as person:
+        until_recording(person)
+        person.presses("\n")
+        person.sees("elbow_flex: not moved yet")
+        sweep(arm)
+        person.sees("it ends in")
+        person.sees("Save this?")
+        assert not file.exists()
+        person.presses("\n")
+        person.sees("saved to")
+        assert person.code() == 0
+    ((joint, entry),) = store.read(file).calibration.items()
+    assert joint == "elbow_flex"
+    shaft = arm.world.servo("elbow_flex").drive.shaft
+    ends = (entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset)
+    assert ends == pytest.approx((shaft.lower, shaft.upper), abs=2)
+    torque = [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos]
+    assert torque == [1] * 6, "the arm is held"
+
+
+def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
+    before = eeprom(arm)
+    with Typist("calibrate", "--port", arm.port, "--file", str(tmp_path / "x.json")) as person:
+        until_recording(person)
+        assert eeprom(arm) != before
+        person.interrupts()
+        person.sees("the servos hold what they held before, and the arm is limp")
+        assert person.code() == 130
+    assert eeprom(arm) == before
+    assert list(tmp_path.glob("x.json*")) == []
+
+
+def test_who_quits_before_the_start_has_changed_nothing(arm):
+    with Typist("calibrate", "--port", arm.port) as person:
+        person.sees("about to go limp")
+        person.presses("q")
+        person.sees("nothing was changed")
+        assert person.code() == 7
+
+
+def test_a_servo_that_is_missing_is_named_and_nothing_is_left_half_done(arm, tmp_path):
+    arm.world.disconnect("wrist_flex")
+    file = str(tmp_path / "x.json")
+    arguments = ["calibrate", "--port", arm.port, "--file", file, "--yes"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 4, result.output
+    assert "servo 4 (wrist_flex)" in result.stderr
+    assert "given up" in result.stderr
+
+
+# Setting motors up
+
+
+def test_a_finished_arm_needs_no_setup(arm):
+    result = CliRunner().invoke(main, ["setup", "--port", arm.port, "--yes", "--json"])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["ok"]
+    assert {motor["state"] for motor in told["motors"]} == {"verified"}
+
+
+def test_a_motor_that_is_not_as_it_must_be_is_named_with_what_to_do(arm):
+    arm.world.servo("elbow_flex").memory.keep(reg.MODE, 1)
+    result = CliRunner().invoke(main, ["setup", "--port", arm.port, "--yes"])
+    assert result.exit_code == 6
+    assert "servo 3 (elbow_flex)" in result.stderr
+    assert "try:" in result.stderr
+
+
+def test_a_motor_that_was_replaced_is_set_up_alone(make_kit):
+    kit = make_kit(ids={4: 1}, calibrated=False)
+    arguments = ["setup", "--port", kit.port, "--joint", "wrist_flex", "--yes", "--json"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert kit.world.servo("wrist_flex").memory.raw(reg.ID) == 4
+    assert json.loads(result.stdout)["ok"] is None
+
+
+def test_motors_that_are_not_alone_are_given_up_in_time_if_that_is_asked_for(make_kit):
+    kit = make_kit(ids={1: 1, 2: 2})
+    before = eeprom(kit)
+    arguments = ["setup", "--port", kit.port, "--joint", "gripper", "--yes", "--within", "0"]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 4, result.output
+    assert "1 and 2 answer" in result.stderr
+    assert eeprom(kit) == before
+
+
+def test_a_setup_is_stopped_and_goes_on_later(make_kit, tmp_path):
+    kit = make_kit(ids={place: place for place in range(1, 7)}, loose=True, calibrated=False)
+    kit.begin(parse_fault("only:gripper"))
+    with Typist("setup", "--port", kit.port) as person:
+        person.sees("✓ gripper")
+        person.sees("which is done, is still connected")
+        person.presses("q")
+        person.sees("goes on from here")
+        assert person.code() == 7
+    kit.begin(parse_fault("chain"))
+    with Typist("setup", "--port", kit.port, "--start-over") as person:
+        person.sees("a whole arm is connected")
+        person.interrupts()
+        person.sees("goes on from here")
+        assert person.code() == 130

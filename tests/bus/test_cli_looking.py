@@ -1,0 +1,200 @@
+"""The verbs that look and write nothing, on an emulated arm."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.calib import store
+from so101_motion.calib.record import JOINTS, JointCalibration
+from so101_motion.calib.zero import Zero
+from so101_motion.cli import main
+from so101_motion.drivers import registers
+from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.port import SerialPort
+from so101_motion.hardware_config import HardwareArmConfig, HardwareGripperConfig
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home" / "data"))
+    for name in ("VIAM_MODULE_DATA", "VIAM_HOME", "SO101_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+
+
+@pytest.fixture
+def arm(tmp_path):
+    with Emulator(EmulatorOptions(link=tmp_path / "arm")) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def file(arm, tmp_path):
+    """A calibration that says what the servos hold, saved where the user wanted it."""
+    calibration = {}
+    for place, (joint, servo) in enumerate(zip(JOINTS, arm.world.servos, strict=True), start=1):
+        calibration[joint] = JointCalibration(
+            id=place,
+            range_min=servo.memory.raw(reg.MIN_POSITION),
+            range_max=servo.memory.raw(reg.MAX_POSITION),
+        )
+    path = tmp_path / "home" / "arms" / "mine.json"
+    store.save(path, calibration, zeros={"elbow_flex": Zero(by="stops", angle=-0.101)})
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, list(arguments))
+
+
+def memories(arm):
+    return [bytes(servo.memory.bytes[:56]) for servo in arm.world.servos]
+
+
+def on_port(told, arm):
+    return next(port for port in told["ports"] if port["port"] == arm.port)
+
+
+# Ports
+
+
+def test_a_port_is_listed_with_what_is_on_it(arm):
+    result = run("ports", "--port", arm.port)
+    assert result.exit_code == 0
+    assert "a follower arm with 5 joints and a gripper" in result.stdout
+    told = json.loads(run("ports", "--port", arm.port, "--json").stdout)
+    found = on_port(told, arm)
+    assert found["has_arm"]
+    assert found["servo_ids"] == [1, 2, 3, 4, 5, 6]
+
+
+def test_a_port_that_is_in_use_or_not_there_says_why(arm):
+    port = SerialPort(arm.port)
+    try:
+        result = run("ports", "--port", arm.port, "--port", "/dev/no-such-port")
+    finally:
+        port.close()
+    assert "in use by" in result.stdout
+    assert "there is no such port" in result.stdout
+
+
+# A configuration
+
+
+def test_a_configuration_is_printed_that_the_models_accept(arm, file):
+    result = run("discover", "--port", arm.port)
+    assert result.exit_code == 0, result.output
+    configuration = json.loads(result.stdout)
+    arm_, gripper, calibration = configuration["components"]
+    assert HardwareArmConfig.from_attributes(arm_["attributes"]).connection.port == arm.port
+    assert HardwareGripperConfig.from_attributes(gripper["attributes"]).servo_id == 6
+    assert calibration["model"] == "devrel:so101:calibration"
+    assert arm_["frame"] == {"parent": "world"}
+    assert gripper["frame"] == {"parent": arm_["name"]}
+    (module,) = configuration["modules"]
+    assert module["executable_path"].endswith("run.sh")
+
+
+def test_a_file_that_was_saved_anywhere_is_found_again_and_configured_by_its_path(arm, file):
+    told = json.loads(run("discover", "--port", arm.port, "--json").stdout)
+    assert on_port(told, arm)["calibration_file"] == str(file)
+    for component in told["configuration"]["components"]:
+        assert component["attributes"]["calibration_file"] == str(file)
+
+
+def test_a_port_without_an_arm_is_configured_for_nobody(tmp_path):
+    options = EmulatorOptions(link=tmp_path / "empty", ids={}, loose=True)
+    with Emulator(options) as emulator:
+        result = run("discover", "--port", emulator.port)
+    assert result.exit_code == 3
+    assert result.stdout == ""
+    assert "power supply" in result.stderr
+
+
+# The doctor
+
+
+@pytest.fixture(scope="module", autouse=True)
+def awake(planning_process):
+    """The planning process, once for all."""
+
+
+def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
+    before = memories(arm)
+    page = tmp_path / "doctor.md"
+    result = run("doctor", "--port", arm.port, "--report", str(page))
+    assert result.exit_code == 0, result.output
+    assert "fit to be moved" in result.stderr
+    assert memories(arm) == before
+    for words in ("numpy", "all six answer", str(file), "by its stops", "deg/s"):
+        assert words in result.stdout
+        assert words in page.read_text()
+    assert json.loads(page.read_text().split("```json")[1].split("```")[0])["healthy"]
+
+
+def test_a_held_arm_stays_held(arm):
+    bus = Bus(SerialPort(arm.port))
+    for servo_id in range(1, 7):
+        bus.write(servo_id, registers.TORQUE_ENABLE, 1)
+    bus.close()
+    told = json.loads(run("doctor", "--port", arm.port, "--json").stdout)
+    assert any("the joints are held" in check["sentence"] for check in told["checks"])
+    assert [servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos] == [1] * 6
+
+
+def test_an_arm_with_a_loose_cable_is_not_fit_and_all_else_is_told_too(arm, file):
+    arm.world.disconnect("gripper")
+    result = run("doctor", "--port", arm.port, "--calibration", str(file), "--json")
+    assert result.exit_code == 6
+    told = json.loads(result.stdout)
+    failed = [check for check in told["checks"] if check["verdict"] == "fail"]
+    assert [check["name"] for check in failed] == ["servo 6"]
+    assert "cable" in failed[0]["fix"]
+    assert told["bus"]["asked"] == 1000
+    assert told["servos"]["elbow_flex"]["present_voltage"] == 120
+    assert not told["healthy"]
+
+
+def test_a_lossy_bus_is_a_warning_with_figures(arm):
+    arm.bus.faults.loss = 0.03
+    told = json.loads(run("doctor", "--port", arm.port, "--json").stdout)
+    (bus,) = [check for check in told["checks"] if check["name"] == "bus"]
+    assert bus["verdict"] == "warn"
+    assert told["bus"]["lost"] > 0
+
+
+def test_a_port_in_use_is_named_and_the_installation_is_checked_even_so(arm):
+    port = SerialPort(arm.port)
+    try:
+        result = run("doctor", "--port", arm.port)
+    finally:
+        port.close()
+    assert result.exit_code == 6
+    assert "in use by" in result.stdout
+    assert "a motion takes" in result.stdout
+
+
+def test_the_simulated_arm_needs_no_port():
+    result = run("doctor", "--sim")
+    assert result.exit_code == 0, result.output
+    assert "90 deg/s" in result.stdout
+
+
+# Files against servos
+
+
+def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
+    result = run("calibration", "diff", str(file), "--port", arm.port)
+    assert result.exit_code == 0, result.output
+    assert "the same as in the servos" in result.stdout
+    arm.world.servo("elbow_flex").memory.keep(reg.MAX_POSITION, 3000)
+    arm.world.disconnect("gripper")
+    result = run("calibration", "diff", str(file), "--port", arm.port)
+    assert result.exit_code == 6
+    assert "elbow_flex: range_max is" in result.stdout
+    assert "gripper: not known in the servos" in result.stdout

@@ -1,0 +1,65 @@
+"""Every command that the page for newcomers shows is one that exists."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from so101_motion.cli import main
+from so101_motion.drivers.emulator.faults import parse_fault
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs" / "first-hour.md").read_text()
+SHOWN = re.findall(r"^\$ (.*)$", PAGE, flags=re.MULTILINE)
+NAMED = re.findall(r"`(so101 [^`…]+?)`", PAGE)
+
+
+def parse(line):
+    """Let click read a command without running it."""
+    name, *arguments = shlex.split(line)
+    assert name == "so101"
+    context = main.make_context("so101", arguments, resilient_parsing=False)
+    group = main
+    while arguments:
+        name, command, arguments = group.resolve_command(context, arguments)
+        context = command.make_context(name, arguments, parent=context)
+        if not hasattr(command, "commands"):
+            return
+        group, arguments = command, [*context._protected_args, *context.args]
+
+
+@pytest.mark.parametrize("line", [line for line in SHOWN if line.startswith("so101 ")])
+def test_a_command_that_is_shown_is_understood(line):
+    parse(line)
+
+
+@pytest.mark.parametrize("line", sorted(set(NAMED)))
+def test_a_command_that_is_named_exists(line):
+    verb = shlex.split(line)[1]
+    assert verb in main.commands
+    if " --" in line or len(shlex.split(line)) == 2:
+        parse(line)
+
+
+def test_what_is_not_ours_is_what_a_newcomer_may_type():
+    others = [line for line in SHOWN if not line.startswith("so101 ")]
+    assert others == [
+        "./setup.sh",
+        ". .venv/bin/activate",
+        "export SO101_PORT=/tmp/so101",
+    ]
+    assert (ROOT / "run.sh").exists()
+
+
+def test_what_can_be_typed_into_the_emulator_is_understood():
+    table = PAGE[PAGE.index("| type | to |") :]
+    for line in table.splitlines()[2:]:
+        for typed in re.findall(r"`([^`]+)`", line.split("|")[1]):
+            parse_fault(typed.removeprefix("end "))
+
+
+def test_every_local_link_of_the_page_leads_somewhere():
+    for link in re.findall(r"\]\(([^)]+)\)", PAGE):
+        anchor = link.removeprefix("#").replace("-", " ")
+        assert anchor in PAGE.lower()

@@ -1,0 +1,186 @@
+"""What the guided verbs are made of, without an arm and without a person."""
+
+import io
+import json
+import os
+import pty
+import time
+from contextlib import contextmanager
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from so101_motion.calib.setup_view import SETUP_ORDER
+from so101_motion.calib.verdict import Verdict
+from so101_motion.calib.view import JointView
+from so101_motion.cli import bars
+from so101_motion.cli.calibration_walk import STILL, TREMBLE, Stillness
+from so101_motion.cli.motor_walk import Progress, remaining
+from so101_motion.cli.terminal import ENTER, Quit, Terminal
+
+# Holding still
+
+
+def test_joints_are_still_once_nobody_has_moved_for_a_while():
+    stillness = Stillness()
+    held = {"elbow_flex": 2000, "gripper": 1500}
+    assert stillness.feed(10.0, held) == 0.0
+    assert stillness.feed(11.0, {**held, "gripper": 1500 + TREMBLE}) == 1.0
+    assert stillness.feed(11.2, {**held, "gripper": 1501 + TREMBLE}) == 0.0
+    assert stillness.feed(12.7, {**held, "gripper": 1501 + TREMBLE}) >= STILL
+
+
+def test_a_joint_that_is_not_seen_is_not_still():
+    stillness = Stillness()
+    stillness.feed(0.0, {"elbow_flex": 2000})
+    assert stillness.feed(5.0, {"elbow_flex": None}) == 0.0
+    assert stillness.feed(6.0, {"elbow_flex": 2000}) == 0.0
+    assert stillness.feed(7.0, {"elbow_flex": 2000}) == 1.0
+
+
+@given(st.lists(st.integers(0, 4095), min_size=1, max_size=30))
+def test_an_arm_that_was_held_still_has_not_left_its_place(places):
+    stillness = Stillness()
+    for step, place in enumerate(places):
+        seconds = stillness.feed(float(step), {"elbow_flex": place})
+        held = places[step - round(seconds) : step + 1]
+        assert max(held) - min(held) <= 2 * TREMBLE
+
+
+# Going on where a setup ended
+
+
+def test_a_setup_goes_on_where_it_ended(tmp_path):
+    path = tmp_path / "new" / "setup.json"
+    Progress(path, "/dev/a").add("gripper")
+    progress = Progress(path, "/dev/a")
+    assert progress.done == ["gripper"]
+    assert remaining(progress.done) == SETUP_ORDER[1:]
+    progress.add("gripper")
+    progress.add("wrist_roll")
+    assert Progress(path, "/dev/a").done == ["gripper", "wrist_roll"]
+    progress.clear()
+    assert Progress(path, "/dev/a").done == []
+
+
+def test_another_port_is_another_kit(tmp_path):
+    Progress(tmp_path / "setup.json", "/dev/a").add("gripper")
+    assert Progress(tmp_path / "setup.json", "/dev/b").done == []
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", '"x"', "{}", '{"port": "/dev/a", "done": 3}', '{"port": "/dev/a"}']
+)
+def test_a_file_that_makes_no_sense_is_no_progress(tmp_path, content):
+    (tmp_path / "setup.json").write_text(content)
+    assert Progress(tmp_path / "setup.json", "/dev/a").done == []
+
+
+def test_a_place_that_cannot_be_written_to_costs_only_the_memory(tmp_path):
+    (tmp_path / "file").write_text("")
+    progress = Progress(tmp_path / "file" / "setup.json", "/dev/a")
+    progress.add("gripper")
+    assert progress.done == ["gripper"]
+
+
+# Bars
+
+
+def view(**changes):
+    known = {
+        "joint": "elbow_flex", "servo_id": 3, "ticks": 2000, "homing_offset": 0, "range_min": 0,
+        "range_max": 4095, "recorded_min": 1500, "recorded_max": 2500, "expected_deg": 193.0,
+        "verdict": Verdict.TOO_SHORT, "sentence": "move it on", "is_done": False,
+    }  # fmt: skip
+    return JointView(**{**known, **changes})
+
+
+@given(st.integers(0, 4095), st.integers(0, 4095), st.integers(-4096, 8191))
+def test_a_bar_always_has_its_width(lower, travel, ticks):
+    drawn = bars.bar(view(recorded_min=lower, recorded_max=lower + travel, ticks=ticks))
+    assert len(drawn.plain) == bars.WIDTH
+
+
+def test_a_bar_grows_with_the_travel_and_shows_where_the_joint_is():
+    def drawn(**changes):
+        return bars.bar(view(**changes)).plain
+
+    assert drawn(recorded_min=None, recorded_max=None) == "·" * bars.WIDTH
+    half = drawn(recorded_min=1000, recorded_max=1000 + 1098, ticks=1000)
+    assert half.startswith("●█")
+    assert half.count("·") == bars.WIDTH // 2
+    assert drawn(recorded_min=0, recorded_max=3000, ticks=3000).endswith("█●")
+    assert "●" not in drawn(ticks=None)
+
+
+def test_tables_name_every_joint_and_what_is_to_do():
+    console = Console(width=100, file=io.StringIO())
+    console.print(bars.travels({"elbow_flex": view()}))
+    console.print(bars.positions({"gripper": view(ticks=None)}))
+    text = console.file.getvalue()
+    for words in ("elbow_flex", "move it on", "gripper", "does not answer"):
+        assert words in text
+
+
+# A terminal
+
+
+def test_without_a_person_nothing_is_asked_and_lines_are_told_once(capsys, tmp_path):
+    with open(tmp_path / "events", "w") as events, Terminal(events=events) as terminal:
+        terminal.say("hello", step="begin")
+        terminal.say("hello")
+        terminal.mention("there", joint="gripper")
+        terminal.show("a picture")
+        assert not terminal.is_manned
+        assert terminal.await_key(f"{ENTER}r", lambda: "") == ENTER
+        assert terminal.run(lambda: 42, lambda: "") == 42
+        with pytest.raises(ZeroDivisionError):
+            terminal.run(lambda: 1 / 0, lambda: "")
+    assert capsys.readouterr().err == "hello\nthere\n"
+    told = [json.loads(line) for line in (tmp_path / "events").read_text().splitlines()]
+    assert [(event["says"], event.get("step")) for event in told] == [
+        ("hello", "begin"),
+        ("there", None),
+    ]
+
+
+@contextmanager
+def keyboard():
+    """A terminal for standard input and error; what is written to it is pressed."""
+    person, program = pty.openpty()
+    with (
+        os.fdopen(os.dup(program), "r", encoding="utf-8") as stream,
+        os.fdopen(program, "w", encoding="utf-8") as output,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setattr("sys.stdin", stream)
+        patch.setattr("sys.stderr", output)
+        patch.setenv("TERM", "xterm")
+        yield person
+    os.close(person)
+
+
+def test_a_key_is_heard_while_something_goes_on_and_q_lets_it_end_first():
+    ended = []
+
+    def work():
+        until = time.monotonic() + 0.3
+        while time.monotonic() < until:
+            pass
+        ended.append(True)
+
+    with keyboard() as person, Terminal() as terminal:
+        assert terminal.is_manned
+        os.write(person, b"s")
+        terminal.run(work, lambda: "picture")
+        assert terminal.pressed == "s"
+        os.write(person, b"q")
+        with pytest.raises(Quit):
+            terminal.run(work, lambda: "picture")
+        assert ended == [True, True]
+        os.write(person, b"\n")
+        assert terminal.await_key(f"{ENTER}r", lambda: "picture") == ENTER
+        os.write(person, b"R")
+        assert terminal.await_key(f"{ENTER}r", lambda: "picture") == "r"
