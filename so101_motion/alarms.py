@@ -14,6 +14,10 @@ HOT_C = 65
 WARM_C = 55
 """From here on motions get slower [degC]."""
 
+WEAK_V = 5.5
+"""Below this a joint is not moved [V]: what a computer's USB port gives has no strength, and makes
+servos restart. Chosen; a 7.4 V battery that is empty still has 6."""
+
 
 def alarms(health: tuple[JointHealth, ...]) -> dict[str, str]:
     """What is wrong with joints and what to do about it, by joint."""
@@ -36,6 +40,11 @@ def alarms(health: tuple[JointHealth, ...]) -> dict[str, str]:
             found[joint.joint] = (
                 f"its supply of {joint.volts:.1f} V is outside the limits it is set for; check the"
                 " power supply and, with 7.4 V servos, that it is not a 12 V one"
+            )
+        elif joint.volts < WEAK_V:
+            found[joint.joint] = (
+                f"its supply has only {joint.volts:.1f} V; switch the arm's power supply on (USB"
+                " alone is not enough), or check its plugs"
             )
         elif "encoder" in joint.faults:
             found[joint.joint] = "its servo reports a broken encoder; replace the servo"

@@ -220,14 +220,19 @@ class Control:
     def renew(self, job: Callable[[JointDriver], T]) -> T:
         """Let ``job`` change what the driver's angles mean; joints that are held stay put.
 
+        A guided arm holds first, and goes on holding: what carried it is not known any more.
+
         Raises:
             MotionError: Something moves.
         """
-        result = self.call(job)
-        if self.mode is Mode.HOLDING:
-            with self._failing():
-                self._seed()
-        return result
+        if self.mode is Mode.GUIDING and not self.is_moving:
+            self.hold()
+        try:
+            return self.call(job)
+        finally:  # even a job that failed may have left a driver that knows no goal yet
+            if self.mode is Mode.HOLDING:
+                with self._failing():
+                    self._seed()
 
     # Lending the bus
 
@@ -377,7 +382,10 @@ class Control:
             raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
         if self.mode is Mode.LIMP:
             raise NotHolding("the arm is limp, in manual mode; leave manual mode first")
-        raise MotionError(f"{event.value}: not possible while the arm is {self.mode.value}")
+        now, hint = self.mode.value, "stop it or wait for its end"
+        if self.mode is Mode.GUIDING:
+            hint = "leave manual mode first"
+        raise MotionError(f"{event.value}: not possible while the arm is {now}; {hint}")
 
     def _refuse_lent(self) -> None:
         if self._lent_to is not None:

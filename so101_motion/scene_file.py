@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.config import Attributes, checked_number
+from so101_motion.config import HEAVIEST, Attributes, checked_number
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3, Array
 from so101_motion.planning.scene import (
@@ -83,7 +83,7 @@ def read_scene(path: Path) -> Scene:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError("scene", str(path), f"cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError("scene", str(path), f"is not JSON: {error}") from error
     return scene_from(content, folder=path.parent)
 
@@ -127,13 +127,20 @@ def scene_from(content: object, *, folder: Path = Path()) -> Scene:
         raise ConfigError("may_touch", pairs, 'must be a list of pairs, [["cube", "floor"]]')
     return Scene(
         floor_z=floor_z,
-        margin=to_m(given.number("margin_mm", to_mm(MARGIN), lower=0.0, upper=100.0, unit="mm")),
+        margin=_margin(given),
         obstacles=obstacles_from(content.get("obstacles", []), folder=folder),
         attached=tuple(
             _attached(entry, folder) for entry in _entries("attached", content.get("attached", []))
         ),
         may_touch=frozenset(frozenset(pair) for pair in pairs),
     )
+
+
+def _margin(given: Attributes) -> float:
+    margin_mm = given.number("margin_mm", to_mm(MARGIN), lower=0.0, upper=100.0, unit="mm")
+    if margin_mm == 0.0:
+        raise ConfigError("margin_mm", margin_mm, "must be more than 0 mm")
+    return to_m(margin_mm)
 
 
 def obstacles_from(value: object, *, folder: Path = Path()) -> tuple[Obstacle, ...]:
@@ -200,7 +207,8 @@ def _about(entry: Entry) -> Iterator[None]:
         yield
     except ConfigError as error:
         name = entry.get("name")
-        raise ConfigError(f"{error.key}", error.value, f'(of "{name}") {error.reason}') from None
+        of = f'of "{name}"' if name else "of one without a name"
+        raise ConfigError(f"{error.key}", error.value, f"({of}) {error.reason}") from None
 
 
 def _obstacle(entry: Entry, folder: Path) -> Obstacle:
@@ -225,7 +233,7 @@ def _attached(entry: Entry, folder: Path) -> Attached:
             name=given.text("name", ""),
             shape=_shape(given, entry, folder),
             T_tool_object=_pose(given),
-            mass=given.number("mass_kg", 0.0, lower=0.0, upper=10.0, unit="kg"),
+            mass=given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
             may_touch=frozenset(touches),
         )
 
@@ -253,11 +261,21 @@ def _shape(given: Attributes, entry: Entry, folder: Path) -> Shape:
         )
     form = forms[0]
     if form == "box_mm":
-        return Box(size=to_m(_triple(given, form, _LARGEST_MM)))
+        edges_mm = _triple(given, form, _LARGEST_MM)
+        if not np.all(edges_mm > 0.0):
+            raise ConfigError(form, edges_mm.tolist(), "must be three lengths of more than 0 mm")
+        return Box(size=to_m(edges_mm))
     if form == "sphere_radius_mm":
         return Sphere(radius=_length(given, form))
     if form == "capsule_radius_mm":
-        return Capsule(radius=_length(given, form), length=_length(given, "capsule_length_mm"))
+        radius, length = _length(given, form), _length(given, "capsule_length_mm")
+        if length < 2.0 * radius:
+            raise ConfigError(
+                "capsule_length_mm",
+                to_mm(length),
+                f"is from tip to tip, so at least twice its radius, {to_mm(2.0 * radius):g} mm",
+            )
+        return Capsule(radius=radius, length=length)
     if form == "mesh_file":
         return _mesh(folder / given.text(form, ""))
     if form == "points_mm":
@@ -272,7 +290,10 @@ def _shape(given: Attributes, entry: Entry, folder: Path) -> Shape:
 def _length(given: Attributes, key: str) -> float:
     if not given.given(key):
         raise ConfigError(key, None, "is missing")
-    return to_m(given.number(key, 0.0, lower=0.0, upper=_LARGEST_MM, unit="mm"))
+    length_mm = given.number(key, 0.0, lower=0.0, upper=_LARGEST_MM, unit="mm")
+    if length_mm == 0.0:
+        raise ConfigError(key, length_mm, "must be more than 0 mm")
+    return to_m(length_mm)
 
 
 def _table(key: str, value: object) -> Array:
@@ -294,6 +315,8 @@ def _mesh(path: Path) -> Mesh:
         vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     except Exception as error:  # its readers raise whatever they trip over
         raise ConfigError("mesh_file", str(path), f"cannot be read as a mesh: {error}") from error
+    if len(triangles) == 0:
+        raise ConfigError("mesh_file", str(path), "holds no triangles; is it a mesh?")
     return Mesh(vertices=to_m(vertices), triangles=triangles)
 
 

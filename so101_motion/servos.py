@@ -329,7 +329,11 @@ class Servos:
         if self._arm is None:
             now = self._clock.now()
             if now < self._retry_due:
-                raise PortUnavailable(self.settings.port, "is being set up again")
+                raise PortUnavailable(
+                    self.settings.port,
+                    "the servos could not be set up again yet; check the USB cable and the arm's"
+                    " power, it is tried again every second",
+                )
             self._retry_due = now + 1.0
             wanted = self.settings
             self._arm = self._build(replace(wanted, timeout=0.0))  # this thread must not wait

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 
 import numpy as np
 from viam.proto.common import Capsule as ViamCapsule
@@ -64,17 +65,25 @@ def _shape(geometry: Geometry) -> Shape:
     kind = geometry.WhichOneof("geometry_type")
     if kind == "box":
         dims = geometry.box.dims_mm
-        return Box(size=to_m(np.array([dims.x, dims.y, dims.z])))
+        return Box(size=_lengths("dims_mm", dims.x, dims.y, dims.z))
     if kind == "sphere":
-        return Sphere(radius=to_m(geometry.sphere.radius_mm))
+        return Sphere(radius=float(_lengths("radius_mm", geometry.sphere.radius_mm)[0]))
     if kind == "capsule":
         capsule = geometry.capsule
-        return Capsule(radius=to_m(capsule.radius_mm), length=to_m(capsule.length_mm))
+        radius, length = _lengths("radius_mm, length_mm", capsule.radius_mm, capsule.length_mm)
+        return Capsule(radius=radius, length=length)
     if kind == "mesh":
         return _mesh(geometry.mesh.content_type, geometry.mesh.mesh)
     if kind == "pointcloud":
         return PointCloud(points=_points(geometry.pointcloud.point_cloud))
     raise ConfigError("geometry", kind, "must be a box, sphere, capsule, mesh or point cloud")
+
+
+def _lengths(key: str, *lengths_mm: float) -> Array:
+    """In metres; refused in the unit they came in."""
+    if not all(0.0 < length < math.inf for length in lengths_mm):
+        raise ConfigError(key, list(lengths_mm), "must be more than 0 mm and finite")
+    return to_m(np.array(lengths_mm))
 
 
 def _mesh(content_type: str, data: bytes) -> Mesh:

@@ -151,6 +151,8 @@ class So101Motion(MotionService):
     async def _execute(self, steps: object) -> None:
         name, waypoints = _read_steps(steps)
         resource = self._arm_for(name)
+        if name != resource.short_name:
+            raise ConfigError("execute", name, f"is not the arm; that is {resource.short_name}")
         await resource.stop()
         arm = resource.rig.arm
         off = float(np.max(np.abs(waypoints[0] - arm.state.q_ref)))

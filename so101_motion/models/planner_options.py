@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from viam.proto.common import PoseCloud as ViamCloud
 
-from so101_motion.config import Attributes, checked_number
+from so101_motion.config import Attributes, checked_number, suggest
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3
 from so101_motion.models import convert
@@ -41,6 +41,17 @@ _IGNORED = frozenset(
     }
 )
 """Options of viam-server's planner that mean nothing to ours."""
+
+_HONOURED = (
+    "goal_metric_type",
+    "pose_cloud",
+    "position_tolerance_mm",
+    "orientation_tolerance_deg",
+    "timeout",
+    "rseed",
+    "collision_buffer_mm",
+)
+"""Options that count."""
 
 _LONGEST = 600.0  # [s] of searching; chosen
 
@@ -169,7 +180,7 @@ def _leeways(values: Mapping[str, float]) -> PoseCloud:
 
 
 class Ignored:
-    """Warns once of each option that has no effect.
+    """Warns once of each option that has no effect, misspelt ones included.
 
     Args:
         logger: Where to say so.
@@ -184,6 +195,11 @@ class Ignored:
         for key in sorted(_IGNORED & extra.keys() - self._said):
             self._said.add(key)
             self._logger.warning('planner option "%s" has no effect on our planner', key)
+        for key in sorted(extra.keys() - self._said - {*_HONOURED}):
+            hint = suggest(key, _HONOURED)
+            if hint.startswith("did you mean"):  # others may be meant for somebody else
+                self._said.add(key)
+                self._logger.warning('"%s" is unknown and has no effect; %s', key, hint)
 
 
 def _number(extra: Mapping[str, object], key: str, most: float, unit: str) -> float | None:

@@ -258,7 +258,10 @@ class ServoCommands:
         try:
             if file is None:
                 raise ConfigError(
-                    "calibration_file", None, "is not configured; there is no file to reload"
+                    "calibration_file",
+                    None,
+                    "is not configured, so there is no file to reload; configure one, or send"
+                    ' "reinitialize" to read the servos\' registers again',
                 )
             found = await asyncio.to_thread(store.load, file)
             await asyncio.to_thread(self._rig.reload)

@@ -16,7 +16,7 @@ import numpy as np
 from viam.proto.service.motion import Constraints
 
 from so101_motion.config import checked_number
-from so101_motion.errors import PlanningError
+from so101_motion.errors import ConfigError, PlanningError
 from so101_motion.geometry import SE3, Array, interpolated, rotation_angle
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
 
@@ -75,6 +75,10 @@ class ToolConstraints:
         free_turns = []
         for oriented in constraints.orientation_constraint:
             asked = _positive("orientation_tolerance_degs", oriented.orientation_tolerance_degs)
+            if asked == 0.0:
+                raise ConfigError(
+                    "orientation_tolerance_degs", asked, "must be more than 0 deg; 5 is usual"
+                )
             turn = min(turn, to_rad(asked))
             free_turns.append(oriented.ignore_theta)
         return cls(

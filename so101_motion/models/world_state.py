@@ -107,11 +107,12 @@ def _centre(entry: Geometry) -> SE3:
 
 
 class _Names:
-    """Names for things; viam-server allows several without a label."""
+    """Names for things; viam-server allows several without a label, and any label at all."""
 
     def __init__(self, scene: Scene) -> None:
         self._taken = {
-            "floor",
+            FLOOR,
+            *LINKS,
             *(o.name for o in scene.obstacles),
             *(a.name for a in scene.attached),
         }

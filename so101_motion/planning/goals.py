@@ -107,6 +107,8 @@ class PathGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))
+        if not 0.0 <= self.tolerance < math.inf:
+            raise ConfigError("tolerance", self.tolerance, "must be 0 or more and finite [rad]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

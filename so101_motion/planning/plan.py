@@ -82,6 +82,10 @@ class PlanRequest:
         for key in ("dt", "time_budget"):
             if not 0.0 < getattr(self, key) < math.inf:
                 raise ConfigError(key, getattr(self, key), "must be positive and finite [s]")
+        if not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
+            raise ConfigError("seed", self.seed, "must be a whole number, 0 or more")
+        if not isinstance(self.goal, Goal):
+            raise TypeError(f"a goal is one of planning.goals, not a {type(self.goal).__name__}")
 
 
 class OffWay(NamedTuple):

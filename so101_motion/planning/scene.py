@@ -114,6 +114,8 @@ class Mesh:
         vertices = _points("vertices", self.vertices)
         try:
             triangles = np.array(self.triangles, dtype=np.int64)
+            if not np.array_equal(triangles, self.triangles):
+                raise ValueError("not whole numbers")
         except (TypeError, ValueError) as error:
             raise ConfigError("triangles", self.triangles, "must be numbers of vertices") from error
         if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
@@ -273,7 +275,7 @@ class Scene:
 
 
 def _named(name: str) -> None:
-    if not name:
+    if not isinstance(name, str) or not name:
         raise ConfigError("name", name, "each thing needs a name, for messages to call it by")
 
 

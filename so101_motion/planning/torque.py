@@ -146,7 +146,7 @@ class Load:
     def __init__(
         self, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
     ) -> None:
-        self._model, self._payload = model, payload
+        self._model, self._strength, self._payload = model, strength, payload
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
         self._newest: tuple[Trajectory, Array] | None = None
         there = np.abs(model.holding_torques(q_start[None]))[0]
@@ -237,10 +237,14 @@ class Load:
         advice = "reach less far" + (", or carry less" if mass else "")
         if self._is_weak:
             advice += f'; servos for {STRONGEST:g} V bear more: set "servo_voltage" if it has those'
+        own = self._strength.holding if verb == "hold" else self._strength.moving
+        may = f"its servo may exert {own:.2f} N m"
+        if limit > own:
+            may += f", and no more than {limit:.2f} to leave where it stands overloaded"
         return Overloaded(
             f"{ARM_JOINTS[i]} would have to exert {abs(torque):.2f} N m to {verb} {load} {where}"
-            f" (at {', '.join(f'{to_deg(angle):.0f}' for angle in q.tolist())} deg); its servo may"
-            f" exert {limit:.2f} N m; {advice}",
+            f" (at {', '.join(f'{to_deg(angle):.0f}' for angle in q.tolist())} deg); {may};"
+            f" {advice}",
             joint=ARM_JOINTS[i],
             torque=torque,
             limit=limit,

@@ -78,6 +78,22 @@ def test_a_stop_and_a_motion_end_it(bench, rig):
     assert np.degrees(rig.arm.state.q[0]) == pytest.approx(0.0, abs=0.5)
 
 
+def test_setting_the_servos_up_anew_ends_it_without_a_jump_and_it_can_begin_again(bench, rig):
+    lead(bench)
+    bench.advance(3.0)
+    here = bench.q_deg
+    rig.reload()
+    assert rig.arm.state.mode is Mode.HOLDING
+    bench.advance(1.0)
+
+    assert limits(bench) == [1000] * 5 + [500]
+    assert bench.q_deg == pytest.approx(here, abs=0.5)
+    rig.arm.set_manual(True)
+    bench.advance(0.5)
+    assert rig.arm.state.mode is Mode.GUIDING
+    assert bench.q_deg == pytest.approx(here, abs=0.5)
+
+
 def test_what_would_move_the_arm_behind_the_hand_s_back_is_refused(bench, rig):
     with pytest.raises(NotHolding, match="guided by hand"):
         bench.finish(rig.executor.retarget(np.zeros(5), rig.arm.limits))

@@ -280,6 +280,24 @@ def test_unplugged_in_mid_move_and_plugged_in_again(bench):
     bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
 
 
+def test_setting_up_anew_without_a_port_says_what_helps_and_succeeds_by_itself_later(bench):
+    rig = bench.open()
+    bench.advance(0.5)
+    before = bench.q_deg
+    bench.emulator.unplug()
+    bench.advance(0.2)
+    with pytest.raises(PortUnavailable, match="check the USB cable"):
+        rig.reload()
+    with pytest.raises(PortUnavailable, match=r"check the USB cable.*tried again"):
+        bench.finish(rig.executor.hold())
+    bench.emulator.plug()
+    bench.advance(2.0)
+
+    assert rig.servos.is_connected
+    bench.finish(rig.executor.hold())
+    assert bench.q_deg == pytest.approx(before, abs=0.5)
+
+
 def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench):
     rig = bench.open()
     motion = bench.go(rig, 60, 0, 0, 0, 0)

@@ -171,6 +171,17 @@ async def test_turns_are_limited_when_asked_for(arm, motion):
     assert await in_time(arm, motion.move("arm", at(220, 80, 100), constraints=loose))
 
 
+async def test_a_turn_of_nothing_is_refused_by_the_name_it_has_in_the_request(motion):
+    fixed = Constraints(orientation_constraint=[OrientationConstraint()])
+    with pytest.raises(GRPCError, match="orientation_tolerance_degs"):
+        await motion.move("arm", at(220, 80, 100), constraints=fixed)
+
+
+async def test_steps_for_another_arm_are_not_executed_by_this_one(motion):
+    with pytest.raises(GRPCError, match="is not the arm; that is arm"):
+        await motion.do_command({"execute": [{"left": [0.0] * 5}]})
+
+
 async def test_a_nearly_straight_way_is_measured(arm, motion):
     await in_time(arm, motion.move("arm", at(220, -50, 100)))
     nearly = Constraints(

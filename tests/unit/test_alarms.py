@@ -25,6 +25,7 @@ def test_a_healthy_servo_alarms_nobody():
         ({"faults": ("overload",), "load": -0.8}, "80 % drive"),
         ({"faults": ("overcurrent",), "amps": 2.1}, "2.10 A"),
         ({"faults": ("voltage",), "volts": 5.1}, "5.1 V"),
+        ({"volts": 5.0}, "only 5.0 V"),
         ({"faults": ("encoder",)}, "encoder"),
     ],
 )

@@ -116,6 +116,7 @@ def test_a_move_that_is_not_confirmed_is_not_made(run):
         (["--sim", "--xyz", "1,2,nan"], 2, "3 numbers"),
         (["--sim", "--xyz", "near"], 2, "X,Y,Z"),
         (["--sim", "--pose", "home", "--line"], 2, "belong to --xyz"),
+        (["--sim", "--pose", "home", "--frame", "jaw_tip"], 2, "belong to --xyz"),
         (["--sim", "--xyz", "200,0,100", "--approach", "0,0,0"], 2, "direction"),
         (["--sim", "--xyz", "900,0,100"], 5, "reach"),
         (["--sim", "--joints", "0,0,120,0,0"], 5, "elbow_flex"),

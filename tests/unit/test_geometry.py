@@ -13,6 +13,8 @@ from so101_motion.geometry import (
     rot_y,
     rot_z,
     rotation_angle,
+    rotation_by,
+    rotation_vector,
 )
 
 angles = st.floats(-math.pi, math.pi)
@@ -74,3 +76,20 @@ def test_arrays_are_copied_in_and_cannot_be_changed():
 def test_wrong_shape_is_refused_with_both_shapes():
     with pytest.raises(ValueError, match=r"shape \(3,\), got \(2,\)"):
         frozen_array([1.0, 2.0], (3,))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, 1e-3, 1.0, 3.0, np.pi - 1e-5])
+@pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.6, 0.0, -0.8]])
+def test_a_rotation_vector_and_the_rotation_by_it_undo_each_other(axis, angle):
+    vector = angle * np.array(axis)
+    R = rotation_by(vector)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(R @ axis, axis, atol=1e-12)
+    np.testing.assert_allclose(rotation_vector(R), vector, rtol=1e-6, atol=1e-9)
+
+
+def test_half_a_turn_has_an_axis_of_either_sign():
+    axis = np.array([0.48, 0.6, -0.64])
+    vector = rotation_vector(rotation_by(np.pi * axis))
+    np.testing.assert_allclose(np.abs(vector), np.pi * np.abs(axis), atol=1e-6)
+    np.testing.assert_allclose(rotation_by(vector), rotation_by(np.pi * axis), atol=1e-6)

@@ -94,7 +94,8 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
         ({"obstacles": [{"name": "mug", "box": [1, 1, 1]}]}, 'of "mug"'),
         ({"obstacles": [{"name": "mug"}]}, "exactly one form"),
         ({"obstacles": [{"name": "m", "box_mm": [1, 2, 3], "sphere_radius_mm": 3}]}, "one form"),
-        ({"obstacles": [{"name": "mug", "box_mm": [10, 0, 10]}]}, "more than 0"),
+        ({"obstacles": [{"name": "mug", "box_mm": [10, 0, 10]}]}, '"box_mm"'),
+        ({"obstacles": [{"name": "mug", "sphere_radius_mm": 0}]}, '"sphere_radius_mm"'),
         ({"obstacles": [{"name": "mug", "box_mm": [10, float("nan"), 10]}]}, "finite"),
         ({"obstacles": [{"name": "mug", "box_mm": [10, 10]}]}, "three numbers"),
         ({"obstacles": [{"box_mm": [10, 10, 10]}]}, "needs a name"),
@@ -103,7 +104,7 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
         ({"obstacles": [{"name": "a", "capsule_radius_mm": 10}]}, "capsule_length_mm"),
         (
             {"obstacles": [{"name": "a", "capsule_radius_mm": 10, "capsule_length_mm": 5}]},
-            "twice its radius",
+            "twice its radius, 20 mm",
         ),
         ({"obstacles": [{"name": "a", "points_mm": [[1, 2]]}]}, "triples"),
         ({"obstacles": [{"name": "a", "mesh_file": "not-there.stl"}]}, "not-there.stl"),
@@ -111,7 +112,12 @@ def test_a_mesh_file_is_read_in_millimetres(tmp_path):
         ({"attached": [{"name": "a", "box_mm": [1, 1, 1], "mass_kg": -1}]}, "mass_kg"),
         ({"may_touch": [["a"]]}, "list of pairs"),
         ({"floor_z_mm": "low"}, "must be a number"),
-        ({"margin_mm": 0}, "margin"),
+        ({"attached": [{"name": "a", "box_mm": [1, 1, 1], "mass_kg": 9}]}, "mass_kg"),
+        (
+            {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[0, 0, 0.5]]}]},
+            "numbers of vertices",
+        ),
+        ({"margin_mm": 0}, '"margin_mm"'),
     ],
 )
 def test_what_cannot_be_meant_is_refused_in_a_sentence(content, says):
@@ -126,6 +132,16 @@ def test_a_file_that_is_not_there_or_not_json_is_named(tmp_path):
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(ConfigError, match="is not JSON"):
         read_scene(tmp_path / "bad.json")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    with pytest.raises(ConfigError, match="is not JSON"):
+        read_scene(tmp_path / "deep.json")
+
+
+def test_a_mesh_file_that_holds_no_triangles_is_named(tmp_path):
+    (tmp_path / "empty.stl").write_text("not a mesh")
+    thing = {"name": "part", "mesh_file": "empty.stl"}
+    with pytest.raises(ConfigError, match=r"empty\.stl.*holds no triangles"):
+        scene_from({"obstacles": [thing]}, folder=tmp_path)
 
 
 @given(st.tuples(*[st.floats(-3.2, 3.2)] * 3))

@@ -83,3 +83,11 @@ def test_options_without_effect_are_said_once(caplog):
     assert [record.message for record in caplog.records] == [
         'planner option "resolution" has no effect on our planner'
     ]
+
+
+def test_a_misspelt_option_is_told_from_one_that_is_not_ours(caplog):
+    ignored = Ignored(logging.getLogger("planner"))
+    for _ in range(2):
+        ignored.warn({"positon_tolerance_mm": 1, "timeout": 1, "interpolate": False, "tag": "x"})
+    (record,) = caplog.records
+    assert 'did you mean "position_tolerance_mm"' in record.message

@@ -110,6 +110,7 @@ def test_point_clouds_come_as_pcd(kind):
         (Geometry(label="ghost"), "ghost"),
         (Geometry(sphere=Sphere(radius_mm=0), label="ball"), "ball"),
         (Geometry(sphere=Sphere(radius_mm=float("nan")), label="ball"), "more than 0"),
+        (Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=0, z=9)), label="slab"), "dims_mm"),
         (Geometry(mesh=Mesh(content_type="ply", mesh=b"nonsense"), label="part"), "part"),
         (Geometry(mesh=Mesh(content_type="glb", mesh=b""), label="part"), "ply or stl"),
         (Geometry(pointcloud=PointCloud(point_cloud=b"nonsense"), label="seen"), "PCD"),
@@ -131,6 +132,15 @@ async def test_things_without_a_label_or_with_the_same_one_get_names_of_their_ow
     world = obstacles("world", CUBE, CUBE, plain, plain)
     scene = await scene_with(Scene(), world, Frames("arm", TOOL))
     assert len({o.name for o in scene.obstacles}) == 4
+
+
+async def test_things_may_be_called_like_parts_of_the_arm(machine):
+    world = obstacles("world", Geometry(sphere=Sphere(radius_mm=10), label="base"))
+    hand = Geometry(sphere=Sphere(radius_mm=10))
+    world.transforms.append(transform("gripper", "arm", 50, hand))
+    scene = await scene_with(Scene(), world, Frames("arm", TOOL, world.transforms))
+    assert [o.name for o in scene.obstacles] == ["base 2"]
+    assert [a.name for a in scene.attached] == ["gripper 2"]
 
 
 async def test_what_hangs_from_the_tool_is_held(machine):

@@ -317,11 +317,24 @@ def test_giving_up_says_what_was_tried(plan):
         ("q_jaw", float("inf")),
         ("dt", 0.0),
         ("time_budget", -1.0),
+        ("seed", -1),
+        ("seed", 1.5),
     ],
 )
 def test_a_request_that_cannot_be_meant_names_the_key(key, value):
     with pytest.raises(ConfigError, match=f'"{key}"'):
         PlanRequest(**{"q_start": HOME, "goal": JointGoal(q=GOAL), "limits": LIMITS, key: value})
+
+
+def test_something_else_than_a_goal_is_a_mistake_of_the_program():
+    with pytest.raises(TypeError, match="not a str"):
+        PlanRequest(q_start=HOME, goal="ready", limits=LIMITS)
+
+
+@pytest.mark.parametrize("tolerance", [-0.1, np.nan, np.inf])
+def test_a_corner_tolerance_that_cannot_be_meant_is_refused(tolerance):
+    with pytest.raises(ConfigError, match='"tolerance"'):
+        PathGoal(waypoints=WAYPOINTS, tolerance=tolerance)
 
 
 def test_an_open_gripper_is_planned_with_its_true_width(model, plan):

@@ -91,6 +91,19 @@ def test_a_reach_that_is_too_heavy_to_hold_is_refused_with_joint_torque_and_post
     assert PLANNER.plan(request(JointGoal(q=STRETCHED), 0.1, STRONG)).report.effort < 1.0
 
 
+def test_what_a_servo_may_exert_is_not_said_to_be_what_it_has_to_where_it_stands() -> None:
+    heavy = PlanRequest(
+        q_start=0.9 * STRETCHED,
+        goal=JointGoal(q=STRETCHED),
+        limits=LIMITS,
+        payload=Payload(mass=0.3, com=AT_THE_TIP),
+        strength=WEAK,
+    )
+    says = r"may exert 1\.15 N m, and no more than \d\.\d\d to leave"
+    with pytest.raises(Overloaded, match=says):
+        PLANNER.plan(heavy)
+
+
 def test_a_way_through_a_reach_that_is_too_heavy_is_refused() -> None:
     over = np.radians([0.0, 95.0, -60.0, 60.0, 0.0])
     beyond = [np.radians([0.0, 40.0, -85.0, 0.0, 0.0]), STRETCHED, over]
