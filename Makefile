@@ -11,14 +11,14 @@ demo: $(RUNS)
 	$(BIN)/so101 demo
 
 test: $(STAMP) browser
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 
 check: $(STAMP) browser
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 3 --dist loadfile
 
 bench: $(STAMP)
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[bench]'
@@ -29,6 +29,8 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.bench_servo
 	$(BIN)/python -m benchmarks.bench_module
 	$(BIN)/python -m benchmarks.bench_bus
+	$(BIN)/python -m benchmarks.bench_follow
+	$(BIN)/python -m benchmarks.bench_stream
 
 pictures: $(STAMP) browser
 	$(BIN)/python docs/make_screenshots.py

@@ -274,7 +274,7 @@ def main() -> None:
         with company:
             cpu, wall, port = cycles(period=period)
             portless = portless_cycles(period=period)
-        add(f"the driver's whole cycle, {rhythm}, processor", cpu, bar="200 us")
+        add(f"the driver's whole cycle, {rhythm}, processor", cpu)
         add(f"the driver's whole cycle, {rhythm}, wall", wall)
         add(f"the same without a port, {rhythm}, processor", portless)
     cpu, wall = bare_cycle(with_goals=False)

@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from so101_motion.errors import ConfigError
+from so101_motion.geometry import Array
 from so101_motion.planning.trajectory import Trajectory
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg
 
-_JOINT_STATE = """\
+JOINT_STATE = """\
 std_msgs/Header header
 string[] name
 float64[] position
@@ -32,6 +33,7 @@ MSG: builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
+"""The definition of ``sensor_msgs/msg/JointState``, as MCAP files carry it."""
 
 
 def export(trajectory: Trajectory, path: Path) -> None:
@@ -86,25 +88,59 @@ def _to_json(trajectory: Trajectory, path: Path) -> None:
 
 
 def _to_mcap(trajectory: Trajectory, path: Path) -> None:
+    writer_class = mcap_writer(path)
+    with open(path, "wb") as file, writer_class(file) as writer:
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+        for k, t in enumerate(trajectory.t):
+            at_ns = round(float(t) * 1e9)
+            message = joint_state(at_ns, ARM_JOINTS, trajectory.q[k], trajectory.qd[k])
+            writer.write_message("/joint_commands", schema, message, at_ns, at_ns, k)
+
+
+def mcap_writer(path: Path) -> Any:
+    """The class that writes ROS 2 messages to an open MCAP file.
+
+    Args:
+        path: Which file is to be written, for the message.
+
+    Raises:
+        ConfigError: The package for it is not installed.
+    """
     try:
         from mcap_ros2.writer import Writer
     except ImportError as error:
         raise ConfigError(
             "out", str(path), "MCAP needs a package more; try: pip install 'so101-motion[mcap]'"
         ) from error
-    with open(path, "wb") as file, Writer(file) as writer:
-        schema = writer.register_msgdef("sensor_msgs/msg/JointState", _JOINT_STATE)
-        for k, t in enumerate(trajectory.t):
-            at_ns = round(float(t) * 1e9)
-            stamp = {"sec": at_ns // 10**9, "nanosec": at_ns % 10**9}
-            message = {
-                "header": {"stamp": stamp, "frame_id": "base_link"},
-                "name": list(ARM_JOINTS),
-                "position": trajectory.q[k].tolist(),
-                "velocity": trajectory.qd[k].tolist(),
-                "effort": [],
-            }
-            writer.write_message("/joint_commands", schema, message, at_ns, at_ns, k)
+    return Writer
+
+
+def joint_state(
+    at_ns: int,
+    names: Sequence[str],
+    q: Array,
+    qd: Array | None = None,
+    effort: Sequence[float] = (),
+) -> dict[str, Any]:
+    """A ``JointState`` message.
+
+    Args:
+        at_ns: Its time [ns].
+        names: Of the n joints.
+        q: Positions, shape (n,), [rad].
+        qd: Velocities, shape (n,), [rad/s]; None where there are none.
+        effort: What goes into that field.
+    """
+    return {
+        "header": {
+            "stamp": {"sec": at_ns // 10**9, "nanosec": at_ns % 10**9},
+            "frame_id": "base_link",
+        },
+        "name": list(names),
+        "position": q.tolist(),
+        "velocity": [] if qd is None else qd.tolist(),
+        "effort": list(effort),
+    }
 
 
 _FORMATS: dict[str, Callable[[Trajectory, Path], None]] = {

@@ -11,6 +11,7 @@ distance and nothing is.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 
@@ -21,6 +22,8 @@ from so101_motion.executor import Channel, Executor
 from so101_motion.modes import Mode
 from so101_motion.motion import Motion
 from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.trajectory import Setpoint
+from so101_motion.pursuit import Aim, Pursuit
 from so101_motion.units import to_rad
 
 JAW_CLOSED = to_rad(-10.0)
@@ -124,6 +127,34 @@ class Gripper:
         running = self._begin_latest(motion, self._angle(aperture), grabs=True)
         running.add_done_callback(partial(self._closed_or_met, motion))
         return motion
+
+    def open_pursuit(self, aim: Callable[[Setpoint], Aim | None]) -> Pursuit:
+        """Let the jaw run after a target that moves; takes over from what is under way.
+
+        Blocks until the jaw is at rest. The pursuit ends with ``FollowingError`` when the jaw meets
+        something; ``start_grab`` then holds it.
+
+        Args:
+            aim: Says in every period where to go; see ``Pursuit``.
+
+        Raises:
+            So101Error: The jaw cannot be moved now.
+        """
+        with self._lock:
+            self._latest, self._grabs = None, False
+        executor = self._executor
+        executor.stop(Channel.JAW).result()
+        ends = sorted((self.closed, self.opened))
+        pursuit = Pursuit(
+            aim,
+            q_start=np.array([executor.state.q_jaw_ref]),
+            lower=np.array(ends[:1]),
+            upper=np.array(ends[1:]),
+            stop_limits=executor.stop_limits(Channel.JAW),
+            dt=executor.dt,
+        )
+        executor.play(pursuit, channel=Channel.JAW)
+        return pursuit
 
     def regrip(self) -> None:
         """Press again on what the last grab holds, after the joints were held anew.

@@ -37,7 +37,30 @@ def pytest_addoption(parser):
 
 
 def pytest_report_header(config):
-    return f"hypothesis seed: --hypothesis-seed={getattr(config.option, _SEED_OPTION)}"
+    lines = [f"hypothesis seed: --hypothesis-seed={getattr(config.option, _SEED_OPTION)}"]
+    port = config.getoption("--hardware")
+    if port:
+        lines.append(f"THE ARM ON {port} WILL MOVE: up to 15 deg from where it stands, and its jaw")
+    return lines
+
+
+def pytest_collection_modifyitems(config, items):
+    """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo."""
+    if not config.getoption("--hardware"):
+        return
+    left_out = [
+        item
+        for item in items
+        if "arm_port" not in item.fixturenames or item.get_closest_marker("emulator_only")
+    ]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
+
+
+@pytest.fixture(scope="session")
+def arm_port(request):
+    """The port of a real arm; None for an emulated one. Who uses it is written for both."""
+    return request.config.getoption("--hardware")
 
 
 @pytest.fixture(autouse=True)

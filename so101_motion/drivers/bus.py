@@ -59,6 +59,10 @@ OVERDUE = 0.25
 """For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
 adapter holds back."""
 
+_REST = 0.003
+"""How long to wait for the others once the first answers to a sync read have come, beyond the time
+the wire takes [s]: an adapter hands over every millisecond or two what it has. Chosen."""
+
 _GAP = 3  # byte times between two answers to a sync read (FW)
 _PING_SLOT = packet_size(0) + _GAP
 
@@ -389,6 +393,8 @@ class Bus:
             data = self.port.read(until)
             if not data:
                 break
+            if not answers.found:
+                until = min(until, time.monotonic() + wire + _REST)
             answers.feed(data)
         for servo_id, answer in answers.found.items():
             self._note(self._tally(servo_id), answer.faults)

@@ -13,11 +13,11 @@ stands a little off its goal under its load; the first goal keeps exactly that d
 outside its limits, where no goal can keep it, is left as it is until a goal inside comes
 (``strays.py``). What the goals are: see ``aim.py``, and while a hand guides the arm ``guiding.py``.
 
-*One silent servo costs nobody else anything.* For a few cycles its last position stands in. Then
-``read`` raises ``NoReply`` once, which ends what is under way; after that the others are read as
-before, and the silent one is asked along. When it answers again it is set up anew, and if it had
-restarted it is made to hold where it is and ``ServoFault`` is raised once, because the joint may
-stand elsewhere now.
+*One silent servo costs nobody else anything.* For a quarter of a second its joint is taken to go
+where it is sent (``unseen.py``). Then ``read`` raises ``NoReply`` once, which ends what is under
+way; after that the others are read as before, and the silent one is asked along. When it answers
+again it is set up anew, and if it had restarted it is made to hold where it is and ``ServoFault``
+is raised once, because the joint may stand elsewhere now.
 
 *The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
 tries to get it back (``chain.py``) and sets the servos up again. They hold meanwhile, and
@@ -45,6 +45,7 @@ from so101_motion.drivers.servo_setup import ServoCondition, engage
 from so101_motion.drivers.slope import Slope
 from so101_motion.drivers.strays import Strays
 from so101_motion.drivers.ticks import JointMap, Ticks, to_acceleration_units, to_speed_ticks
+from so101_motion.drivers.unseen import Unseen
 from so101_motion.errors import BusError, ServoFault
 from so101_motion.geometry import Array
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
@@ -116,6 +117,7 @@ class FeetechArm:
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
         self._q, self._qd, self._slope = [0.0] * 6, [0.0] * 6, Slope(6)
+        self._unseen = Unseen(6)
         self._aim, self._strays = Aim(self._maps, gravity), Strays(self._maps, self._chain.ram)
         self._guide: Guide | None = None
         self._vitals = Vitals(clock.now())
@@ -287,6 +289,7 @@ class FeetechArm:
         joint = self._maps[i]
         self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
         self._q[i] = joint.to_rad(servo.present_ticks)
+        self._unseen.note(i, self._q[i], None)
         self._aim.found(i, servo)
         self._strays.found(i, crawls=servo.crawls)
 
@@ -330,10 +333,14 @@ class FeetechArm:
             silence_tries=1,
             given_up=self._presence.unanswering,
         )
-        for servo_id, answer in found.items():
-            i = self._index[servo_id]
-            ticks = position.decode(answer.data[: position.size])
-            self._q[i] = self._maps[i].to_rad(Ticks(ticks))
+        wanted = self._aim.q if self._aim.is_set and self._torque else None
+        for servo_id, i in self._index.items():
+            if servo_id in found:
+                ticks = position.decode(found[servo_id].data[: position.size])
+                self._q[i] = self._maps[i].to_rad(Ticks(ticks))
+                self._unseen.note(i, self._q[i], wanted)
+            else:
+                self._q[i] = self._unseen.stand_in(i, wanted)
         self._slope.add(now, self._q)
         self._qd = self._slope.value()
         if self._aim.is_set and self._torque and self._guide is None:

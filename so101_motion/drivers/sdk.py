@@ -40,11 +40,15 @@ class Port(Protocol):
 
 
 class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
-    """The SDK's view of our port: it waits instead of spinning, and discards what is stale."""
+    """The SDK's view of our port: it waits instead of spinning, and discards what is stale.
+
+    Attributes:
+        patience: How long to wait for an answer beyond the time on the wire [s].
+    """
 
     def __init__(self, port: Port, patience: float) -> None:
         super().__init__(port.name)
-        self._port, self._patience = port, patience
+        self._port, self.patience = port, patience
         self._until = 0.0
         self._ahead = b""
 
@@ -70,7 +74,7 @@ class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Begin to wait for ``packet_length`` bytes."""
         wire = 10.0 * packet_length / self._port.baud
-        self._until = time.monotonic() + wire + self._patience
+        self._until = time.monotonic() + wire + self.patience
 
     def isPacketTimeout(self) -> bool:
         """Whether the time is up."""

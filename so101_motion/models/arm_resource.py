@@ -91,7 +91,6 @@ class ArmSettings:
             approach_tolerance=wanted.approach_tolerance,
         )
 
-
     def goal(self, T_base_goal: SE3) -> PoseGoal:
         """A goal with this arm's tolerances."""
         goal = PoseGoal(T_base_tool=T_base_goal)

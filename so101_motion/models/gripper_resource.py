@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import Any, ClassVar
 
 from grpclib import GRPCError, Status
 from viam.components.gripper import Gripper
@@ -26,9 +26,14 @@ class GripperResource(Gripper):
         mesh_detail: ``"low"`` or ``"high"``.
     """
 
+    here: ClassVar[dict[str, GripperResource]] = {}
+    """The grippers of this process by name, for whoever names one."""
+
     def __init__(self, name: str, rig: Rig, *, gripper_type: str, mesh_detail: str) -> None:
         super().__init__(name)
-        self._rig = rig
+        self.rig = rig
+        self.short_name = name.rpartition(":")[2]
+        self.here[self.short_name] = self
         self._gripper = rig.gripper
         self._type, self._detail = gripper_type, mesh_detail
         self._latest: Motion | None = None
@@ -49,17 +54,17 @@ class GripperResource(Gripper):
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
         """The parts as meshes, the jaw where it is now, in the arm's tool frame."""
-        body, moving = meshes.gripper_placements(self._rig.arm.model, self._gripper.q_jaw)
+        body, moving = meshes.gripper_placements(self.rig.arm.model, self._gripper.q_jaw)
         return meshes.gripper_geometries(self._type, self._detail, body, moving)
 
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
         """Boxes around the closed gripper, and the tool centre point as the leaf; no joints."""
-        body, moving = meshes.gripper_placements(self._rig.arm.model, JAW_CLOSED)
+        body, moving = meshes.gripper_placements(self.rig.arm.model, JAW_CLOSED)
         parts = [
             (label, moving if label.startswith("gripper_moving") else body, box)
             for label, box in meshes.gripper_boxes(self._type)
         ]
-        sva = kinematics.gripper_sva(self.name.rpartition(":")[2], self._type, parts)
+        sva = kinematics.gripper_sva(self.short_name, self._type, parts)
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
 
     async def get_current_inputs(self, **kwargs: Any) -> list[float]:
@@ -77,4 +82,6 @@ class GripperResource(Gripper):
 
     async def close(self) -> None:
         """Stop and let go of everything; may be called twice."""
-        await asyncio.to_thread(self._rig.close)
+        if self.here.get(self.short_name) is self:
+            del self.here[self.short_name]
+        await asyncio.to_thread(self.rig.close)

@@ -51,11 +51,12 @@ class HardwareGripper(GripperResource):
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
 
+    rig: HardwareRig
+
     def __init__(self, name: str, rig: HardwareRig, config: HardwareGripperConfig) -> None:
         super().__init__(
             name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
         )
-        self.rig = rig
         self._servo_id = config.servo_id
         self._open_percent, self._closed_percent = OPEN_PERCENT, CLOSED_PERCENT
         self._is_closed = False
@@ -146,7 +147,7 @@ class HardwareGripper(GripperResource):
             here = min(max(self._gripper.aperture, 0.0), 1.0)
             await arrival(self._watched(self._gripper.start_move(here)))
         for _ in range(10):
-            if GRIPPER_JOINT not in self._rig.arm.state.reading.alarms:
+            if GRIPPER_JOINT not in self.rig.arm.state.reading.alarms:
                 return
             await asyncio.sleep(0.05)
 
@@ -167,7 +168,8 @@ class HardwareGripper(GripperResource):
         }
 
     async def _set_position(self, request: Request) -> dict[str, Any]:
-        arguments(request, "servo_position", "percentage", "position_percentage")
+        given = arguments(request, "servo_position", "percentage", "position_percentage", "wait")
+        waits = given.flag("wait", True)
         if "servo_position" in request:
             ticks = checked_number("servo_position", request["servo_position"], unit="ticks")
             jaw = self._gripper
@@ -177,7 +179,7 @@ class HardwareGripper(GripperResource):
             return {"success": True}
         for key in ("percentage", "position_percentage"):
             if key in request:
-                await self._go(key, request[key])
+                await self._go(key, request[key], waits=waits)
                 return {"success": True}
         raise ConfigError(
             "servo_position",
@@ -190,10 +192,14 @@ class HardwareGripper(GripperResource):
             return {"position": await self._go("set", request["set"])}
         return {"position": self._percentage()}
 
-    async def _go(self, key: str, value: object) -> float:
+    async def _go(self, key: str, value: object, *, waits: bool = True) -> float:
         """Move to a percentage, clamped to 0..100 as the published module does."""
         percentage = _clamped(checked_number(key, value, unit="%"))
-        await arrival(await self._start(percentage))
+        motion = await self._start(percentage)
+        if waits:
+            await arrival(motion)
+        else:
+            left_alone(motion, self.logger)
         return percentage
 
     async def _controller_status(self, request: Request) -> dict[str, Any]:
@@ -241,7 +247,7 @@ class HardwareGripper(GripperResource):
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """How far it is open, whether it moves and holds, and how its servo is."""
-        state = self._rig.arm.state
+        state = self.rig.arm.state
         status = {
             **self._position(),
             "is_moving": await self.is_moving(),

@@ -24,6 +24,7 @@ from so101_motion.models.hardware_gripper import HardwareGripper
 from so101_motion.models.motion_service import So101Motion
 from so101_motion.models.simulated import SimulatedArm
 from so101_motion.models.simulated_gripper import SimulatedGripper
+from so101_motion.models.teleop import So101Teleop
 from so101_motion.models.world_state_store import So101WorldState
 from so101_motion.realtime import steady_interpreter
 
@@ -35,6 +36,7 @@ MODELS = (
     So101Calibration,
     So101Discovery,
     So101Motion,
+    So101Teleop,
     So101WorldState,
 )
 """Every model of this module."""

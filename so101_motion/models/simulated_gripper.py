@@ -100,7 +100,7 @@ class SimulatedGripper(GripperResource):
             return await answer(command, self._commands, self._short_form, ("get", "set"))
 
     async def _set_position(self, request: Request) -> dict[str, Any]:
-        arguments(request, "percentage", "position_percentage")
+        arguments(request, "percentage", "position_percentage", "wait")  # it never waits
         for key in ("percentage", "position_percentage"):
             if key in request:
                 return {"target_percentage": self._begin(key, request[key])}

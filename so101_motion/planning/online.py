@@ -260,7 +260,7 @@ def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
     found = ruckig.Trajectory(n)
     try:
         result = ruckig.Ruckig(n).calculate(request, found)
-    except ruckig.RuckigError as error:
+    except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself
         raise PlanningError(f"no motion from this state under these limits: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")

@@ -1,4 +1,4 @@
-"""How well an emulated arm follows a planned way: random ways, and the measuring of one."""
+"""How well an arm follows a planned way: random ways, and the measuring of one."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,6 @@ import numpy as np
 
 from so101_motion.errors import PlanningError
 from so101_motion.planning.goals import PathGoal
-from so101_motion.state import ARM_JOINTS
 
 MIDDLE_DEG = np.array([0.0, -30.0, 30.0, 20.0, 0.0])
 REACH_DEG = np.array([70.0, 45.0, 45.0, 60.0, 90.0])
@@ -32,11 +31,11 @@ class Followed:
     missed: float
 
 
-def random_plan(rig, seed, waypoints=4):
-    """A plan from where the arm is, through random waypoints, to the last of them."""
+def random_plan(rig, seed, waypoints=4, middle=MIDDLE_DEG, reach=REACH_DEG):
+    """A plan from where the arm is, through random waypoints, to the last of them [deg]."""
     rng = np.random.default_rng(seed)
     for _ in range(200):
-        way = MIDDLE_DEG + rng.uniform(-1.0, 1.0, (waypoints, 5)) * REACH_DEG
+        way = middle + rng.uniform(-1.0, 1.0, (waypoints, 5)) * reach
         try:
             return rig.arm.plan(PathGoal(waypoints=np.radians(way))), way
         except PlanningError:
@@ -47,16 +46,16 @@ def random_plan(rig, seed, waypoints=4):
 def follow(bench, rig, plan, way):
     """Let the arm move along ``plan``, through the waypoints ``way`` [deg]; what became of it."""
     motion = rig.arm.start_execute(plan)
-    zeros = np.array([_zero_deg(bench, rig, joint) for joint in ARM_JOINTS])
-    rows = []
+    rows, times = [], []
     while not motion.future.done():
         bench.advance(_TICK)
         state = rig.arm.state
         if state.arm_moving:
-            rows.append((np.degrees(state.q_ref), bench.q_deg[:5] - zeros))
+            times.append(state.t)
+            rows.append((np.degrees(state.q_ref), bench.arm_deg(rig)))
     motion.result(timeout=0.0)
     q_ref, q = (np.array(column) for column in zip(*rows, strict=True))
-    t = np.arange(len(q)) * _TICK
+    t = np.array(times) - times[0]
     errors = [_error(t, q_ref, q, lag) for lag in _LAGS]
     return Followed(
         error=float(min(errors)),
@@ -64,13 +63,6 @@ def follow(bench, rig, plan, way):
         final=float(np.max(np.abs(q[-1] - way[-1]))),
         missed=float(max(np.min(np.max(np.abs(q - point), axis=1)) for point in way)),
     )
-
-
-def _zero_deg(bench, rig, joint):
-    """What the emulator calls the angle that is zero to the rig."""
-    servo = bench.world.servo(joint)
-    off = rig.servos.setups[joint].map.zero_ticks - servo.joint.zero_ticks
-    return servo.joint.direction * off * 360.0 / 4096.0
 
 
 def _error(t, q_ref, q, lag):

@@ -1,7 +1,12 @@
-"""The real rig on emulated servos, with one clock for both that a test moves by hand."""
+"""The real rig on emulated servos, with one clock for both that a test moves by hand; or on an arm.
+
+``HardwareBench`` and ``ArmBench`` look the same to a test that troubles no servo and looks only at
+what ``ArmBench`` has.
+"""
 
 import asyncio
 import math
+import threading
 from contextlib import asynccontextmanager, contextmanager
 
 import numpy as np
@@ -15,7 +20,10 @@ from viam.proto.app.robot import ComponentConfig
 from viam.resource.manager import ResourceManager
 
 from so101_motion.clock import ManualClock
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.port import SerialPort
 from so101_motion.hardware_config import TIMEOUT
 from so101_motion.models.hardware_arm import HardwareArm
 from so101_motion.models.hardware_gripper import HardwareGripper
@@ -23,10 +31,14 @@ from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.model import RobotModel
 from so101_motion.rig import open_hardware
 from so101_motion.servos import ServoSettings
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 
 PATIENCE = 0.05
 """Above what a busy machine mostly takes to run the emulator's thread [s]; every answer that does
 get lost costs a test as much."""
+
+STEP_DEG = 8.0
+"""How far tests for either kind move a joint [deg]."""
 
 MIDDLES_DEG = (4.1, -1.45, -5.8, -0.6, 3.2)
 """Where the emulated joints' travel has its middle, which a calibration takes for zero [deg]."""
@@ -60,6 +72,15 @@ class HardwareBench:
         """True angles of the six joints [deg]."""
         self.emulator.advance()
         return np.degrees(self.world.q)
+
+    def arm_deg(self, rig):
+        """True angles of the arm joints as the rig counts them [deg]."""
+        zeros = []
+        for joint in ARM_JOINTS:
+            servo = self.world.servo(joint)
+            off = rig.servos.setups[joint].map.zero_ticks - servo.joint.zero_ticks
+            zeros.append(servo.joint.direction * off * 360.0 / 4096.0)
+        return self.q_deg[:5] - zeros
 
     def settings(self, **changes):
         wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, "timeout": 0.01, **changes}
@@ -96,10 +117,97 @@ class HardwareBench:
             self.advance(0.0)
         self.advance(seconds)
 
+    def shut(self, rig):
+        """Close a rig before the end."""
+        self._rigs.remove(rig)
+        rig.close()
+
     def close(self):
         for rig in self._rigs:
             rig.close()
         self.emulator.close()
+
+
+class ArmBench:
+    """An arm on a real port: time is real, motions are slow, and nobody can touch its servos.
+
+    Attributes:
+        port: Its port.
+    """
+
+    def __init__(self, port):
+        self.port = port
+        self._rigs = []
+
+    @property
+    def q_deg(self):
+        """Where the six servos say they are, counted from their middle [deg]."""
+        if self._rigs:
+            rig = self._rigs[-1]
+            state, to_ticks = rig.arm.state, rig.servos.to_ticks
+            angles = dict(zip((*ARM_JOINTS, GRIPPER_JOINT), [*state.q, state.q_jaw], strict=True))
+            ticks = [to_ticks(joint, q) for joint, q in angles.items()]
+        else:
+            bus = Bus(SerialPort(self.port))
+            ticks = [bus.read(i, reg.PRESENT_POSITION) for i in range(1, 7)]
+            bus.close()
+        return (np.array(ticks) - 2048) * 360.0 / 4096.0
+
+    def arm_deg(self, rig):
+        """Angles of the arm joints as the rig measures them [deg]."""
+        return np.degrees(rig.arm.state.q)
+
+    def settings(self, **changes):
+        wanted = {"servo_ids": (1, 2, 3, 4, 5), "gripper_id": 6, **changes}
+        return ServoSettings(**{"port": self.port, **wanted})
+
+    def open(self, **changes):
+        rig = open_hardware(self.settings(**changes))
+        rig.arm.set_speed(rad(15.0))
+        rig.arm.set_acceleration(rad(60.0))
+        self._rigs.append(rig)
+        return rig
+
+    def advance(self, seconds):
+        threading.Event().wait(seconds)
+
+    def finish(self, motion, at_most=15.0):
+        """Wait until ``motion`` is over; raises what it ended with."""
+        return getattr(motion, "future", motion).result(timeout=4.0 * at_most)
+
+    def go(self, rig, *degrees):
+        goal = JointGoal(q=np.radians(np.array(degrees, dtype=float)))
+        return rig.arm.start_execute(rig.arm.plan(goal))
+
+    def under_way(self, motion, rig, seconds=0.3):
+        while not (rig.arm.is_moving or motion.future.done()):
+            self.advance(0.005)
+        self.advance(seconds)
+
+    def shut(self, rig):
+        """Close a rig before the end."""
+        self._rigs.remove(rig)
+        rig.close()
+
+    def close(self):
+        for rig in self._rigs:
+            rig.close()
+
+
+def near(rig, *shares):
+    """A posture near the present one: shares of ``STEP_DEG``, each joint towards its middle."""
+    q = np.degrees(rig.arm.state.q)
+    return q - np.where(q > 0.0, 1.0, -1.0) * STEP_DEG * np.array(shares)
+
+
+@contextmanager
+def either_bench(port, folder, **options):
+    """A real arm if there is one, else an emulated one."""
+    bench = ArmBench(port) if port else HardwareBench(folder, **options)
+    try:
+        yield bench
+    finally:
+        bench.close()
 
 
 @contextmanager

@@ -231,6 +231,12 @@ def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
                 assert ready.wait(5.0)
                 assert "volcano" in told[1]
                 assert is_silent(port, frame(2, Code.PING))
+                typing.write("earthquake\nflood\n")  # both at once
+                typing.flush()
+                while len(told) < 4:
+                    ready.clear()
+                    assert len(told) == 4 or ready.wait(5.0)
+                assert "flood" in told[3]
         finally:
             stop.set()
             program.join(5.0)

@@ -7,7 +7,6 @@ from hardware_harness import MIDDLES_DEG, hardware_bench, rad
 from so101_motion.calib import record, store
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.errors import (
-    ConfigError,
     FollowingError,
     Interrupted,
     NoReply,
@@ -59,25 +58,6 @@ def test_one_port_is_opened_once_however_it_is_spelled(bench):
     assert again.executor is not gripper.executor
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "says"),
-    [
-        ({}, {"baudrate": 500_000}, "baudrate 1000000 and 500000"),
-        ({}, {"timeout": 2.0}, "timeout 0.01 and 2.0"),
-        ({}, {"servo_ids": (2, 1, 3, 4, 5)}, "servo_ids"),
-        ({}, {"gripper_id": 5}, "gripper_id"),
-        ({"gripper_id": None}, {"servo_ids": None, "gripper_id": 5}, "belongs to the arm"),
-    ],
-)
-def test_settings_that_contradict_are_refused_by_name(bench, first, second, says):
-    rig = bench.open(**first)
-    with pytest.raises(ConfigError, match=says):
-        bench.open(**second)
-
-    assert rig.users == 1
-    assert rig.arm.state.mode is Mode.HOLDING
-
-
 def test_a_build_that_fails_releases_everything(tmp_path):
     with hardware_bench(tmp_path, ids={1: 1, 2: 2, 3: 3, 6: 6}) as bench:
         with pytest.raises(NoReply, match=r"wrist_flex.*wrist_roll"):
@@ -86,11 +66,6 @@ def test_a_build_that_fails_releases_everything(tmp_path):
             bench.world.connect(place)
         bench.advance(2.0)
         assert bench.open().arm.state.mode is Mode.HOLDING
-
-
-def test_a_port_that_is_not_there_is_named(bench):
-    with pytest.raises(PortUnavailable, match="no such port"):
-        bench.open(port="/dev/ttyNONE")
 
 
 def test_an_arm_without_a_gripper_works(tmp_path):
@@ -216,30 +191,6 @@ def test_goals_outside_the_calibrated_range_are_refused(bench):
 
 
 # Moving
-
-
-def test_it_goes_where_it_is_sent(bench):
-    rig = bench.open()
-    for goal in ([20, -30, 30, 40, 10], [-20, 20, -10, 20, -30]):
-        bench.finish(bench.go(rig, *goal))
-        assert np.degrees(rig.arm.state.q) == pytest.approx(goal, abs=0.35)
-        assert bench.q_deg[:5] == pytest.approx(np.add(goal, MIDDLES_DEG), abs=1.3), "with lash"
-
-
-def test_a_stop_brings_it_to_rest_where_it_is(bench):
-    rig = bench.open()
-    bench.advance(1.0)  # the weight is taken up
-    motion = bench.go(rig, 80, 0, 0, 0, 0)
-    bench.under_way(motion, rig, 1.0)
-    stopping = rig.executor.stop()
-    bench.finish(stopping)
-    with pytest.raises(Interrupted):
-        bench.finish(motion)
-    here = bench.q_deg
-    bench.advance(1.0)
-
-    assert 2.0 < here[0] - MIDDLES_DEG[0] < 70.0
-    assert bench.q_deg == pytest.approx(here, abs=1.0)
 
 
 def test_a_joint_that_is_held_fast_ends_the_motion_and_is_not_pressed_on(bench):
@@ -383,15 +334,6 @@ def test_a_servo_that_restarts_holds_again_and_is_reported(bench):
 
 
 # The gripper
-
-
-def test_it_opens_and_closes(bench):
-    rig = bench.open()
-    bench.finish(rig.gripper.start_move(0.95))
-    assert rig.gripper.aperture == pytest.approx(0.95, abs=0.02)
-    bench.finish(rig.gripper.start_grab())
-    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.02)
-    assert not rig.gripper.is_holding
 
 
 @pytest.mark.parametrize("width_mm", [5, 20, 60])

@@ -1,7 +1,7 @@
 """The real executable moves servos on a real port; they are emulated in another process.
 
-With ``--hardware PORT`` the servos are those of an arm: it moves some degrees around where it
-stands, and its jaw opens and closes. Clear its surroundings first.
+With ``--hardware PORT`` the servos are those of an arm: its pan moves by 8 deg from where it
+stands, its wrist rolls by 10, and its jaw opens and closes. Clear its surroundings first.
 """
 
 import asyncio
@@ -12,53 +12,29 @@ import pytest
 from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, ROOT, running_module, until
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
+from hardware_port import HardwarePort, emulated_port
 from viam.components.arm import JointPositions
 
 from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.port import SerialPort
 from so101_motion.drivers.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
 
-EMULATE = "from so101_motion.cli import main; main()"
-
-SUPPORT = "".join(f"0 {joint} start\n" for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"))
-"""A hand that keeps the arm from falling while nobody holds it yet."""
-
-
-class Bench:
-    """A port with servos; faults are typed into the emulator's standard input."""
-
-    def __init__(self, port, process=None):
-        self.port, self.process = port, process
-
-    async def fault(self, line):
-        self.process.stdin.write(f"{line}\n".encode())
-        await self.process.stdin.drain()
-
 
 @pytest.fixture
-async def bench(request, tmp_path):
-    port = request.config.getoption("--hardware")
-    if port:
-        yield Bench(port)
+async def bench(arm_port, tmp_path):
+    """Servos of either kind."""
+    if arm_port:
+        yield HardwarePort(arm_port)
         return
-    link = tmp_path / "arm"
-    (tmp_path / "hand").write_text(SUPPORT)
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", EMULATE, "emulate", "--link", str(link),
-        "--hand", str(tmp_path / "hand"),
-        cwd=ROOT, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
-    )  # fmt: skip
-    await process.stdout.readline()
-    yield Bench(str(link), process)
-    process.send_signal(signal.SIGTERM)
-    await asyncio.wait_for(process.wait(), 10.0)
+    async with emulated_port(tmp_path) as emulated:
+        yield emulated
 
 
 @pytest.fixture
-def emulated(request, bench):
-    if request.config.getoption("--hardware"):
-        pytest.skip("troubles its servos; not for a real arm")
-    return bench
+async def emulated(tmp_path):
+    """Servos that may be troubled."""
+    async with emulated_port(tmp_path) as emulated:
+        yield emulated
 
 
 def servos(port):
@@ -73,13 +49,18 @@ def servos(port):
         bus.close()
 
 
+def inward(q_deg, by):
+    """``by`` degrees nearer to the middle of the travel, or beyond it."""
+    return q_deg - by if q_deg > 0.0 else q_deg + by
+
+
 async def joints(arm):
     return list((await arm.get_joint_positions()).values)
 
 
 async def test_a_session_on_a_serial_port(bench):
     async with running_module() as (module, _, _):
-        attributes = {"port": bench.port, "acceleration_degs_per_sec_per_sec": 300.0}
+        attributes = {"port": bench.port, "speed_degs_per_sec": 20.0}
         answer = await module.validate(ARM, HARDWARE_ARM, attributes)
         assert list(answer.dependencies) == []
         arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
@@ -87,7 +68,7 @@ async def test_a_session_on_a_serial_port(bench):
         await asyncio.sleep(1.5)  # the weight is taken up
 
         start = await joints(arm)
-        goal = [start[0] + 8.0, *start[1:4], start[4] + 10.0]
+        goal = [inward(start[0], 8.0), *start[1:4], inward(start[4], 10.0)]
         await arm.move_to_joint_positions(JointPositions(values=goal))
         assert await joints(arm) == pytest.approx(goal, abs=0.5)
         await arm.move_to_joint_positions(JointPositions(values=start))
@@ -150,15 +131,15 @@ async def test_the_cable_may_be_pulled_and_put_back(emulated):
         assert await joints(arm) == pytest.approx(goal, abs=0.5)
 
 
-async def test_a_killed_module_leaves_the_arm_holding(emulated):
+async def test_a_killed_module_leaves_the_arm_holding(bench):
     async with running_module() as (module, _, _):
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": bench.port}, "arm")
         await asyncio.sleep(1.0)
         start = await joints(arm)
         module.process.kill()
         await module.ended()
     async with running_module() as (module, _, _):
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": bench.port}, "arm")
         assert await joints(arm) == pytest.approx(start, abs=1.5)
 
 

@@ -10,10 +10,10 @@ from viam.components.arm import KinematicsFileFormat
 
 
 @pytest.fixture
-def gripper():
+async def gripper():
     gripper = new_gripper()
     yield gripper
-    gripper._rig.close()
+    await gripper.close()
 
 
 @pytest.fixture

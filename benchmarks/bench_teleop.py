@@ -1,0 +1,328 @@
+"""Teleoperation: how far the follower is behind, how near it stays, and what it survives.
+
+Two emulated arms with weight, friction and play; rigs, drivers, bus and session are the real ones.
+Most of it runs on one clock that drives all, so the machine's speed does not matter; angles are the
+joints' true ones there. The last part runs in real time, each emulator in a process of its own with
+the time of the wire at 1 Mbaud and an adapter that holds replies back for 1 ms; angles are what the
+servos report, stamped when each cycle began.
+
+The motion is a person's, as one imagines it: reaches of minimum jerk, 30 to 120 deg/s and 150 to
+350 deg/s^2, all joints at their own times, with pauses and 0.08 deg of tremor at 6 to 10 Hz.
+
+*Latency* is a shift in time. Over all: the one shift of all joints that leaves the least between
+leader and follower, root mean square; what it leaves is the tracking error, offsets included. In
+stretches of 2 s (and of 1 s): the shift that leaves the least variance, for each joint that moves
+by 10 deg or more in that stretch; of those the median and the 99th percentile. Friction and play
+are in it: a joint that turns round slowly sticks for some hundredths of a second first.
+
+``--minutes`` says how long the long run is, 30 by default; it takes a third of that.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import importlib
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import _common
+from so101_motion.assembly import HARD_STOP
+from so101_motion.geometry import Array
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.guard import Guard
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.trajectory import Setpoint
+from so101_motion.pursuit import Aim, Pursuit
+from so101_motion.rig import open_hardware
+from so101_motion.servo_settings import ServoSettings
+from so101_motion.state import JointState
+from so101_motion.teleop import LocalFollower, LocalLeader, Recorder, Teleop
+from so101_motion.teleop.pilot import HORIZON, Pace
+from so101_motion.teleoperator import side_of
+
+SECONDS = 60.0
+SEEDS = (1, 2, 3)
+PERIOD = 0.01
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "bus"))
+_bench: Any = importlib.import_module("teleop_bench")
+
+
+# On one clock
+
+
+@contextmanager
+def session(**options: Any) -> Iterator[Any]:
+    """Two arms, started, in the middle of mirroring."""
+    with tempfile.TemporaryDirectory() as folder, _bench.teleop_bench(Path(folder)) as bench:
+        bench.start(**options)
+        bench.advance(0.5)
+        yield bench
+
+
+def mirrored(seed: int, seconds: float, **options: Any) -> tuple[Array, Array, Array]:
+    """True angles of leader and follower, shape (n, 6), and what the follower was sent."""
+    with session(**options) as bench:
+        bench.leader.lead(_bench.human_motion(seconds + 1.5, seed))
+        bench.advance(1.5)
+        begin, rows = len(bench.goals), []
+        for _ in range(round(seconds / PERIOD)):
+            bench.clock.advance(PERIOD)
+            rows.append((bench.leader.q_deg, bench.follower.q_deg))
+        leader, follower = (np.array(side) for side in zip(*rows, strict=True))
+        return leader, follower, np.degrees(np.array(bench.goals[begin:])[:, 1:6])
+
+
+def figures(leader: Array, follower: Array, dt: float) -> dict[str, float]:
+    """Latency and tracking of the five joints of the arm."""
+    shift, error = _bench.best_shift(leader[:, :5], follower[:, :5], dt)
+    found: dict[str, float] = {"shift [s]": shift, "rms after it [deg]": error}
+    for window in (2.0, 1.0):
+        each = _bench.shifts(leader[:, :5], follower[:, :5], dt, window=window)
+        found[f"{window:g} s: n"] = len(each)
+        found[f"{window:g} s: median"] = float(np.median(each))
+        found[f"{window:g} s: p99"] = float(np.percentile(each, 99.0))
+    return found
+
+
+def following() -> Iterator[dict[str, Any]]:
+    """Latency and tracking, with and without aiming ahead."""
+    for name, options in (("following a person", {}), ("the same, not ahead", {"horizon": 0.0})):
+        sides = [mirrored(seed, SECONDS, **options) for seed in SEEDS]
+        leader, follower = (np.vstack([side[i] for side in sides]) for i in (0, 1))
+        qdd = [np.diff(side[2], n=2, axis=0) / PERIOD**2 for side in sides]
+        yield {
+            "what": name,
+            **figures(leader, follower, PERIOD),
+            "acceleration [deg/s^2]": max(float(np.abs(each).max()) for each in qdd),
+            "jerk [rad/s^3]": max(
+                float(np.radians(np.abs(np.diff(each, axis=0))).max()) / PERIOD for each in qdd
+            ),
+        }
+
+
+def losing() -> Iterator[dict[str, Any]]:
+    """From the loss of a side in full motion to the first slower setpoint, and to rest."""
+    cases: dict[str, Any] = {
+        "leader unplugged": lambda bench: bench.leader.emulator.unplug(),
+        "leader silent": lambda bench: [bench.leader.world.disconnect(i) for i in range(1, 7)],
+        "follower unplugged": lambda bench: bench.follower.emulator.unplug(),
+    }
+    t = np.arange(0.0, 4.0, PERIOD)
+    for name, lose in cases.items():
+        with session() as bench:
+            way = np.tile(np.degrees(bench.leader.world.q), (len(t), 1))
+            way[:, 0] += 40.0 * np.sin(0.5 * np.pi * t)  # 63 deg/s in the middle
+            bench.leader.lead(way)
+            bench.advance(2.2)
+            lose(bench)
+            speeds = []
+            before = bench.follower.q_deg[0]
+            for _ in range(100):
+                bench.advance(PERIOD)
+                speeds.append(abs(bench.follower.q_deg[0] - before) / PERIOD)
+                before = bench.follower.q_deg[0]
+            rest = next(k for k in range(100) if max(speeds[k:]) < 4.0 or k == 99)
+            slower = next(k for k in range(100) if max(speeds[k:]) < 0.9 * speeds[0])
+            yield {
+                "what": name,
+                "speed [deg/s]": speeds[0],
+                "slower by a tenth after [s]": PERIOD * slower,
+                "at rest after [s]": PERIOD * rest,
+            }
+
+
+def costing() -> Iterator[dict[str, Any]]:
+    """What the follower's I/O thread does more in each period."""
+    model = RobotModel.load()
+    way = np.radians(_bench.human_motion(60.0, SEEDS[0])[:, :5])
+    for name in ("a setpoint", "a setpoint, guarded"):
+        guard = Guard(CollisionModel(model), lambda: 0.3) if "guarded" in name else None
+        pursuit = Pursuit(
+            partial(_next, iter(way), Pace().full),
+            q_start=way[0],
+            lower=model.lower,
+            upper=model.upper,
+            stop_limits=HARD_STOP,
+            dt=PERIOD,
+            watch=guard,
+        )
+        _, times = _common.measure(Pursuit.advance, [pursuit] * len(way))
+        yield {"what": name, **_common.summary(times)}
+
+
+def _next(targets: Iterator[Array], limits: MotionLimits, now: Setpoint) -> Aim:
+    return Aim(q=next(targets), qd=np.zeros(5), limits=limits)
+
+
+def lasting(minutes: float) -> dict[str, Any]:
+    """A long run with one reply in a hundred lost on both wires."""
+    gc.collect()
+    with tempfile.TemporaryDirectory() as folder:
+        patient = _bench.teleop_bench(Path(folder), patience=0.02)
+        with patient as bench:
+            recorder = Recorder(Path(folder) / "long.mcap")
+            bench.start(recorder=recorder)
+            bench.advance(0.5)
+            for arm in (bench.leader, bench.follower):
+                arm.emulator.bus.faults.loss = 0.01
+            steps, memory, lost = [], [], 0
+            for minute in range(round(minutes)):
+                bench.goals.clear()
+                bench.leader.lead(_bench.human_motion(60.0, 100 + minute))
+                bench.advance(60.0)
+                q = np.degrees(np.array(bench.goals)[:, 1:6])
+                steps.append(float(np.abs(np.diff(q, axis=0)).max()))
+                memory.append(_resident())
+                lost = sum(joint.lost for joint in bench.follower.rig.servos.health)
+                print(f"minute {minute + 1}: {bench.teleop.status.phase.value}", flush=True)
+            status = bench.teleop.status
+            for arm in (bench.leader, bench.follower):
+                arm.emulator.bus.faults.loss = 0.0
+    return {
+        "what": f"{minutes:g} min, 1 % of the replies lost",
+        "ended": status.phase.value,
+        "last error": status.last_error or "none",
+        "replies lost by the follower": lost,
+        "largest step [deg]": max(steps),
+        "cap [deg]": 180.0 * PERIOD,
+        "memory after 2 min [MB]": memory[min(1, len(memory) - 1)],
+        "memory at the end [MB]": memory[-1],
+        "rows recorded": recorder.rows,
+        "rows lost": recorder.lost,
+    }
+
+
+def _resident() -> float:
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+# In real time
+
+
+def live(seconds: float) -> dict[str, Any]:
+    """The same with processes, wires and the wall clock; the angles are what the servos say."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        ports = []
+        for side in ("leader", "follower"):
+            (folder / side).mkdir()
+            hand = _script(seconds + 14.0) if side == "leader" else _support()
+            ports.append(stack.enter_context(emulator(folder / side, hand)))
+        leader, follower = (
+            stack.enter_context(open_hardware(ServoSettings(port=port, servo_ids=(1, 2, 3, 4, 5))))
+            for port in ports
+        )
+        time.sleep(4.0)
+        tapes: tuple[list[Any], list[Any]] = ([], [])
+        teleop = stack.enter_context(
+            Teleop(
+                LocalLeader(side_of(leader, leader)),
+                LocalFollower(side_of(follower, follower)),
+                follower.clock,
+            )
+        )
+        recorder = Recorder(folder / "live.mcap")
+        teleop.start(recorder)
+        time.sleep(6.0)
+        late = follower.arm.state.late_ticks
+        for rig, tape in ((leader, tapes[0]), (follower, tapes[1])):
+            rig.executor.listen(partial(_note, tape))
+        usage = time.process_time()
+        time.sleep(seconds)
+        usage = time.process_time() - usage
+        late, status = follower.arm.state.late_ticks - late, teleop.status
+        teleop.stop()
+    t0, t1 = max(tape[0][0] for tape in tapes), min(tape[-1][0] for tape in tapes)
+    t = np.arange(t0, t1, 0.005)
+    angles = []
+    for tape in tapes:
+        rows = np.array(tape)
+        columns = [np.interp(t, rows[:, 0], rows[:, i]) for i in range(1, 6)]
+        angles.append(np.degrees(np.array(columns).T))
+    return {
+        "what": "in real time",
+        **figures(angles[0], angles[1], 0.005),
+        "ended": status.phase.value,
+        "late ticks": late,
+        "processor share": usage / seconds,
+    }
+
+
+def _note(tape: list[Any], state: JointState) -> None:
+    tape.append((state.t, *state.q))
+
+
+@contextmanager
+def emulator(folder: Path, hand: str) -> Iterator[str]:
+    """Six servos in a process of their own, and a hand at their joints; the port's name."""
+    (folder / "hand").write_text(hand)
+    script = str(folder / "hand")
+    command = ["so101", "emulate", "--realtime", "--latency", "0.001", "--hand", script]
+    program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip()
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _script(seconds: float) -> str:
+    """A hand that leads all joints from 8 s on; until then it holds them."""
+    angles = _bench.human_motion(seconds, SEEDS[0])
+    lines = []
+    for joint, column in zip(_bench.JOINTS, angles.T, strict=True):
+        lines.append(f"0 {joint} start")
+        lines += [f"{8.0 + 0.01 * k:.2f} {joint} {q:.4f}" for k, q in enumerate(column)]
+    return "\n".join(lines) + "\n"
+
+
+def _support() -> str:
+    heavy = ("shoulder_lift", "elbow_flex", "wrist_flex")
+    return "".join(f"0 {joint} start\n4 {joint} release\n" for joint in heavy)
+
+
+BARS = {
+    "what": "bar",
+    "2 s: median": 0.025,
+    "2 s: p99": 0.045,
+    "rms after it [deg]": 1.5,
+    "slower by a tenth after [s]": 0.1,
+}
+
+
+def main() -> None:
+    """Measure, print and write the results."""
+    _common.single_thread()
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("--minutes", type=float, default=30.0)
+    minutes = arguments.parse_args().minutes
+    print(f"aiming {HORIZON * 1e3:g} ms ahead")
+    rows = [live(SECONDS), *following(), *losing(), *costing()]
+    if minutes > 0.0:
+        rows.append(lasting(minutes))
+    _common.write("bench_teleop", [*rows, BARS])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""``so101 teleop``: one arm follows another that is led by hand."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from so101_motion.cli.shared import Source, print_json, reports_errors
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg
+
+if TYPE_CHECKING:
+    from so101_motion.clock import Clock
+    from so101_motion.rig import Rig
+    from so101_motion.teleop import Recorder, Status
+
+_EVERY = 0.5  # [s], how often a person is told how it is
+
+
+class _PerJoint(click.ParamType[object]):
+    """One number, or five with commas between."""
+
+    name = "NUMBER[,...]"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> object:
+        try:
+            numbers = [float(part) for part in str(value).split(",")]
+        except ValueError:
+            self.fail(f"{value!r} is no number, nor five with commas between", param, ctx)
+        return numbers[0] if len(numbers) == 1 else numbers
+
+
+@click.command()
+@click.option("--leader", required=True, metavar="PORT", help="Serial port of the arm that leads.")
+@click.option(
+    "--follower",
+    required=True,
+    metavar="PORT",
+    help='Serial port of the arm that follows, or "sim" for the simulated one.',
+)
+@click.option("--leader-calibration", type=click.Path(path_type=Path), help="Calibration file.")
+@click.option("--follower-calibration", type=click.Path(path_type=Path), help="Calibration file.")
+@click.option("--no-gripper", is_flag=True, help="Leave the follower's jaw alone.")
+@click.option("--scale", type=_PerJoint(), help="Factor from leader to follower; minus turns.")
+@click.option("--mirror", is_flag=True, help="For arms that face each other: pan and roll turn.")
+@click.option("--offsets", type=_PerJoint(), help="Five angles to add for the follower [deg].")
+@click.option("--guard", is_flag=True, help="Keep the follower clear of itself and the table.")
+@click.option("--scene", type=click.Path(path_type=Path), help="With --guard: what is around it.")
+@click.option("--speed", type=float, metavar="DEG/S", help="Cap while mirroring.  [default: 180]")
+@click.option("--acceleration", type=float, metavar="DEG/S2", help="Likewise.  [default: 500]")
+@click.option(
+    "--approach-speed", type=float, metavar="DEG/S", help="While coming closer.  [default: 30]"
+)
+@click.option("--record", type=click.Path(path_type=Path), help="Take it down: .csv or .mcap.")
+@click.option("--fps", type=float, default=100.0, show_default=True, help="Rows a second.")
+@click.option("--seconds", type=float, help="End by itself after so long.")
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout at the end.")
+@reports_errors
+def teleop(
+    leader: str,
+    follower: str,
+    leader_calibration: Path | None,
+    follower_calibration: Path | None,
+    no_gripper: bool,
+    scale: object,
+    mirror: bool,
+    offsets: object,
+    guard: bool,
+    scene: Path | None,
+    speed: float | None,
+    acceleration: float | None,
+    approach_speed: float | None,
+    record: Path | None,
+    fps: float,
+    seconds: float | None,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Lead one arm by hand and let another follow. Ctrl-C ends it; both arms hold then.
+
+    The leader goes limp, so have a hand on it. The follower comes to it slowly and mirrors it from
+    5 deg on. When one of the two is lost the follower holds, until you bring the leader back to it.
+
+    \b
+    so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1
+    so101 teleop --leader /dev/ttyACM0 --follower sim --record first.csv --fps 30
+    """  # noqa: D301
+    from so101_motion.teleop import LocalFollower, LocalLeader, Teleop
+    from so101_motion.teleop.config import read_mirror, read_pace
+    from so101_motion.teleoperator import side_of
+
+    how = {
+        "scale": scale,
+        "offsets_deg": offsets,
+        "mirror": mirror,
+        "speed_degs_per_sec": speed,
+        "acceleration_degs_per_sec_per_sec": acceleration,
+        "approach_speed_degs_per_sec": approach_speed,
+    }
+    turned, pace = read_mirror(how), read_pace(how)
+    if leader == follower:
+        raise click.UsageError("--leader and --follower must be two arms")
+    with ExitStack() as stack:
+        leading = stack.enter_context(_open(leader, leader_calibration))
+        following = stack.enter_context(_open(follower, follower_calibration))
+        if scene is not None:
+            from so101_motion.scene_file import read_scene
+
+            following.arm.scene = read_scene(scene)
+        if not yes:
+            click.confirm("The leader goes limp now; is a hand on it?", abort=True)
+        session = stack.enter_context(
+            Teleop(
+                LocalLeader(side_of(leading, None if no_gripper else leading)),
+                LocalFollower(side_of(following, None if no_gripper else following), guarded=guard),
+                following.clock,
+                mirror=turned,
+                pace=pace,
+            )
+        )
+        session.start(_recorder(record, fps, following))
+        _watch(session, seconds)
+        last = session.status
+        session.stop()
+        if as_json:
+            print_json("teleop", _facts(last, record))
+        elif record is not None:
+            click.echo(f"saved {record}", err=True)
+
+
+def _open(port: str, calibration: Path | None) -> Rig:
+    return Source(port=None if port == "sim" else port, calibration_file=calibration).open()
+
+
+def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
+    from so101_motion.teleop import Recorder
+    from so101_motion.teleoperator import middles_of
+
+    if record is None:
+        return None
+    clock: Clock = rig.clock
+    return Recorder(record, epoch=time.time() - clock.now(), middles=middles_of(rig), fps=fps)
+
+
+def _watch(session: Any, seconds: float | None) -> None:
+    """Tell a person how it is until Ctrl-C, a stop of the follower, or the time is up."""
+    done = threading.Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: done.set())
+    end = None if seconds is None else time.monotonic() + seconds
+    told = ""
+    try:
+        while session.status.is_running and (end is None or time.monotonic() < end):
+            words = _in_words(session.status)
+            if words != told:
+                click.echo(words, err=True)
+                told = words
+            if done.wait(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0))):
+                break
+    except KeyboardInterrupt:
+        click.echo("", err=True)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _in_words(status: Status) -> str:
+    joint, gap = status.gap
+    if status.phase.value == "approaching":
+        return f"approaching: {joint} is {to_deg(gap):.0f} deg away"
+    if status.phase.value == "waiting":
+        where = f"; {joint} is {to_deg(gap):.0f} deg from the follower's" if joint else ""
+        return f"holding: {status.reason}{where}"
+    words = ["mirroring"]
+    if status.is_held:
+        words.append("something is in the follower's way")
+    if status.beyond:
+        words.append(f"{', '.join(status.beyond)} beyond the follower's range")
+    if status.is_gripping:
+        words.append("gripping")
+    return "; ".join(words)
+
+
+def _facts(status: Status, record: Path | None) -> dict[str, object]:
+    return {
+        "joints": list(ARM_JOINTS),
+        "ended_as": status.phase.value,
+        "reason": status.reason,
+        "cycles": status.cycles,
+        "last_error": status.last_error,
+        "recorded_rows": status.recorded or 0,
+        "record": str(record) if record is not None else None,
+    }

@@ -1,0 +1,52 @@
+"""Keeping time on a machine that is busy with other things.
+
+What makes a control loop of a hundred ticks a second late, and what helps:
+
+* other programs want the processor: a thread with a real-time priority goes before them all
+  (``go_first``; needs the right to, which root has and ``LimitRTPRIO`` in a service file gives);
+* other threads of this program hold the interpreter lock, for up to 5 ms at a time by default;
+* the garbage collector looks at everything that was ever imported, 60,000 objects, once in a while,
+  and holds that lock for 10 to 20 ms (``steady_interpreter`` is for these two).
+
+Measured with a client that asks 50 times a second and a planner that never rests, two processors
+shared with strangers: p99 3.5 ms late without, 1.3 ms with all of it.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import os
+import sys
+
+_log = logging.getLogger(__name__)
+
+_PRIORITY = 1  # the least of the real-time ones: before all programs, behind the kernel's threads
+_TURN = 0.0005
+"""For how long a thread may keep the interpreter lock while another wants it [s]. Chosen: a
+twentieth of a tick; much less would cost more in turns taken than it gains."""
+
+
+def go_first() -> bool:
+    """Let the calling thread run before all ordinary ones; whether that was allowed.
+
+    Only for a thread that sleeps most of the time: nothing ordinary gets its processor meanwhile.
+    """
+    try:
+        # What this thread may start is to be ordinary again.
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+    except (AttributeError, OSError) as error:  # not on this system, or not for us
+        _log.debug("no real-time priority: %s", error)
+        return False
+    return True
+
+
+def steady_interpreter() -> None:
+    """Let no thread hold up another for long: shorter turns, and no looking at what was imported.
+
+    For a program that has imported what it needs and is about to begin its work.
+    """
+    sys.setswitchinterval(_TURN)
+    gc.collect()
+    gc.freeze()

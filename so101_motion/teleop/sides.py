@@ -1,0 +1,343 @@
+"""The two sides of a teleoperation: what leads, and what follows.
+
+``Leader`` and ``Follower`` are what a session needs of them; here are those for arms of this
+process, which are reached without a detour. For arms elsewhere see ``models/teleop_remote.py``.
+
+A ``Station`` is an arm or a gripper with the thread that moves it. Both are usually of one port,
+and then one station is both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from so101_motion.arm import Arm
+from so101_motion.clock import Clock
+from so101_motion.executor import Channel, Executor
+from so101_motion.geometry import Array
+from so101_motion.gripper import Gripper
+from so101_motion.modes import Mode
+from so101_motion.planning.collision import CollisionModel
+from so101_motion.planning.guard import Guard
+from so101_motion.pursuit import Pursuit
+from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.teleop.jaw import Jaw
+from so101_motion.teleop.pilot import Pilot
+from so101_motion.teleop.posture import Posture
+
+Take = Callable[[float, Array, Array], None]
+"""Takes a measurement of the leader; see ``Predictor.take``."""
+
+_PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
+
+
+FRESH = 0.05
+"""How old a snapshot may be for its arm to be there [s]; chosen, some periods."""
+
+
+class Leader(Protocol):
+    """What leads. Its methods may block."""
+
+    def attach(self, take: Take) -> None:
+        """Let go of the joints and tell ``take`` every measurement from now on."""
+
+    def detach(self) -> None:
+        """No more measurements; hold the joints again if they were let go of."""
+
+    def tend(self) -> None:
+        """Do what ``needs_tending`` is about.
+
+        Raises:
+            So101Error: It cannot be done.
+        """
+
+    @property
+    def needs_tending(self) -> bool:
+        """Whether something has to be done that takes a moment."""
+
+    @property
+    def is_limp(self) -> bool:
+        """Whether it can be moved by hand."""
+
+    @property
+    def posture(self) -> Posture:
+        """How it stands."""
+
+
+class Follower(Protocol):
+    """What follows. ``attach``, ``engage`` and ``detach`` may block."""
+
+    def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
+        """Learn who says where to go, and call ``look`` in every period until detached."""
+
+    def engage(self) -> None:
+        """Begin to go where the pilot says.
+
+        Raises:
+            So101Error: It cannot.
+        """
+
+    def detach(self) -> None:
+        """Come to rest and hold; no more looks."""
+
+    def ending(self) -> BaseException | None:
+        """Why it does not go where the pilot says any more, told once; None while it does."""
+
+    def tend(self) -> None:
+        """Do what ``needs_tending`` is about. May block.
+
+        Raises:
+            So101Error: It cannot be done.
+        """
+
+    @property
+    def needs_tending(self) -> bool:
+        """Whether something has to be done that takes a moment."""
+
+    @property
+    def is_engaged(self) -> bool:
+        """Whether it goes where the pilot says."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it answers."""
+
+    @property
+    def is_held(self) -> bool:
+        """Whether something in its way holds it back."""
+
+    @property
+    def is_gripping(self) -> bool:
+        """Whether the jaw has closed on something."""
+
+    @property
+    def posture(self) -> Posture:
+        """How it stands."""
+
+
+class Station(Protocol):
+    """An arm or a gripper of this process; every ``Rig`` is one."""
+
+    arm: Arm
+    gripper: Gripper
+    executor: Executor
+    clock: Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalArm:
+    """An arm of this process as one side.
+
+    Attributes:
+        station: The arm.
+        jaw: Its gripper; None to leave it alone.
+        loads: Asked for the share of full drive of each servo, base to jaw.
+    """
+
+    station: Station
+    jaw: Station | None = None
+    loads: Callable[[], Sequence[float]] = field(default=tuple)
+
+    @property
+    def executors(self) -> tuple[Executor, ...]:
+        """The threads that move it."""
+        both = [self.station.executor, *([self.jaw.executor] if self.jaw else [])]
+        return tuple(dict.fromkeys(both))
+
+    @property
+    def posture(self) -> Posture:
+        """How it stands."""
+        state = self.station.executor.state
+        aperture = goal = 0.0
+        if self.jaw is not None:
+            jaw = self.jaw.gripper
+            aperture, span = jaw.aperture, jaw.opened - jaw.closed
+            goal = (self.jaw.executor.state.q_jaw_ref - jaw.closed) / span
+        return Posture(
+            x=np.append(state.q, aperture),
+            x_goal=np.append(state.q_ref, goal),
+            loads=tuple(self.loads()),
+        )
+
+
+class LocalLeader:
+    """An arm of this process that leads.
+
+    Args:
+        arm: The arm.
+        lets_go: Whether its joints are let go of while it leads, and held again afterwards.
+    """
+
+    def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
+        self._arm, self._lets_go = arm, lets_go
+        self._ends: list[Callable[[], None]] = []
+
+    def attach(self, take: Take) -> None:
+        """See ``Leader.attach``."""
+        if self._lets_go:
+            self._arm.station.arm.stop()
+            for executor in self._arm.executors:
+                executor.stop(Channel.JAW).result()
+                executor.release().result()
+        self._ends.append(self._arm.station.executor.listen(partial(self._hear, take)))
+        if self._arm.jaw is not None and len(self._arm.executors) > 1:
+            self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
+
+    def detach(self) -> None:
+        """See ``Leader.detach``."""
+        for end in self._ends:
+            end()
+        self._ends.clear()
+        if self._lets_go:
+            for executor in self._arm.executors:
+                executor.hold().result()
+
+    def tend(self) -> None:
+        """See ``Leader.tend``: after a fault the joints are let go of again."""
+        for executor in self._arm.executors:
+            executor.release().result()
+
+    @property
+    def needs_tending(self) -> bool:
+        """See ``Leader.needs_tending``."""
+        if not self._lets_go:
+            return False
+        now = self._arm.station.clock.now()
+        states = [executor.state for executor in self._arm.executors]
+        return any(state.mode is Mode.FAULT and now - state.t < FRESH for state in states)
+
+    @property
+    def is_limp(self) -> bool:
+        """See ``Leader.is_limp``."""
+        return all(executor.state.mode is Mode.LIMP for executor in self._arm.executors)
+
+    @property
+    def posture(self) -> Posture:
+        """See ``Leader.posture``."""
+        return self._arm.posture
+
+    def _hear(self, take: Take, state: JointState) -> None:
+        if state.mode is Mode.CALIBRATING:
+            return  # angles mean nothing for now
+        jaw = self._arm.jaw
+        aperture = jaw.gripper.aperture if jaw is not None else 0.0
+        heard = np.ones(6, dtype=bool)
+        for joint in state.reading.unheard:
+            heard[_PLACE[joint]] = False
+        heard[5] &= jaw is not None
+        take(state.t, np.append(state.q, aperture), heard)
+
+
+class LocalFollower:
+    """An arm of this process that follows.
+
+    Args:
+        arm: The arm.
+        guarded: Whether it keeps clear of itself and of what its scene says is around it.
+    """
+
+    def __init__(self, arm: LocalArm, *, guarded: bool = False) -> None:
+        self._arm, self._guarded = arm, guarded
+        self._pilot: Pilot | None = None
+        self._pursuit: Pursuit | None = None
+        self._jaw: Jaw | None = None
+        self._end: Callable[[], None] | None = None
+
+    def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
+        """See ``Follower.attach``."""
+        arm = self._arm.station.arm
+        pilot.fit(*arm.range, arm.slowdown)
+        self._pilot = pilot
+        self._jaw = Jaw(self._arm.jaw.gripper, pilot) if self._arm.jaw is not None else None
+        self._end = self._arm.station.executor.listen(lambda _: look())
+
+    def engage(self) -> None:
+        """See ``Follower.engage``."""
+        assert self._pilot is not None, "attach it first"
+        for executor in self._arm.executors:
+            if executor.state.mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT):
+                executor.hold().result()
+        arm, executor = self._arm.station.arm, self._arm.station.executor
+        arm.stop()
+        if arm.state.reading.stray:
+            arm.start_retarget(arm.state.q_ref).result()  # which brings them in, slowly
+        lower, upper = arm.range
+        pursuit = Pursuit(
+            self._pilot.arm,
+            q_start=arm.state.q_ref,
+            lower=lower,
+            upper=upper,
+            stop_limits=executor.stop_limits(Channel.ARM),
+            dt=executor.dt,
+            watch=self._guard() if self._guarded else None,
+        )
+        executor.play(pursuit)
+        self._pursuit = pursuit
+        if self._jaw is not None:
+            self._jaw.resume()
+
+    def detach(self) -> None:
+        """See ``Follower.detach``."""
+        if self._end is not None:
+            self._end()
+        pursuit, self._pursuit = self._pursuit, None
+        if pursuit is not None:
+            pursuit.close().exception()
+        if self._jaw is not None:
+            self._jaw.close()
+
+    def ending(self) -> BaseException | None:
+        """See ``Follower.ending``."""
+        pursuit = self._pursuit
+        if pursuit is None or not pursuit.future.done():
+            return None
+        self._pursuit = None
+        return pursuit.future.exception()
+
+    def tend(self) -> None:
+        """See ``Follower.tend``."""
+        if self._jaw is not None:
+            self._jaw.take_up()
+
+    @property
+    def needs_tending(self) -> bool:
+        """See ``Follower.needs_tending``."""
+        return self._pursuit is not None and self._jaw is not None and self._jaw.is_idle()
+
+    @property
+    def is_engaged(self) -> bool:
+        """See ``Follower.is_engaged``."""
+        return self._pursuit is not None
+
+    @property
+    def is_there(self) -> bool:
+        """See ``Follower.is_there``."""
+        station = self._arm.station
+        state = station.executor.state
+        is_fresh = station.clock.now() - state.t < FRESH
+        return is_fresh and not state.reading.unheard and state.mode is not Mode.CALIBRATING
+
+    @property
+    def is_held(self) -> bool:
+        """See ``Follower.is_held``."""
+        return self._pursuit is not None and self._pursuit.is_held
+
+    @property
+    def is_gripping(self) -> bool:
+        """See ``Follower.is_gripping``."""
+        return self._jaw is not None and self._jaw.is_gripping
+
+    @property
+    def posture(self) -> Posture:
+        """See ``Follower.posture``."""
+        return self._arm.posture
+
+    def _guard(self) -> Guard:
+        arm, executor = self._arm.station.arm, self._arm.station.executor
+        model = arm.model.narrowed(*arm.range)  # the I/O thread's own
+        return Guard(CollisionModel(model, arm.scene), lambda: executor.state.q_jaw_ref)

@@ -1,0 +1,88 @@
+"""Pollen Robotics' driver, which is written in Rust, on the emulated port: a second opinion.
+
+It holds the interpreter lock for as long as it waits for an answer, so the servos have a process of
+their own.
+"""
+
+import math
+import subprocess
+import sys
+import time
+
+import pytest
+
+rustypot = pytest.importorskip("rustypot")
+
+IDS = [1, 2, 3, 4, 5, 6]
+EMULATE = "from so101_motion.cli import main; main()"
+
+
+@pytest.fixture(scope="module")
+def port():
+    process = subprocess.Popen(
+        [sys.executable, "-c", EMULATE, "emulate", "--realtime"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    yield process.stdout.readline().strip()
+    process.terminate()
+    process.communicate(timeout=10.0)
+
+
+@pytest.fixture
+def servos(port):
+    servos = rustypot.Sts3215PyController(port, 1_000_000, 0.5)
+    yield servos
+    servos.close()
+
+
+def wait_for(check, seconds=10.0):
+    until = time.monotonic() + seconds
+    while not check():
+        assert time.monotonic() < until
+
+
+def test_rustypot_finds_all_servos_by_ping_and_by_broadcast(servos):
+    assert [servos.ping(i) for i in IDS] == [True] * 6
+    assert not servos.ping(7)
+    assert servos.scan(IDS) == dict.fromkeys(IDS, 777)
+    assert servos.broadcast_scan(None) == dict.fromkeys(IDS, 777)
+
+
+def test_rustypot_reads_what_the_servos_measure(servos):
+    assert servos.sync_read_firmware_major_version(IDS) == [3] * 6
+    assert servos.sync_read_present_voltage(IDS) == pytest.approx([120] * 6, abs=2)
+    assert servos.sync_read_present_temperature(IDS) == [25] * 6
+    q = servos.sync_read_present_position(IDS)
+    assert [q[0], q[4], q[5]] == pytest.approx([0.0] * 3, abs=0.01)
+    assert 0.3 < q[1] < 2.0, "nobody holds the arm up"
+    assert servos.sync_read_status(IDS) == [0] * 6
+    raw = servos.sync_read_raw_data_with_error(IDS, 56, 15)
+    assert [(len(data), error) for data, error in raw] == [(15, 0)] * 6
+
+
+def test_rustypot_moves_the_arm_and_sees_it_arrive(servos):
+    goal = [0.2, -0.1, 0.1, 0.15, -0.2, 0.3]
+    servos.sync_write_torque_enable(IDS, [True] * 6)
+    assert servos.sync_read_torque_enable(IDS) == [True] * 6
+    servos.write_acceleration(1, 50)
+    assert servos.read_acceleration(1) in (50, [50])
+    servos.sync_write_goal_position(IDS, goal)
+    assert servos.sync_read_goal_position(IDS) == pytest.approx(goal, abs=math.radians(0.1))
+    near = pytest.approx(goal, abs=math.radians(3.0))
+    wait_for(lambda: servos.sync_read_present_position(IDS) == near)
+    wait_for(lambda: not any(servos.sync_read_moving(IDS)))
+    servos.sync_write_torque_enable(IDS, [False] * 6)
+
+
+def test_rustypot_changes_gains_and_an_id(servos):
+    servos.sync_write_p_coefficient(IDS, [16, 17, 18, 19, 20, 21])
+    assert servos.sync_read_p_coefficient(IDS) == [16, 17, 18, 19, 20, 21]
+    servos.write_lock(6, False)
+    servos.write_id(6, 16)
+    assert servos.ping(16)
+    assert not servos.ping(6)
+    servos.write_id(16, 6)
+    servos.write_lock(6, True)
+    assert servos.broadcast_scan(None) == dict.fromkeys(IDS, 777)

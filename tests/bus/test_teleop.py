@@ -1,0 +1,401 @@
+"""One emulated arm leads, another follows: real rigs, servos with weight, friction and play."""
+
+import csv
+
+import numpy as np
+import pytest
+from teleop_bench import JOINTS, best_shift, human_motion, shifts, teleop_bench
+
+from so101_motion.errors import PortUnavailable
+from so101_motion.modes import Mode
+from so101_motion.planning.scene import Scene
+from so101_motion.teleop import Mirror, Recorder
+from so101_motion.teleop.gate import Phase
+
+PERIOD = 0.01
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with teleop_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def impatient(tmp_path, planning_process):
+    """Every answer that gets lost costs a test as much time as an answer is waited for."""
+    with teleop_bench(tmp_path, patience=0.015) as bench:
+        yield bench
+
+
+def at(bench, *degrees):
+    """The leader is led to these angles, without the follower, before anything has begun."""
+    bench.run(lambda: bench.leader.rig.arm.set_manual(True))
+    bench.leader.lead_to(degrees, 0.8)
+    bench.clock.advance(1.3)
+
+
+def setpoints(bench, since=0.0):
+    """Times, angles and speeds of the follower's arm joints [s], [deg], [deg/s]."""
+    rows = np.array([row for row in bench.goals if row[0] >= since - 1e-9])
+    t, q = rows[:, 0], np.degrees(rows[:, 1:6])
+    return t, q, np.diff(q, axis=0) / np.diff(t)[:, None]
+
+
+def swaying(bench, joint="shoulder_pan", amplitude=40.0, period=4.0, seconds=6.0):
+    """The hand sways one joint; it passes the middle at 63 deg/s."""
+    t = np.arange(0.0, seconds, PERIOD)
+    way = np.tile(np.degrees(bench.leader.world.q), (len(t), 1))
+    way[:, JOINTS.index(joint)] += amplitude * np.sin(2.0 * np.pi * t / period)
+    bench.leader.lead(way)
+
+
+def mirroring(bench):
+    return bench.teleop.status.phase is Phase.MIRRORING
+
+
+def waiting(bench):
+    return bench.teleop.status.phase is Phase.WAITING
+
+
+# Setting off
+
+
+def test_a_leader_that_stands_elsewhere_is_approached_slowly_and_then_mirrored(bench):
+    at(bench, 40.0, -30.0, 20.0, 20.0, 30.0, 50.0)
+    begin = bench.clock.now()
+    bench.start()
+    assert bench.teleop.status.phase is Phase.APPROACHING
+    bench.until(lambda: mirroring(bench))
+    engaged = bench.clock.now()
+    bench.advance(1.5)
+
+    _, q, qd = setpoints(bench, begin)
+    assert engaged - begin > 1.0
+    assert np.abs(qd).max() <= 30.1
+    assert np.abs(np.diff(q, axis=0)).max() <= 0.31
+    assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.5)
+
+
+def test_arms_that_stand_alike_need_no_approach(bench):
+    before = bench.follower.q_deg
+    bench.start()
+    bench.advance(1.0)
+    assert mirroring(bench)
+    assert bench.teleop.status.leader_is_limp
+    assert bench.follower.q_deg == pytest.approx(before, abs=2.0), "the hand gives in a little"
+    assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=1.0)
+
+
+def test_afterwards_both_hold_where_they_are(bench):
+    bench.start()
+    swaying(bench)
+    bench.advance(0.8)
+    bench.run(bench.teleop.stop)
+    where = bench.follower.q_deg, bench.leader.q_deg
+    bench.clock.advance(0.5)
+    assert bench.teleop.status.phase is Phase.STOPPED
+    assert bench.leader.rig.arm.state.mode is Mode.HOLDING
+    assert bench.follower.rig.arm.state.mode is Mode.HOLDING
+    assert bench.follower.q_deg == pytest.approx(where[0], abs=1.0)
+    bench.run(bench.teleop.stop)
+
+
+# Following
+
+
+def test_the_follower_is_15_ms_behind_a_person_and_within_a_degree(bench):
+    bench.start()
+    bench.advance(0.5)
+    bench.leader.lead(human_motion(13.0, seed=3))
+    bench.advance(1.5)
+    rows = []
+    for _ in range(1100):
+        bench.clock.advance(PERIOD)
+        rows.append((bench.leader.q_deg, bench.follower.q_deg))
+    leader, follower = (np.array(side) for side in zip(*rows, strict=True))
+
+    shift, error = best_shift(leader[:, :5], follower[:, :5], PERIOD)
+    each = shifts(leader[:, :5], follower[:, :5], PERIOD, window=2.0)
+    assert 0.0 <= shift <= 0.025
+    assert error <= 1.5
+    assert np.median(each) <= 0.025
+    assert np.percentile(each, 95.0) <= 0.045
+    assert best_shift(leader[:, 5:], follower[:, 5:], PERIOD)[1] < 4.0, "the jaw comes along"
+    assert mirroring(bench)
+    assert bench.teleop.status.last_error == ""
+
+
+def test_velocity_acceleration_and_jerk_are_bounded(bench):
+    bench.start()
+    bench.advance(0.5)
+    begin = bench.clock.now()
+    bench.leader.lead(human_motion(5.0, seed=5, tremor_deg=0.3))
+    bench.advance(5.0)
+    _, _, qd = setpoints(bench, begin)
+    qdd = np.diff(qd, axis=0) / PERIOD
+    assert np.abs(qd).max() <= 180.5
+    assert np.abs(qdd).max() <= 600.0 * 1.01, "500 while mirroring, 600 to stay inside the range"
+    assert np.abs(np.diff(qdd, axis=0)).max() / PERIOD <= np.degrees(500.0) * 1.01
+
+
+def test_lost_replies_go_unnoticed(tmp_path, planning_process):
+    with teleop_bench(tmp_path, patience=0.05) as bench:
+        bench.start()
+        bench.advance(0.3)
+        for arm in (bench.leader, bench.follower):
+            arm.emulator.bus.faults.loss = 0.01
+        begin = bench.clock.now()
+        bench.leader.lead(human_motion(6.0, seed=4))
+        bench.advance(6.0)
+        for arm in (bench.leader, bench.follower):
+            arm.emulator.bus.faults.loss = 0.0
+        _, q, _ = setpoints(bench, begin)
+        assert mirroring(bench)
+        assert np.abs(np.diff(q, axis=0)).max() <= 180.0 * PERIOD + 0.5
+        assert sum(joint.lost for joint in bench.leader.rig.servos.health) > 10
+
+
+def test_arms_that_face_each_other_mirror(bench):
+    mirror = Mirror(offsets=np.radians([0.0, 5.0, 0.0, 0.0, 0.0])).facing()
+    at(bench, 20.0, -30.0, 20.0, 20.0, 30.0, 20.0)
+    bench.start(mirror=mirror)
+    bench.until(lambda: mirroring(bench))
+    bench.advance(1.5)
+    leader = bench.leader.q_deg
+    wanted = [-leader[0], leader[1] + 5.0, leader[2], leader[3], -leader[4]]
+    assert bench.follower.q_deg[:5] == pytest.approx(wanted, abs=1.5)
+
+
+# Where it ends
+
+
+def test_the_follower_waits_at_its_limit_and_says_so(bench):
+    lower, upper = np.degrees(bench.follower.rig.arm.range)
+    bench.start(mirror=Mirror(factors=[1.0, 1.0, 1.0, 1.0, 2.0]))
+    bench.advance(0.3)
+    begin = bench.clock.now()
+    swaying(bench, "wrist_roll", amplitude=100.0, period=8.0)
+    bench.advance(2.3)
+    assert bench.teleop.status.beyond == ("wrist_roll",)
+    assert bench.follower.q_deg[4] == pytest.approx(upper[4], abs=1.5)
+    bench.advance(3.0)
+    _, q, qd = setpoints(bench, begin)
+    assert q[:, 4].max() <= upper[4] + 0.02
+    assert q[:, 4].min() >= lower[4] - 0.02
+    assert np.abs(qd).max() <= 180.5
+    assert mirroring(bench)
+
+
+def test_the_guard_stops_short_of_the_table_and_lets_go_when_the_leader_comes_back(bench):
+    at(bench, 0.0, -10.0, 20.0, 60.0, 0.0, 20.0)
+    bench.follower.rig.arm.scene = Scene(floor_z=0.02)
+    bench.start(guarded=True)
+    bench.until(lambda: mirroring(bench))
+    bench.leader.lead_to([0.0, 35.0, 20.0, 60.0, 0.0, 20.0], 1.5)
+    bench.until(lambda: bench.teleop.status.is_held)
+    held = bench.follower.rig.arm.state.q_ref
+    bench.advance(1.5)
+    assert bench.follower.rig.arm.T_base("jaw_tip").p[2] > 0.02
+    assert bench.teleop.status.is_held
+    assert np.degrees(np.abs(bench.follower.rig.arm.state.q_ref - held)).max() < 12.0
+
+    begin = bench.clock.now()
+    bench.leader.lead_to([0.0, -10.0, 20.0, 60.0, 0.0, 20.0], 1.5)
+    bench.advance(2.5)
+    assert mirroring(bench)
+    assert not bench.teleop.status.is_held
+    assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=2.0)
+    assert np.abs(setpoints(bench, begin)[2]).max() < 100.0
+
+
+# Losing a side
+
+
+def silence(arm):
+    for place in range(1, 7):
+        arm.world.disconnect(place)
+
+
+def speak(arm):
+    for place in range(1, 7):
+        arm.world.connect(place)
+
+
+LOSSES = {
+    "unplugged": (lambda arm: arm.emulator.unplug(), lambda arm: arm.emulator.plug()),
+    "silent": (silence, speak),
+    "one servo": (lambda arm: arm.world.disconnect(3), lambda arm: arm.world.connect(3)),
+}
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
+    bench = impatient
+    lose, find = LOSSES[loss]
+    bench.start()
+    bench.advance(0.3)
+    swaying(bench)
+    bench.advance(2.2)  # it passes the middle at full speed
+    lost = bench.clock.now()
+    lose(bench.leader)
+    bench.until(lambda: waiting(bench))
+    assert bench.clock.now() - lost <= 0.1
+    bench.advance(0.5)
+
+    _, q, qd = setpoints(bench, lost)
+    speed = np.abs(qd[:, 0])
+    assert np.all(np.diff(speed[9:]) <= 0.01), "from 0.1 s on it only gets slower"
+    assert speed[30:].max() < 0.01
+    assert np.abs(bench.follower.rig.arm.state.qd).max() < np.radians(4.0)
+
+    bench.leader.lead_to([-40.0, -20.0, 0.0, 0.0, 0.0, 20.0], 0.1)
+    bench.advance(0.5)
+    find(bench.leader)
+    bench.advance(1.5)
+    assert waiting(bench)
+    assert setpoints(bench)[1][-1] == pytest.approx(q[-1], abs=0.01)
+    assert bench.teleop.status.leader_is_limp
+
+    bench.leader.lead_to([*setpoints(bench)[1][-1] - zeros(bench), 20.0], 1.0)
+    bench.advance(2.5)
+    assert mirroring(bench)
+    assert np.abs(setpoints(bench, lost + 1.0)[2]).max() < 60.0
+
+
+def zeros(bench):
+    """What the leader's calibration takes away from the angles its world counts [deg]."""
+    return bench.leader.q_deg[:5] - np.degrees(bench.leader.world.q[:5])
+
+
+def test_a_new_start_brings_the_follower_to_a_leader_that_came_back(bench):
+    bench.start()
+    bench.advance(0.3)
+    bench.leader.emulator.unplug()
+    bench.until(lambda: waiting(bench))
+    bench.leader.lead_to([-40.0, -20.0, 0.0, 0.0, 0.0, 20.0], 0.2)
+    bench.advance(1.0)
+    bench.leader.emulator.plug()
+    bench.advance(1.5)
+    assert waiting(bench)
+    again = bench.clock.now()
+    bench.run(bench.teleop.stop)
+    bench.run(bench.teleop.start)
+    bench.until(lambda: mirroring(bench))
+    assert np.abs(setpoints(bench, again)[2]).max() <= 30.1
+
+
+@pytest.mark.parametrize("loss", ["unplugged", "silent"])
+def test_a_lost_follower_comes_to_rest_and_goes_on_only_through_the_gate(impatient, loss):
+    bench = impatient
+    lose, find = LOSSES[loss]
+    bench.start()
+    bench.advance(0.3)
+    swaying(bench)
+    bench.advance(2.2)
+    lose(bench.follower)
+    speeds = []
+    for _ in range(60):
+        before = bench.follower.q_deg[0]
+        bench.advance(PERIOD)
+        speeds.append(abs(bench.follower.q_deg[0] - before) / PERIOD)
+    assert waiting(bench)
+    assert max(speeds[10:]) < speeds[0], "it has begun to brake"
+    assert max(speeds[40:]) < 25.0, "a joint without power rolls out"
+    assert bench.teleop.status.consecutive_errors > 30
+    assert bench.teleop.status.last_error
+
+    bench.leader.lead_to([-40.0, -20.0, 0.0, 0.0, 0.0, 20.0], 0.1)
+    bench.advance(0.5)
+    find(bench.follower)
+    bench.advance(1.5)
+    where = bench.follower.q_deg
+    assert waiting(bench)
+    bench.leader.lead_to([*where[:5] - zeros(bench), 20.0], 1.0)
+    bench.advance(3.0)
+    assert mirroring(bench)
+    assert bench.teleop.status.consecutive_errors == 0
+
+
+def test_a_blocked_follower_gives_way_and_goes_on_when_the_leader_comes_back(bench):
+    bench.start()
+    bench.advance(0.3)
+    bench.follower.lead(
+        np.tile(np.degrees(bench.follower.world.q[:1]), (900, 1)), joints=JOINTS[:1]
+    )
+    bench.advance(0.5)
+    bench.leader.lead_to([60.0, 0.0, 0.0, 0.0, 0.0, 20.0], 1.0)
+    bench.until(lambda: waiting(bench))
+    assert "shoulder_pan" in bench.teleop.status.reason
+    bench.leader.lead_to([*bench.follower.q_deg[:5] - zeros(bench), 20.0], 1.0)
+    bench.until(lambda: mirroring(bench))
+
+
+def test_a_stop_of_the_follower_is_meant(bench):
+    bench.start()
+    swaying(bench)
+    bench.advance(0.8)
+    bench.run(bench.follower.rig.arm.stop)
+    bench.until(lambda: not bench.teleop.status.is_running)
+    assert "stop" in bench.teleop.status.reason
+    bench.advance(1.0)
+    assert bench.teleop.status.phase is Phase.STOPPED
+    assert bench.follower.rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_follower_that_cannot_be_moved_is_told_at_once(bench):
+    bench.follower.emulator.unplug()
+    bench.clock.advance(0.2)
+    with pytest.raises(PortUnavailable, match="check the USB cable"):
+        bench.start()
+    assert bench.teleop.status.phase is Phase.STOPPED
+    assert bench.leader.rig.arm.state.mode is Mode.HOLDING
+    bench.follower.emulator.plug()
+    bench.clock.advance(1.0)
+
+
+# The jaw
+
+
+def test_what_the_jaw_closes_on_is_gripped_and_let_go_of(bench):
+    bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 60.0], 0.5)
+    bench.start()
+    bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 60.0], 1.0)
+    bench.advance(3.0)
+    assert bench.follower.q_deg[5] > 45.0
+    bench.follower.world.put_object(0.03)
+    bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 0.0], 0.8)
+    bench.until(lambda: bench.teleop.status.is_gripping)
+    bench.advance(2.0)
+    assert bench.teleop.status.is_gripping
+    assert mirroring(bench)
+    load = next(j.load for j in bench.follower.rig.servos.health if j.joint == "gripper")
+    assert 0.05 < abs(load) < 0.45
+    bench.leader.lead_to([*np.degrees(bench.leader.world.q[:5]), 60.0], 0.8)
+    bench.advance(3.0)
+    assert not bench.teleop.status.is_gripping
+    assert bench.follower.q_deg[5] > 45.0
+
+
+# The record
+
+
+def test_a_session_is_taken_down_as_lerobot_knows_it(bench, tmp_path):
+    path = tmp_path / "session.csv"
+    bench.start(recorder=Recorder(path, fps=30.0))
+    bench.advance(0.3)
+    swaying(bench)
+    bench.advance(2.0)
+    bench.run(bench.teleop.stop)
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert len(rows) == pytest.approx(2.3 * 30, abs=3)
+    assert [int(row["frame_index"]) for row in rows] == list(range(len(rows)))
+    assert float(rows[-1]["timestamp"]) == pytest.approx((len(rows) - 1) / 30.0, abs=1e-6)
+    action, state = (
+        np.array([float(row[f"{group}.shoulder_pan.pos"]) for row in rows])
+        for group in ("action", "observation.state")
+    )
+    assert np.ptp(action) > 40.0
+    assert np.abs(action - state).max() < 12.0
+    assert all(-1.0 <= float(row["follower.shoulder_lift.load"]) <= 1.0 for row in rows)
+    assert any(float(row["follower.shoulder_lift.load"]) != 0.0 for row in rows)

@@ -1,0 +1,283 @@
+"""What befalls an arm, row by row, through a real module process and over gRPC: the call that was
+under way ends with an error that names the culprit, nothing else is lost, nothing jumps, and once
+the cause is gone the next call works. The servos are emulated, in another process; somebody holds
+the arm up all the time, for without power it falls."""
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, running_module, until
+from grpclib import GRPCError, Status
+from hardware_port import emulated_port
+from viam.components.arm import JointPositions
+
+from so101_motion.drivers import registers as reg
+from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.port import SerialPort
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
+
+FAST = {"speed_degs_per_sec": 80.0, "acceleration_degs_per_sec_per_sec": 400.0}
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+COASTING = 14.0
+"""How far a joint at 80 deg/s goes from where it was last seen to where it stands [deg]: 10, by its
+lag and its braking distance."""
+
+SETTLING = 1.0
+"""How far a joint may still go after an abrupt stop, back to where it was told to stand [deg]."""
+
+NO_JUMP = [0.5, 1.0, 1.0, 1.0, 0.5]
+"""How far joints may move by themselves [deg]: less than half a degree, but for those whose weight
+the hand and the servo share, which may slip."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A fault and what is made of it.
+
+    Attributes:
+        name: What a person would call it.
+        begins: What is typed into the emulator.
+        ends: The same when it is over.
+        status: What the move under way ends with.
+        says: Words its message must have.
+        within: How long that may take [s].
+        lasts: How long it goes on after that [s].
+        silent: Servos that do not answer meanwhile; all others must.
+        back_within: How long it may take from the end of the fault until the arm is usable [s].
+        limp: Whether joints may sag meanwhile, for there is no power.
+    """
+
+    name: str
+    begins: str
+    ends: str
+    status: Status
+    says: tuple[str, ...]
+    within: float = 1.0
+    lasts: float = 0.1
+    silent: tuple[str, ...] = ()
+    back_within: float = 3.0
+    limp: bool = False
+
+
+TABLE = (
+    Row(
+        name="unplugged",
+        begins="unplug",
+        ends="end unplug",
+        status=Status.UNAVAILABLE,
+        says=("the port went away", "USB cable"),
+        within=0.5,
+        lasts=2.0,
+        silent=JOINTS,
+    ),
+    Row(
+        name="hot servo",
+        begins="hot:elbow_flex=68",
+        ends="hot:elbow_flex=30",
+        status=Status.ABORTED,
+        says=("elbow_flex", "68 degC", "let it cool"),
+    ),
+    Row(
+        name="dead servo",
+        begins="dead:wrist_roll",
+        ends="end dead:wrist_roll",
+        status=Status.UNAVAILABLE,
+        says=("wrist_roll", "no reply"),
+        silent=("wrist_roll",),
+    ),
+    Row(
+        name="cable out in the middle",
+        begins="dead:wrist_flex\ndead:wrist_roll\ndead:gripper",
+        ends="end dead:wrist_flex\nend dead:wrist_roll\nend dead:gripper",
+        status=Status.UNAVAILABLE,
+        says=("wrist_flex", "wrist_roll", "gripper", "the cable between servos 3 and 4"),
+        silent=("wrist_flex", "wrist_roll", "gripper"),
+        limp=True,
+    ),
+    Row(
+        name="brown-out",
+        begins="brownout=3.4",
+        ends="end brownout=3.4",
+        status=Status.UNAVAILABLE,
+        says=("no servo answers", "power supply"),
+        silent=JOINTS,
+        limp=True,
+    ),
+    Row(
+        name="reboot",
+        begins="reboot:shoulder_lift",
+        ends="",
+        status=Status.UNAVAILABLE,
+        says=("shoulder_lift",),
+        silent=("shoulder_lift",),  # for the better part of a second
+        limp=True,
+    ),
+    Row(
+        name="supply too high",
+        begins="brownout=14.8",
+        ends="end brownout=14.8",
+        status=Status.ABORTED,
+        says=("supply of 14.", "power supply"),
+    ),
+)
+
+
+class Bench:
+    """The module's arm and gripper, and the emulated servos under them."""
+
+    def __init__(self, emulated, arm, gripper):
+        self.emulated, self.arm, self.gripper = emulated, arm, gripper
+
+    async def type(self, lines):
+        await self.emulated.fault(lines)
+
+    async def joints(self):
+        return np.array((await self.arm.get_joint_positions()).values)
+
+    async def health(self):
+        return (await self.arm.get_status())["health"]
+
+    async def go(self, q_deg):
+        await self.arm.move_to_joint_positions(JointPositions(values=list(map(float, q_deg))))
+
+    @asynccontextmanager
+    async def under_way(self, start, degrees=60.0):
+        """A move of the pan joint that is well under way."""
+        move = asyncio.ensure_future(self.go([start[0] + degrees, *start[1:]]))
+
+        async def has_begun():
+            return move.done() or abs((await self.joints())[0] - start[0]) > 5.0
+
+        await until(has_begun)
+        try:
+            yield move
+        finally:
+            await asyncio.wait([move])
+
+    async def is_well(self):
+        status = await self.arm.get_status()
+        health = status["health"]
+        return (
+            status["connected"]
+            and not status["alarms"]
+            and len(health) == 6
+            and not any(one["silent"] or one["faults"] for one in health.values())
+        )
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("faults")
+    async with emulated_port(folder) as emulated:
+        careful_gripper(emulated.port)
+        async with running_module() as (module, _, _):
+            attributes = {"port": emulated.port, **FAST}
+            arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+            gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
+            yield Bench(emulated, arm, gripper)
+
+
+def careful_gripper(port):
+    """As another program left it: a gripper that gives up at a fifth of its drive, and soon."""
+    bus = Bus(SerialPort(port))
+    bus.store(6, {reg.OVERLOAD_TORQUE: 20, reg.PROTECTION_TIME: 100})
+    bus.close()
+
+
+@pytest.mark.parametrize("row", TABLE, ids=lambda row: row.name)
+async def test_a_fault_is_named_costs_nothing_else_and_is_over_when_it_is_over(bench, row):
+    await until(bench.is_well)
+    start = await bench.joints()
+    try:
+        await the_move_ends_with_it(bench, row, start)
+        await others_are_read(bench, row)
+        stopped = await bench.joints()
+        await asyncio.sleep(row.lasts)
+    finally:
+        cleared = time.monotonic()
+        await bench.type(row.ends)
+    await until(bench.is_well)
+    assert time.monotonic() - cleared < row.back_within
+    if not row.limp:
+        back = await bench.joints()
+        seen = "shoulder_pan" not in row.silent  # unseen, it comes to rest after the last look
+        assert np.all(np.abs(back - stopped) < (SETTLING if seen else COASTING)), "it held"
+        await asyncio.sleep(0.5)
+        assert np.all(np.abs(await bench.joints() - back) < NO_JUMP), "no jump"
+    await bench.go(start)
+    assert await bench.joints() == pytest.approx(start, abs=0.5)
+
+
+async def the_move_ends_with_it(bench, row, start):
+    async with bench.under_way(start) as move:
+        begin = time.monotonic()
+        await bench.type(row.begins)
+        with pytest.raises(GRPCError) as caught:
+            await asyncio.wait_for(move, 5.0)
+        took = time.monotonic() - begin
+    assert caught.value.status is row.status
+    for words in row.says:
+        assert words in caught.value.message
+    assert took < row.within
+
+
+async def others_are_read(bench, row):
+    """All servos but the silent ones go on answering."""
+    before = await bench.health()
+    await asyncio.sleep(0.3)
+    after = await bench.health()
+    answering = {joint for joint in JOINTS if after[joint]["answers"] > before[joint]["answers"]}
+    assert answering >= set(JOINTS) - set(row.silent)
+    assert {joint for joint in JOINTS if after[joint]["silent"]} <= set(row.silent)
+
+
+async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
+    await until(bench.is_well)
+    await bench.gripper.open()
+    await bench.type("object=0.03")
+    assert await bench.gripper.grab() is True
+
+    async def gives_up():
+        return "gripper" in (await bench.arm.get_status())["alarms"]
+
+    await until(gives_up)
+    alarm = (await bench.arm.get_status())["alarms"]["gripper"]
+    assert "overloaded" in alarm
+    own = await bench.gripper.do_command({"command": "health"})
+    assert own["faults"] == ["overload"]
+    start = await bench.joints()
+    await bench.go([start[0] - 5.0, *start[1:]])
+
+    await bench.gripper.open()
+    await bench.type("end object=0.03")
+    await until(bench.is_well)
+    own = await bench.gripper.do_command({"command": "health"})
+    assert own["faults"] == []
+    assert "overload" in own["faults_since_start"]
+
+
+async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    before = await bench.health()
+    await bench.type("loss=0.05\ncorrupt=0.02")
+    try:
+        for degrees in (15.0, 0.0):
+            goal = [start[0] + degrees, *start[1:4], start[4] + 2.0 * degrees]
+            await bench.go(goal)
+            assert await bench.joints() == pytest.approx(goal, abs=0.5)
+        await bench.gripper.open()
+    finally:
+        await bench.type("end loss=0.05\nend corrupt=0.02")
+    after = await bench.health()
+    for figure in ("lost", "corrupt", "retries"):
+        assert sum(after[joint][figure] - before[joint][figure] for joint in JOINTS) > 5
+    assert not any(one["silent"] for one in after.values())

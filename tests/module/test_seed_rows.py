@@ -1,0 +1,378 @@
+"""What the published module promises of its arm and gripper, through a real module process.
+
+The servos are those of ``so101 emulate``, or with ``--hardware PORT`` an arm's, which then moves by
+8 deg from where it stands, its jaw all the way.
+"""
+
+import asyncio
+import json
+import time
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from fake_parent import (
+    ARM,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    SIMULATED,
+    running_module,
+    until,
+)
+from grpclib import GRPCError, Status
+from hardware_port import HardwarePort, emulated_port
+from viam.components.arm import JointPositions, MoveOptions, Pose
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+STEP = 8.0
+"""How far joints are moved [deg]."""
+
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+
+
+class Session:
+    """An arm and its gripper in a module."""
+
+    def __init__(self, module, port, arm, gripper):
+        self.module, self.port, self.arm, self.gripper = module, port, arm, gripper
+
+    async def joints(self):
+        return np.array((await self.arm.get_joint_positions()).values)
+
+    async def near(self, *shares):
+        """A posture near the present one: shares of ``STEP``, each joint towards its middle."""
+        q = await self.joints()
+        return q - np.where(q > 0.0, 1.0, -1.0) * STEP * np.array(shares)
+
+    async def ask(self, **request):
+        return await self.arm.do_command(request)
+
+    async def grip(self, **request):
+        return await self.gripper.do_command(request)
+
+
+def positions(q_deg):
+    return JointPositions(values=list(map(float, q_deg)))
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def session(tmp_path_factory, arm_port):
+    folder = tmp_path_factory.mktemp("rows")
+    if arm_port:
+        async with opened(HardwarePort(arm_port), {"speed_degs_per_sec": 20.0}) as session:
+            yield session
+        return
+    async with (
+        emulated_port(folder) as emulated,
+        opened(emulated, {"acceleration_degs_per_sec_per_sec": 300.0}) as session,
+    ):
+        yield session
+
+
+@asynccontextmanager
+async def opened(port, attributes):
+    """The module, with an arm and its gripper on a port."""
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": port.port, **attributes}, "arm")
+        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": port.port}, "gripper")
+        await port.let_go()
+        await asyncio.sleep(1.0)  # the weight is taken up
+        yield Session(module, port, arm, gripper)
+
+
+# Configuration
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({}, "port"),
+        ({"port": ""}, "port"),
+        ({"port": "/dev/x", "prot": 1}, 'did you mean "port"'),
+        ({"port": "/dev/x", "servo_ids": [1, 2, 3, 4]}, "servo_ids"),
+        ({"port": "/dev/x", "servo_ids": [1, 2, 3, 4, 4]}, "servo_ids"),
+        ({"port": "/dev/x", "timeout": "soon"}, "timeout"),
+        ({"port": "/dev/x", "speed_degs_per_sec": 2.9}, "3"),
+        ({"port": "/dev/x", "speed_degs_per_sec": 181.0}, "180"),
+        ({"port": "/dev/x", "acceleration_degs_per_sec_per_sec": 9.0}, "10"),
+        ({"port": "/dev/x", "acceleration_degs_per_sec_per_sec": 501.0}, "500"),
+        ({"port": "/dev/x", "baudrate": "fast"}, "baudrate"),
+    ],
+)
+async def test_an_arm_s_wrong_setting_is_refused_by_name(session, attributes, says):
+    with pytest.raises(GRPCError) as caught:
+        await session.module.validate(ARM, HARDWARE_ARM, attributes)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {},
+        {"timeout": "5s"},
+        {"timeout": "500ms"},
+        {"timeout": 2.0},
+        {"servo_ids": [1.0, 2.0, 3.0, 4.0, 5.0], "baudrate": 1000000.0},
+        {"speed_degs_per_sec": 180.0, "acceleration_degs_per_sec_per_sec": 10.0},
+        {"calibration_file": "mine.json", "visualize_ee_frame": True},
+    ],
+)
+async def test_an_arm_s_settings_are_understood(session, more):
+    answer = await session.module.validate(ARM, HARDWARE_ARM, {"port": "/dev/x", **more})
+    assert list(answer.dependencies) == []
+
+
+async def test_dependencies_are_the_motion_service_and_the_gripper_s_arm(session):
+    validate = session.module.validate
+    answer = await validate(ARM, HARDWARE_ARM, {"port": "/dev/x", "motion": "planner"})
+    assert any("planner" in one for one in answer.dependencies)
+    answer = await validate(GRIPPER, HARDWARE_GRIPPER, {"arm": "left"})
+    assert list(answer.dependencies) == ["left"]
+    assert list((await validate(GRIPPER, HARDWARE_GRIPPER, {"port": "/dev/x"})).dependencies) == []
+    with pytest.raises(GRPCError, match="port"):
+        await validate(GRIPPER, HARDWARE_GRIPPER, {"gripper_type": "follower"})
+
+
+async def test_a_second_component_that_contradicts_the_first_is_refused_with_the_difference(
+    session,
+):
+    with pytest.raises(GRPCError) as caught:
+        await session.module.add(
+            ARM, HARDWARE_ARM, {"port": session.port.port, "baudrate": 500000.0}, "other"
+        )
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "baudrate 1000000 and 500000" in caught.value.message
+    assert (await session.ask(command="controller_status"))["ref_count"] == 2
+
+
+# Moving
+
+
+async def test_a_move_to_joints_blocks_until_it_has_settled_there(session):
+    start = await session.joints()
+    goal = await session.near(1, 0, 0, 0.5, 1)
+    await session.arm.move_to_joint_positions(positions(goal))
+    assert not await session.arm.is_moving()
+    assert await session.joints() == pytest.approx(goal, abs=0.35)
+    await session.arm.move_to_joint_positions(positions(start))
+    assert await session.joints() == pytest.approx(start, abs=0.35)
+
+
+async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
+    start = await session.joints()
+    goal = await session.near(1, 0, 0, 0, 0)
+    options = MoveOptions(max_vel_degs_per_sec=4.0)
+    call = session.arm.move_through_joint_positions([positions(goal)], options)
+    move = asyncio.ensure_future(call)
+    await until(lambda: session.arm.is_moving())
+    await asyncio.sleep(0.5)
+    await session.arm.stop()
+    with pytest.raises(GRPCError) as caught:
+        await move
+    assert caught.value.status is Status.CANCELLED
+    assert abs((await session.joints())[0] - start[0]) < STEP - 1.0
+    await session.arm.move_to_joint_positions(positions(start))
+
+
+async def test_waypoints_are_passed_in_one_go_no_faster_than_asked(session):
+    start = await session.joints()
+    way = [await session.near(1, 0, 0, 0, 0), await session.near(1, 0, 0, 0, 1), start]
+    options = MoveOptions(max_vel_degs_per_sec=12.0, max_acc_degs_per_sec2=60.0)
+    begin = time.monotonic()
+    move = asyncio.ensure_future(
+        session.arm.move_through_joint_positions(list(map(positions, way)), options)
+    )
+    seen, times = [], []
+    while not move.done():
+        seen.append(await session.joints())
+        times.append(time.monotonic())
+        await asyncio.sleep(0.02)
+    await move
+    assert time.monotonic() - begin > 3 * STEP / 12.0
+    for point in way:
+        assert min(np.max(np.abs(np.array(seen) - point), axis=1)) < 3.0
+    spans = np.array(times[20:]) - np.array(times[:-20])
+    speeds = np.max(np.abs(np.array(seen[20:]) - np.array(seen[:-20])), axis=1) / spans
+    assert np.max(speeds) < 17.0, "as far as looking from outside can tell"
+    assert await session.joints() == pytest.approx(start, abs=0.35)
+
+
+async def test_the_number_of_joints_and_their_limits_are_checked(session):
+    q = await session.joints()
+    with pytest.raises(GRPCError) as caught:
+        await session.arm.move_to_joint_positions(positions(q[:4]))
+    assert caught.value.status is Status.OUT_OF_RANGE
+    with pytest.raises(GRPCError) as caught:
+        await session.arm.move_to_joint_positions(positions([*q[:2], 120.0, *q[3:]]))
+    assert caught.value.status is Status.OUT_OF_RANGE
+    assert "elbow_flex" in caught.value.message
+
+
+@pytest.mark.emulator_only
+@pytest.mark.parametrize(
+    ("extra", "way"),
+    [
+        (None, (-15.0, 20.0, 15.0)),
+        ({"goal_metric_type": "position_only"}, (10.0, -10.0, 10.0)),
+        ({"goal_metric_type": "position_and_approach"}, (0.0, 0.0, 12.0)),
+    ],
+)
+async def test_the_tool_goes_where_it_is_sent_as_much_of_the_pose_as_asked(session, extra, way):
+    start = await session.joints()
+    pose = await session.arm.get_end_position()
+    o = {name: getattr(pose, name) for name in ("o_x", "o_y", "o_z", "theta")}
+    goal = Pose(x=pose.x + way[0], y=pose.y + way[1], z=pose.z + way[2], **o)
+    await session.arm.move_to_position(goal, extra=extra)
+    there = await session.arm.get_end_position()
+    assert (there.x, there.y, there.z) == pytest.approx((goal.x, goal.y, goal.z), abs=4.0)
+    if extra == {"goal_metric_type": "position_and_approach"}:
+        approach = np.dot([there.o_x, there.o_y, there.o_z], [goal.o_x, goal.o_y, goal.o_z])
+        assert approach > np.cos(np.radians(2.0))
+    await session.arm.move_to_joint_positions(positions(start))
+
+
+async def test_real_and_simulated_arms_have_the_same_kinematics(session):
+    simulated = await session.module.add(ARM, SIMULATED, {}, "simulated")
+    try:
+        kinds, chains = [], []
+        for arm in (session.arm, simulated):
+            kind, data, *_ = await arm.get_kinematics()
+            chain = json.loads(data)
+            chain.pop("name")
+            kinds.append(kind)
+            chains.append(chain)
+        assert kinds[0] == kinds[1]
+        assert chains[0] == chains[1]
+    finally:
+        await session.module.remove(ARM, "simulated")
+
+
+async def test_its_parts_are_shown(session):
+    labels = [geometry.label for geometry in await session.arm.get_geometries()]
+    assert len(labels) == len(set(labels)) >= 5
+    assert set(await session.arm.get_3d_models()) >= {"base", "shoulder", "upper_arm", "wrist"}
+
+
+# The arm's requests
+
+
+async def test_servos_can_be_asked_after_in_every_way(session):
+    ask = session.ask
+    assert await ask(command="ping") == {"success": True}
+    seen = await ask(command="test_servo_communication")
+    assert (seen["success"], seen["arm_servo_ids"]) == (True, [1, 2, 3, 4, 5])
+    assert np.degrees(seen["positions"]) == pytest.approx(await session.joints(), abs=0.5)
+    status = await ask(command="controller_status")
+    assert (status["ref_count"], status["has_controller"]) == (2, True)
+    assert f"{session.port.port}@1000000(refs:2" in status["config"]
+    found = await ask(command="diagnose")
+    assert found["servos_found"] == [1, 2, 3, 4, 5, 6]
+    assert isinstance(found["error"], str)
+    verified = await ask(command="verify_config")
+    assert verified == {"success": True, "error": ""}
+    calibration = (await ask(command="get_calibration"))["calibration"]
+    assert set(calibration) == set(JOINTS)
+    assert set(calibration["elbow_flex"]) == {
+        "id", "drive_mode", "homing_offset", "range_min", "range_max", "norm_mode",
+    }  # fmt: skip
+    answer = await ask(command="reload_calibration")
+    assert answer["success"] is False, "there is no file"
+    assert "calibration_file" in answer["error"]
+
+
+async def test_speed_and_acceleration_are_read_and_set_together_or_not_at_all(session):
+    before = await session.ask(get_motion_params=True)
+    answer = await session.ask(set_speed=15.0, set_acceleration=50.0, get_motion_params=True)
+    assert (answer["speed_set"], answer["acceleration_set"]) == (15.0, 50.0)
+    assert answer["current_speed_degs_per_sec"] == 15.0
+    with pytest.raises(GRPCError) as caught:
+        await session.ask(set_speed=16.0, set_acceleration=5.0)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    after = await session.ask(get_motion_params=True)
+    assert after["current_speed_degs_per_sec"] == 15.0
+    await session.ask(
+        set_speed=before["current_speed_degs_per_sec"],
+        set_acceleration=before["current_acceleration_degs_per_sec_per_sec"],
+    )
+
+
+@pytest.mark.parametrize("command", ["diagnoze", "servo", ""])
+async def test_a_request_that_nobody_knows_is_refused_by_name(session, command):
+    with pytest.raises(GRPCError) as caught:
+        await session.ask(command=command)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+
+
+@pytest.mark.emulator_only
+async def test_torque_goes_off_and_on_and_everything_is_set_up_anew(session):
+    start = await session.joints()
+    assert await session.ask(command="set_torque", enable=False) == {"success": True}
+    assert await session.ask(command="set_torque", enable=True) == {"success": True}
+    answer = await session.ask(command="reinitialize", retries=2)
+    assert answer == {"success": True, "error": "", "retries": 2}
+    assert await session.joints() == pytest.approx(start, abs=3.0), "held by a hand meanwhile"
+    await session.arm.move_to_joint_positions(positions(start))
+
+
+# The gripper
+
+
+async def test_the_gripper_opens_closes_and_tells_what_it_holds(session):
+    call = asyncio.ensure_future(session.gripper.open())
+    await until(lambda: session.gripper.is_moving())
+    await call
+    assert not await session.gripper.is_moving()
+    opened = await session.grip(command="get_position")
+    assert opened["position_percentage"] == pytest.approx(95.0, abs=3.0)
+    assert await session.gripper.grab() is False
+    closed = await session.grip(command="get_position")
+    assert closed["position_percentage"] < 5.0
+    assert not (await session.gripper.is_holding_something()).is_holding_something
+
+
+async def test_the_gripper_goes_to_servo_positions_and_percentages(session):
+    grip = session.grip
+    assert await grip(command="set_position", percentage=30.0) == {"success": True}
+    middle = await grip(command="get_position")
+    assert middle["position_percentage"] == pytest.approx(30.0, abs=3.0)
+    aim = round(middle["servo_position"]) + 60
+    assert await grip(command="set_position", servo_position=aim) == {"success": True}
+
+    async def is_there():
+        return abs((await grip(command="get_position"))["servo_position"] - aim) < 15
+
+    await until(is_there)
+    assert (await grip(set=20.0))["position"] == 20.0
+    assert (await grip(get=True))["position"] == pytest.approx(20.0, abs=3.0)
+    status = await grip(command="controller_status")
+    assert (status["servo_id"], status["ref_count"], status["has_controller"]) == (6, 2, True)
+
+
+async def test_stopping_the_gripper_leaves_the_arm_alone(session):
+    start = await session.joints()
+    goal = await session.near(1, 0, 0, 0, 0)
+    options = MoveOptions(max_vel_degs_per_sec=8.0)
+    moving = asyncio.ensure_future(
+        session.arm.move_through_joint_positions([positions(goal)], options)
+    )
+    opening = asyncio.ensure_future(session.gripper.open())
+    await until(lambda: session.gripper.is_moving())
+    await session.gripper.stop()
+    with pytest.raises(GRPCError) as caught:
+        await opening
+    assert caught.value.status is Status.CANCELLED
+    await moving
+    assert await session.joints() == pytest.approx(goal, abs=0.35)
+    await session.arm.move_to_joint_positions(positions(start))
+    await session.gripper.grab()
+
+
+async def test_the_gripper_s_jaw_is_shown_where_it_is(session):
+    labels = [geometry.label for geometry in await session.gripper.get_geometries()]
+    assert any("moving" in label for label in labels)
+    _kind, data, *_ = await session.gripper.get_kinematics()
+    assert json.loads(data)["joints"] == []

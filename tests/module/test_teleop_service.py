@@ -1,0 +1,241 @@
+"""The teleoperation service: arms of its own process directly, others through Viam."""
+
+import asyncio
+import csv
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, running_module, until
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness import arm_client, gripper_client, new_arm, new_gripper
+from viam.components.arm import Arm, JointPositions
+from viam.components.gripper import Gripper
+from viam.resource.manager import ResourceManager
+from viam.services.generic.client import GenericClient
+from viam.services.generic.service import GenericRPCService
+
+from so101_motion.models.arm_resource import ArmResource
+from so101_motion.models.gripper_resource import GripperResource
+from so101_motion.models.teleop import So101Teleop
+
+GENERIC = "rdk:service:generic"
+TELEOP = "devrel:so101:teleop"
+
+
+class Deaf:
+    """A client that gets no answers for as long as one likes."""
+
+    def __init__(self, client):
+        self.client, self.is_deaf = client, False
+
+    def __getattr__(self, name):
+        return getattr(self.client, name)
+
+    async def get_joint_positions(self, **kwargs):
+        if self.is_deaf:
+            raise TimeoutError("no answer")
+        return await self.client.get_joint_positions(**kwargs)
+
+
+FAST = {"speed_degs_per_sec": 90.0, "acceleration_degs_per_sec_per_sec": 400.0}
+ARMS = {"leader_arm": "leader", "follower_arm": "follower"}
+GRIPPERS = {"leader_gripper": "lg", "follower_gripper": "fg"}
+
+
+def service(dependencies=None, **attributes):
+    config = config_of(GENERIC, TELEOP, {**ARMS, **attributes}, "teleop")
+    return So101Teleop.new(config, dependencies or {})
+
+
+@asynccontextmanager
+async def client_of(teleop):
+    async with ChannelFor([GenericRPCService(ResourceManager([teleop]))]) as channel:
+        yield GenericClient(teleop.name, channel)
+
+
+@asynccontextmanager
+async def pair(here=("leader", "follower"), **attributes):
+    """A leader and a follower with grippers; those not in ``here`` are reached through Viam."""
+    built = {name: new_arm(name=name, **FAST) for name in ("leader", "follower")}
+    grippers = {name: new_gripper(name=name) for name in ("lg", "fg")}
+    dependencies = {}
+    async with (
+        arm_client(built["leader"]) as leader,
+        arm_client(built["follower"]) as follower,
+        gripper_client(grippers["lg"]) as lg,
+        gripper_client(grippers["fg"]) as fg,
+    ):
+        asked = {"leader": leader, "follower": follower}
+        for side, arm, jaw in (("leader", leader, lg), ("follower", follower, fg)):
+            if side not in here:
+                dependencies[Arm.get_resource_name(side)] = asked[side] = Deaf(arm)
+                dependencies[Gripper.get_resource_name(jaw.name)] = jaw
+                del ArmResource.here[side], GripperResource.here[jaw.name]
+        teleop = service(dependencies, **GRIPPERS, **attributes)
+        async with client_of(teleop) as client:
+            try:
+                yield client, *asked.values(), lg, fg
+            finally:
+                await teleop.close()
+                for component in (*built.values(), *grippers.values()):
+                    await component.close()
+
+
+async def told(client):
+    return await client.do_command({"command": "status"})
+
+
+async def is_in(client, state):
+    return (await told(client))["state"] == state
+
+
+def joints(answer):
+    return np.array(answer.values)
+
+
+@pytest.mark.parametrize("here", [("leader", "follower"), ("follower",), ("leader",), ()])
+async def test_the_follower_does_what_the_leader_does_wherever_they_are(here):
+    async with pair(here, manage_leader_torque=False) as (client, leader, follower, lg, fg):
+        assert await client.do_command({"command": "start"}) == {"running": True}
+        await until(lambda: is_in(client, "mirroring"))
+        goal = [10.0, -8.0, 6.0, 5.0, -12.0]
+        await leader.move_to_joint_positions(JointPositions(values=goal))
+        await lg.do_command({"command": "set_position", "percentage": 60.0})
+
+        async def is_there():
+            jaw = (await fg.do_command({"command": "get_position"}))["position_percentage"]
+            off = joints(await follower.get_joint_positions()) - goal
+            return np.abs(off).max() < 0.5 and abs(jaw - 60.0) < 2.0
+
+        await until(is_there)
+        status = await told(client)
+        assert status["running"] is True
+        assert status["streaming"] is True
+        assert status["leader_limp"] is False
+        assert status["cycles"] > 20
+        assert status["rate_hz"] == 100.0
+        assert await client.do_command({"command": "stop"}) == {"running": False}
+        assert (await told(client))["state"] == "stopped"
+        assert await follower.is_moving() is False
+
+
+async def test_it_starts_and_stops_as_often_as_one_likes():
+    async with pair() as (client, *_):
+        assert await told(client) == {
+            "running": False, "cycles": 0, "consecutive_errors": 0, "last_error": "",
+            "rate_hz": 100.0, "state": "stopped",
+        }  # fmt: skip
+        for _ in range(2):
+            await client.do_command({"command": "stop"})
+            await client.do_command({"command": "start"})
+            await client.do_command({"command": "start"})
+            assert (await told(client))["leader_limp"] is True
+
+
+async def test_what_a_request_cannot_mean_is_refused():
+    async with pair() as (client, *_):
+        for request, says in (
+            ({"command": "begin"}, "start, stop, status"),
+            ({"command": "start", "record": "../x.csv"}, "without folders"),
+            ({"command": "start", "record": "x.txt"}, ".csv, .mcap"),
+            ({"command": "start", "recrd": "x.csv"}, "record"),
+            ({"start": True}, "start"),
+        ):
+            with pytest.raises(GRPCError) as caught:
+                await client.do_command(request)
+            assert caught.value.status is Status.INVALID_ARGUMENT
+            assert says in caught.value.message
+        assert (await told(client))["running"] is False
+
+
+async def test_a_record_lies_in_the_modules_data(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    async with pair() as (client, *_):
+        answer = await client.do_command({"command": "start", "record": "first.csv", "fps": 50.0})
+        path = tmp_path / "recordings" / "first.csv"
+        assert answer == {"running": True, "recording": str(path)}
+        await until(lambda: is_recorded(client, 20))
+        await client.do_command({"command": "stop"})
+        rows = list(csv.DictReader(path.read_text().splitlines()))
+        assert len(rows) >= 20
+        assert "observation.state.gripper.pos" in rows[0]
+
+
+async def is_recorded(client, rows):
+    return (await told(client)).get("recorded", 0) >= rows
+
+
+async def test_an_arm_that_is_not_there_is_named():
+    teleop = service()
+    with pytest.raises(GRPCError) as caught:
+        await teleop.do_command({"command": "start"})
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "leader" in caught.value.message
+    await teleop.close()
+
+
+async def test_the_guard_needs_an_arm_of_this_module():
+    async with pair(("leader",), collision_guard=True) as (client, *_):
+        with pytest.raises(GRPCError, match="collision_guard"):
+            await client.do_command({"command": "start"})
+
+
+@pytest.mark.parametrize("here", [("leader", "follower"), ("leader",)])
+async def test_it_may_start_by_itself(here):
+    async with pair(here, auto_start=True) as (client, *_):
+        await until(lambda: is_in(client, "mirroring"))
+
+
+@pytest.mark.parametrize(("here", "lost"), [("follower", "leader"), ("leader", "follower")])
+async def test_a_side_elsewhere_that_does_not_answer_makes_the_follower_hold(here, lost):
+    async with pair((here,), manage_leader_torque=False) as (client, leader, follower, *_):
+        side = {"leader": leader, "follower": follower}[lost]
+        await client.do_command({"command": "start"})
+        await until(lambda: is_in(client, "mirroring"))
+        moving = asyncio.ensure_future(
+            leader.move_to_joint_positions(JointPositions(values=[40.0, 0.0, 0.0, 0.0, 0.0]))
+        )
+        await until(lambda: follower.is_moving())
+        side.is_deaf = True
+        await until(lambda: is_in(client, "waiting"))
+        assert "answer" in (await told(client))["reason"]
+        await moving
+        side.is_deaf = False
+        status = await told(client)
+        assert status["state"] == "waiting"
+        await leader.move_to_joint_positions(await follower.get_joint_positions())
+        await until(lambda: is_in(client, "mirroring"))
+
+
+async def test_validation_names_what_it_needs():
+    async with running_module() as (module, models, _):
+        assert models["generic"] == [TELEOP]
+        answer = await module.validate(GENERIC, TELEOP, {**ARMS, **GRIPPERS})
+        assert list(answer.dependencies) == ["leader", "follower", "lg", "fg"]
+        for attributes in ({"leader_arm": "leader"}, {**ARMS, "rate_hz": -1.0}):
+            with pytest.raises(GRPCError) as caught:
+                await module.validate(GENERIC, TELEOP, attributes)
+            assert caught.value.status is Status.INVALID_ARGUMENT
+
+
+async def test_the_real_process_lets_one_arm_lead_another():
+    async with running_module() as (module, _, _):
+        leader = await module.add(ARM, SIMULATED, FAST, "leader")
+        follower = await module.add(ARM, SIMULATED, FAST, "follower")
+        await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "lg")
+        await module.add(GRIPPER, SIMULATED_GRIPPER, {}, "fg")
+        wanted = {**ARMS, **GRIPPERS, "manage_leader_torque": False}
+        teleop = await module.add(GENERIC, TELEOP, wanted, "teleop")
+        await teleop.do_command({"command": "start"})
+        await until(lambda: is_in(teleop, "mirroring"))
+        goal = [15.0, -10.0, 5.0, 5.0, 20.0]
+        await leader.move_to_joint_positions(JointPositions(values=goal))
+
+        async def is_there():
+            return np.abs(joints(await follower.get_joint_positions()) - goal).max() < 0.3
+
+        await until(is_there)
+        await module.remove(GENERIC, "teleop")
+        assert await follower.is_moving() is False
