@@ -135,9 +135,7 @@ class NoPath(PlanningError):
         blockers: What is in the way, by name, what is met most often first.
     """
 
-    def __init__(
-        self, message: str, *, where: str = "way", blockers: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, message: str, *, where: str = "way", blockers: tuple[str, ...] = ()) -> None:
         self.where, self.blockers = where, blockers
         super().__init__(message)
 

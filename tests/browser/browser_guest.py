@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from playwright.sync_api import Locator, Page
+
 from so101_motion.named_poses import POSES
 
 HOME = np.zeros(5)

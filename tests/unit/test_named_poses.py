@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 import pytest
-from so101_motion.named_poses import POSES, NamedPose
 
+from so101_motion.named_poses import POSES, NamedPose
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.model import RobotModel
 

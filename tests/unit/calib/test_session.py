@@ -17,7 +17,6 @@ from so101_motion.drivers import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.errors import CalibrationError, ConfigError, MotionError, NoReply, PortUnavailable
 
-
 UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
 
 

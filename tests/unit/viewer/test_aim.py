@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from so101_viewer.aim import Aimer
 
-from so101_motion.planning.scene import Scene
 from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.scene import Scene
 
 HOME = np.zeros(5)
 
