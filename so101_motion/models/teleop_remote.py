@@ -30,7 +30,7 @@ from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.trajectory import Setpoint
 from so101_motion.teleop.pilot import Pilot
 from so101_motion.teleop.posture import Posture
-from so101_motion.teleop.sides import Take
+from so101_motion.teleop.predictor import Predictor
 from so101_motion.units import to_deg
 
 _log = logging.getLogger(__name__)
@@ -123,7 +123,7 @@ class RemoteLeader:
         self._x = np.zeros(6)
         self._asking: Future[None] | None = None
 
-    def attach(self, take: Take) -> None:
+    def attach(self, predictor: Predictor) -> None:
         """See ``Leader.attach``."""
         if self._lets_go:
             self._is_limp = bool(self._arm.run(self._arm.set_torque(False)))
@@ -134,7 +134,7 @@ class RemoteLeader:
             except _TROUBLE as error:
                 _log.debug("the leader does not answer: %s", error)
             else:
-                take(t, self._x, heard)
+                predictor.take(t, self._x, heard)
 
         self._asking = self._arm.begin(ask)
 

@@ -28,9 +28,9 @@ HORIZON = 0.045
 """How far ahead of now the leader is aimed at [s]: what a servo of the follower is behind, but for
 some 10 ms, because what is foretold further ahead overshoots more at every turn. By trial."""
 
-LOST_AFTER = 0.07
+LOST_AFTER = 0.05
 """After how long without an answer from all joints of the leader the follower holds [s]. With the
-period after, it brakes within 0.08 s; where the leader is asked less often, within three and a half
+period after, it brakes within 0.06 s; where the leader is asked less often, within three and a half
 periods. Single lost replies are asked for again long before."""
 
 BEYOND = to_rad(0.5)

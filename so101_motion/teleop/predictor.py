@@ -111,6 +111,12 @@ class Predictor:
             t, expected + gain * miss, last.xd + gain_rate * miss, t_heard, last.jumps
         )
 
+    def lose(self) -> None:
+        """The leader is known not to answer any more; no need to wait and see."""
+        if self.track is not None:
+            self._heard[:] = -np.inf
+            self.track = self.track._replace(t_heard=-np.inf)
+
     def _forget(self) -> None:
         self._p = (NOISE**2, 0.0, 1.0)  # variances and covariance of angle and velocity
 

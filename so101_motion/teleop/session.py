@@ -177,7 +177,7 @@ class Teleop:
         self._last_error = self._ended_by = ""
         self._retry_at = -np.inf
         try:
-            self._leader.attach(self._predictor.take)
+            self._leader.attach(self._predictor)
             self._follower.attach(self._pilot, self.look)
             self._follower.engage()  # it holds until the pilot begins
         except BaseException:

@@ -19,7 +19,6 @@ import numpy as np
 from so101_motion.arm import Arm
 from so101_motion.clock import Clock
 from so101_motion.executor import Channel, Executor
-from so101_motion.geometry import Array
 from so101_motion.gripper import Gripper
 from so101_motion.modes import Mode
 from so101_motion.planning.collision import CollisionModel
@@ -29,9 +28,7 @@ from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.teleop.jaw import Jaw
 from so101_motion.teleop.pilot import Pilot
 from so101_motion.teleop.posture import Posture
-
-Take = Callable[[float, Array, Array], None]
-"""Takes a measurement of the leader; see ``Predictor.take``."""
+from so101_motion.teleop.predictor import Predictor
 
 _PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
 
@@ -43,8 +40,8 @@ FRESH = 0.05
 class Leader(Protocol):
     """What leads. Its methods may block."""
 
-    def attach(self, take: Take) -> None:
-        """Let go of the joints and tell ``take`` every measurement from now on."""
+    def attach(self, predictor: Predictor) -> None:
+        """Let go of the joints and tell ``predictor`` every measurement from now on."""
 
     def detach(self) -> None:
         """No more measurements; hold the joints again if they were let go of."""
@@ -175,16 +172,17 @@ class LocalLeader:
 
     def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
         self._arm, self._lets_go = arm, lets_go
+        self._t = -np.inf
         self._ends: list[Callable[[], None]] = []
 
-    def attach(self, take: Take) -> None:
+    def attach(self, predictor: Predictor) -> None:
         """See ``Leader.attach``."""
         if self._lets_go:
             self._arm.station.arm.stop()
             for executor in self._arm.executors:
                 executor.stop(Channel.JAW).result()
                 executor.release().result()
-        self._ends.append(self._arm.station.executor.listen(partial(self._hear, take)))
+        self._ends.append(self._arm.station.executor.listen(partial(self._hear, predictor)))
         if self._arm.jaw is not None and len(self._arm.executors) > 1:
             self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
 
@@ -221,16 +219,18 @@ class LocalLeader:
         """See ``Leader.posture``."""
         return self._arm.posture
 
-    def _hear(self, take: Take, state: JointState) -> None:
-        if state.mode is Mode.CALIBRATING:
-            return  # angles mean nothing for now
+    def _hear(self, predictor: Predictor, state: JointState) -> None:
+        is_old, self._t = state.t == self._t, state.t
+        if is_old or state.mode is Mode.CALIBRATING:  # out of reach, or its angles mean nothing
+            predictor.lose()
+            return
         jaw = self._arm.jaw
         aperture = jaw.gripper.aperture if jaw is not None else 0.0
         heard = np.ones(6, dtype=bool)
         for joint in state.reading.unheard:
             heard[_PLACE[joint]] = False
         heard[5] &= jaw is not None
-        take(state.t, np.append(state.q, aperture), heard)
+        predictor.take(state.t, np.append(state.q, aperture), heard)
 
 
 class LocalFollower:

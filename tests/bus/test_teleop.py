@@ -240,12 +240,12 @@ def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
     lost = bench.clock.now()
     lose(bench.leader)
     bench.until(lambda: waiting(bench))
-    assert bench.clock.now() - lost <= 0.1
+    assert bench.clock.now() - lost <= (0.03 if loss == "unplugged" else 0.07)
     bench.advance(0.5)
 
     _, q, qd = setpoints(bench, lost)
     speed = np.abs(qd[:, 0])
-    assert np.all(np.diff(speed[9:]) <= 0.01), "from 0.1 s on it only gets slower"
+    assert np.all(np.diff(speed[7:]) <= 0.01), "from 0.08 s on it only gets slower"
     assert speed[30:].max() < 0.01
     assert np.abs(bench.follower.rig.arm.state.qd).max() < np.radians(4.0)
 

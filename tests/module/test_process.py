@@ -84,6 +84,7 @@ async def test_a_session_from_the_handshake_to_the_end():
             "sensor": [CALIBRATION],
             "discovery": [DISCOVERY],
             "motion": ["devrel:so101:motion"],
+            "generic": ["devrel:so101:teleop"],
             "world_state_store": ["devrel:so101:world-state"],
         }
         assert len(MODELS) == sum(map(len, models.values()))

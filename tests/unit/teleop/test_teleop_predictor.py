@@ -108,6 +108,17 @@ def test_a_long_silence_counts_as_being_elsewhere():
     assert predictor.track.jumps == 1
 
 
+def test_who_is_known_to_be_lost_has_not_been_heard():
+    predictor = Predictor()
+    predictor.lose()
+    t = fed(predictor, lambda t: np.full(6, t), 0.5)
+    predictor.lose()
+    assert predictor.track.t_heard == -np.inf
+    predictor.take(t + 0.05, np.full(6, t + 0.05), ALL)
+    assert predictor.track.t_heard == pytest.approx(t + 0.05)
+    assert predictor.track.jumps == 0
+
+
 def test_the_same_measurement_again_is_ignored():
     predictor = Predictor()
     t = fed(predictor, lambda t: np.full(6, t), 0.5)
