@@ -256,7 +256,7 @@ async def test_run_sh_starts_the_module_wherever_it_is_called_from(cwd):
         models,
         _,
     ):
-        assert set(models) == {"arm", "gripper", "discovery"}
+        assert {"arm", "gripper"} <= set(models)
         command_line = read(module.process.pid, "cmdline").split("\0")
         assert "so101_motion" in command_line, "it became the module, so signals reach it"
         assert "--log-level=info" in command_line
