@@ -55,6 +55,7 @@ class Rig:
         speed: float,
         acceleration: float,
         scene: Scene,
+        dt: float = TICK,
         tolerances: Tolerances | None = None,
         jaw_tolerances: Tolerances | None = None,
         start: Callable[[Executor], None] = Executor.start,
@@ -63,7 +64,7 @@ class Rig:
         self.executor = Executor(
             driver,
             clock,
-            dt=TICK,
+            dt=dt,
             stop_limits=HARD_STOP,
             jaw_stop_limits=JAW_HARD_STOP,
             tolerances=tolerances,

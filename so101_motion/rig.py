@@ -17,6 +17,7 @@ from so101_motion.clock import Clock, MonotonicClock
 from so101_motion.drivers.bus import PATIENCE
 from so101_motion.drivers.feetech_arm import SETTLE_POSITION, SETTLE_TIMEOUT, SETTLE_VELOCITY
 from so101_motion.drivers.sim_arm import SimArm
+from so101_motion.errors import ConfigError
 from so101_motion.executor import Executor, Tolerances
 from so101_motion.geometry import Array
 from so101_motion.gripper import JAW_CLOSED
@@ -208,6 +209,7 @@ class _Live:
             speed=to_rad(50.0),
             acceleration=to_rad(100.0),
             scene=Scene(),
+            dt=1.0 / settings.rate if settings.rate else TICK,
             tolerances=HARDWARE_TOLERANCES,
             jaw_tolerances=JAW_TOLERANCES,
             start=Executor.start if settings.required() else Executor.start_limp,
@@ -233,6 +235,14 @@ class _Live:
             BusError: What it asks for is not there.
         """
         now, joined = self.servos.settings, self.servos.settings.joined_with(settings)
+        running = 1.0 / self.rig.executor.dt
+        if joined.rate is not None and abs(joined.rate - running) > 1e-6:
+            raise ConfigError(
+                "control_rate_hz",
+                joined.rate,
+                f"the port runs at {running:g} Hz already, for another component; give every"
+                " component on it the same",
+            )
         ids = joined.ids()
         in_use = {joint: setup.map.servo_id for joint, setup in self.servos.setups.items()}
         if self.rig.executor.state.lent_to is None and (

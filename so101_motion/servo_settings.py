@@ -27,6 +27,7 @@ class ServoSettings:
         calibration_file: None to ask the servos.
         zero_offsets: The model's angles in the middle of the joints' travels, of the arm joints for
             which they are configured [rad]; None when nothing is configured.
+        rate: How many setpoints a second [1/s]; None from those who do not care.
         fallback_file: Where a calibration of this arm is saved unless somebody names a file.
     """
 
@@ -37,6 +38,7 @@ class ServoSettings:
     gripper_id: int | None = None
     calibration_file: Path | None = None
     zero_offsets: Mapping[str, float] | None = None
+    rate: float | None = None
     fallback_file: Path | None = None
 
     @property
@@ -107,7 +109,7 @@ class ServoSettings:
 
 _JOINED = (
     "baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file", "zero_offsets",
-    "fallback_file",
+    "rate", "fallback_file",
 )  # fmt: skip
 
 

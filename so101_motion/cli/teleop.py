@@ -39,7 +39,12 @@ class _PerJoint(click.ParamType[object]):
 
 
 @click.command()
-@click.option("--leader", required=True, metavar="PORT", help="Serial port of the arm that leads.")
+@click.option(
+    "--leader",
+    required=True,
+    metavar="PORT",
+    help='Serial port of the arm that leads, or "sim".',
+)
 @click.option(
     "--follower",
     required=True,
@@ -107,7 +112,7 @@ def teleop(
         "approach_speed_degs_per_sec": approach_speed,
     }
     turned, pace = read_mirror(how), read_pace(how)
-    if leader == follower:
+    if leader == follower != "sim":
         raise click.UsageError("--leader and --follower must be two arms")
     with ExitStack() as stack:
         leading = stack.enter_context(_open(leader, leader_calibration))

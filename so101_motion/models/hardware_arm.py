@@ -35,6 +35,7 @@ def servo_settings(connection: PortConfig) -> ServoSettings:
         baudrate=connection.baudrate,
         timeout=connection.timeout,
         calibration_file=store.resolve(file) if file else None,
+        rate=connection.rate,
     )
 
 

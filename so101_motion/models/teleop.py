@@ -29,12 +29,25 @@ from so101_motion.models.awaiting import carried_out
 from so101_motion.models.commands import Command, Request, answer, arguments
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.gripper_resource import GripperResource
-from so101_motion.models.teleop_remote import HORIZON, RemoteArm, RemoteFollower, RemoteLeader
+from so101_motion.models.teleop_remote import (
+    HORIZON,
+    LOST_AFTER,
+    RemoteArm,
+    RemoteFollower,
+    RemoteLeader,
+)
 from so101_motion.rig import TICK
-from so101_motion.teleop import LocalArm, LocalFollower, LocalLeader, Recorder, Status, Teleop
+from so101_motion.teleop import (
+    LocalArm,
+    LocalFollower,
+    LocalLeader,
+    Recorder,
+    Status,
+    Teleop,
+    pilot,
+)
 from so101_motion.teleop.config import TeleopConfig
 from so101_motion.teleop.gate import Phase
-from so101_motion.teleop.pilot import HORIZON as LOCAL_HORIZON
 from so101_motion.teleop.recording import FPS
 from so101_motion.teleop.sides import Follower, Leader
 from so101_motion.teleoperator import middles_of, side_of
@@ -157,8 +170,10 @@ class So101Teleop(Generic):
             clock,
             mirror=self._config.mirror,
             pace=self._config.pace,
-            horizon=LOCAL_HORIZON if isinstance(follower, LocalFollower) else HORIZON,
-            period=1.0 / self._rate,
+            horizon=pilot.HORIZON if isinstance(follower, LocalFollower) else HORIZON,
+            lost_after=pilot.LOST_AFTER
+            if isinstance(leader, LocalLeader)
+            else max(LOST_AFTER, 2.5 / self._rate),
         )
         try:
             await carried_out(lambda: session.start(recorder))

@@ -45,6 +45,10 @@ HORIZON = 0.1
 """How far ahead of now the leader is aimed at for an arm elsewhere [s]; chosen: it slows down
 towards every goal, and the goals have to come a long way."""
 
+LOST_AFTER = 0.09
+"""After how long without an answer of a leader elsewhere the follower holds [s]: with the period
+after, within 0.1 s."""
+
 _TROUBLE = (GRPCError, OSError, TimeoutError, So101Error)
 
 

@@ -14,7 +14,9 @@ even the last degrees are no jump.
 
 Only a person who says so (``begin``) makes the follower come to the leader, at its own slow pace.
 After trouble nothing moves by itself: the follower holds until the leader is led back to it, or
-somebody begins anew.
+somebody begins anew. A pause is less than trouble: nothing was heard for a moment, as happens on a
+busy computer. The follower holds, and when the leader is heard again, where it was to be expected,
+the follower comes to it as after a beginning.
 
 Pure values: no thread, no clock, nothing that moves.
 """
@@ -57,6 +59,7 @@ class Gate:
         phase: What the follower does.
         reason: Why it waits; empty otherwise.
         gap: The joint that is furthest off and by how much [rad], as of the last decision.
+        is_paused: Whether it waits for no more than an answer.
     """
 
     def __init__(self, full: MotionLimits, approach: MotionLimits) -> None:
@@ -64,20 +67,31 @@ class Gate:
         self.phase = Phase.STOPPED
         self.reason = ""
         self.gap: tuple[str, float] = ("", 0.0)
+        self.is_paused = False
         self._since = 0.0
 
     def begin(self) -> None:
         """The follower shall come to the leader and then mirror it."""
-        self.phase, self.reason = Phase.APPROACHING, ""
+        self.phase, self.reason, self.is_paused = Phase.APPROACHING, "", False
 
     def stop(self) -> None:
         """No more of it."""
-        self.phase, self.reason = Phase.STOPPED, ""
+        self.phase, self.reason, self.is_paused = Phase.STOPPED, "", False
 
     def trouble(self, reason: str) -> None:
         """One side is lost: the follower holds from now on."""
         if self.phase is not Phase.STOPPED:
-            self.phase, self.reason = Phase.WAITING, reason
+            self.phase, self.reason, self.is_paused = Phase.WAITING, reason, False
+
+    def pause(self, reason: str) -> None:
+        """Nothing is heard: the follower holds until ``resume``, or until the gate opens."""
+        if self.phase in (Phase.APPROACHING, Phase.MIRRORING):
+            self.phase, self.reason, self.is_paused = Phase.WAITING, reason, True
+
+    def resume(self) -> None:
+        """The leader is heard again, and the follower is at rest."""
+        if self.is_paused:
+            self.begin()
 
     def hold_back(self) -> None:
         """Something keeps the follower from mirroring; once it may, it comes at its slow pace."""
@@ -100,6 +114,7 @@ class Gate:
         is_open = self.is_open(off)
         if is_open and self.phase in (Phase.APPROACHING, Phase.WAITING):
             self.phase, self.reason, self._since = Phase.MIRRORING, "", t
+            self.is_paused = False
         if self.phase is Phase.APPROACHING:
             return self._approach
         return self._eased(t - self._since) if self.phase is Phase.MIRRORING else None

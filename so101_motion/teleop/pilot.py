@@ -21,7 +21,7 @@ from so101_motion.pursuit import Aim
 from so101_motion.state import ARM_JOINTS
 from so101_motion.teleop.gate import GATE, Gate, Phase
 from so101_motion.teleop.mirror import Mirror
-from so101_motion.teleop.predictor import SLOW, Predictor
+from so101_motion.teleop.predictor import LONGEST, SLOW, Predictor
 from so101_motion.units import to_deg, to_rad
 
 HORIZON = 0.045
@@ -30,8 +30,7 @@ some 10 ms, because what is foretold further ahead overshoots more at every turn
 
 LOST_AFTER = 0.05
 """After how long without an answer from all joints of the leader the follower holds [s]. With the
-period after, it brakes within 0.06 s; where the leader is asked less often, within three and a half
-periods. Single lost replies are asked for again long before."""
+period after, it brakes within 0.06 s. Single lost replies are asked for again long before."""
 
 BEYOND = to_rad(0.5)
 """How far beyond the follower's range the leader must be for it to be told [rad]; chosen."""
@@ -76,7 +75,7 @@ class Pilot:
         mirror: Which angles of the follower that is.
         pace: How fast to go.
         horizon: How far ahead to aim [s].
-        period: How often the leader is asked [s].
+        lost_after: After how long without an answer of the leader to hold [s].
 
     Attributes:
         gate: Whether the follower may go there.
@@ -91,12 +90,12 @@ class Pilot:
         pace: Pace,
         *,
         horizon: float = HORIZON,
-        period: float = 0.01,
+        lost_after: float = LOST_AFTER,
     ) -> None:
         self.gate = Gate(pace.full, pace.approach)
         self.beyond: tuple[str, ...] = ()
         self._clock, self._predictor, self._mirror = clock, predictor, mirror
-        self._horizon, self._lost_after = horizon, max(LOST_AFTER, 2.5 * period)
+        self._horizon, self._lost_after = horizon, lost_after
         self._lower, self._upper = np.full(5, -np.inf), np.full(5, np.inf)
         self._slowdown: Callable[[], float] = lambda: 1.0
         self._jumps = 0
@@ -149,6 +148,8 @@ class Pilot:
             if target is None:
                 return None
             q, qd = target
+            if not now.qd.any():
+                self.gate.resume()
             limits = self.gate.decide(self._clock.now(), q - now.q)
             if limits is None:
                 self._rest = None
@@ -194,8 +195,10 @@ class Pilot:
         now, track = self._clock.now(), self._predictor.track
         if track is None:
             return None
-        if now - track.t_heard > self._lost_after:
-            self.gate.trouble("the leader does not answer")
+        silence = now - track.t_heard
+        if silence > self._lost_after:
+            is_brief = silence <= max(LONGEST, 2.0 * self._lost_after)
+            (self.gate.pause if is_brief else self.gate.trouble)("the leader does not answer")
             return None
         if track.jumps != self._jumps:
             self._jumps = track.jumps

@@ -27,7 +27,7 @@ from so101_motion.clock import Clock
 from so101_motion.errors import Interrupted
 from so101_motion.teleop.gate import Phase
 from so101_motion.teleop.mirror import Mirror
-from so101_motion.teleop.pilot import HORIZON, Pace, Pilot
+from so101_motion.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
 from so101_motion.teleop.predictor import Predictor
 from so101_motion.teleop.recording import Recorder, Row
 from so101_motion.teleop.sides import Follower, Leader
@@ -37,8 +37,9 @@ _log = logging.getLogger(__name__)
 RETRY = 0.5
 """How long to wait after an attempt to set off that failed [s]; chosen."""
 
-MISSED = 2.5
-"""After how many periods without an answer of the leader one counts as failed; chosen."""
+MISSED = 0.5
+"""A period in which the leader has been silent for so large a share of what makes it lost counts as
+failed; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +90,7 @@ class Teleop:
         mirror: Which angles of the follower belong to those of the leader.
         pace: How fast the follower goes.
         horizon: How far ahead of now the leader is aimed at [s].
-        period: How often the leader is asked [s].
+        lost_after: After how long without an answer of the leader the follower holds [s].
 
     Attributes:
         job: What its own thread did last of itself, or is doing; None before.
@@ -104,18 +105,23 @@ class Teleop:
         mirror: Mirror | None = None,
         pace: Pace | None = None,
         horizon: float = HORIZON,
-        period: float = 0.01,
+        lost_after: float = LOST_AFTER,
     ) -> None:
         self._leader, self._follower, self._clock = leader, follower, clock
         self._predictor = Predictor()
         self._mirror = mirror or Mirror()
         self._pilot = Pilot(
-            clock, self._predictor, self._mirror, pace or Pace(), horizon=horizon, period=period
+            clock,
+            self._predictor,
+            self._mirror,
+            pace or Pace(),
+            horizon=horizon,
+            lost_after=lost_after,
         )
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-teleop")
         self.job: Future[None] | None = None
         self._recorder: Recorder | None = None
-        self._unheard_after = MISSED * period
+        self._unheard_after = MISSED * lost_after
         self._cycles = self._errors = 0
         self._last_error = self._ended_by = ""
         self._retry_at = -np.inf

@@ -7,6 +7,7 @@ from hardware_harness import MIDDLES_DEG, hardware_bench, rad
 from so101_motion.calib import record, store
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.errors import (
+    ConfigError,
     FollowingError,
     Interrupted,
     NoReply,
@@ -397,3 +398,18 @@ def test_what_is_held_is_still_held_after_the_cable_was_out(bench):
     rig.reload()
     bench.advance(1.0)
     assert rig.gripper.is_holding
+
+
+def test_setpoints_can_come_twice_as_often(bench):
+    rig = bench.open(rate=200.0)
+    motion = bench.go(rig, 10, -20, 20, 30, 0)
+    bench.finish(motion)
+
+    assert motion.plan.trajectory.dt == 0.005
+    assert np.degrees(rig.arm.state.q) == pytest.approx([10, -20, 20, 30, 0], abs=0.3)
+
+
+def test_who_wants_another_rate_than_the_port_has_is_refused(bench):
+    bench.open(gripper_id=None)
+    with pytest.raises(ConfigError, match=r"control_rate_hz.*100 Hz already"):
+        bench.open(servo_ids=None, rate=200.0)

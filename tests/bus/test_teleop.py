@@ -268,6 +268,24 @@ def zeros(bench):
     return bench.leader.q_deg[:5] - np.degrees(bench.leader.world.q[:5])
 
 
+def test_a_moment_without_answers_makes_the_follower_hold_and_catch_up_slowly(impatient):
+    bench = impatient
+    bench.start()
+    bench.advance(0.3)
+    swaying(bench)
+    bench.advance(1.9)
+    lost = bench.clock.now()
+    silence(bench.leader)
+    bench.advance(0.12)
+    assert waiting(bench)
+    speak(bench.leader)
+    bench.until(lambda: mirroring(bench), at_most=3.0)
+    bench.advance(1.0)
+    t, _, qd = setpoints(bench, lost)
+    assert np.abs(qd[(t[1:] > lost + 0.4) & (t[1:] < lost + 0.5)]).max() <= 30.1
+    assert bench.teleop.status.last_error == ""
+
+
 def test_a_new_start_brings_the_follower_to_a_leader_that_came_back(bench):
     bench.start()
     bench.advance(0.3)

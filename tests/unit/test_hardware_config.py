@@ -195,3 +195,10 @@ def test_a_calibration_says_what_is_wrong_with_its_settings(attributes, says):
         CalibrationConfig.from_attributes(attributes)
 
     assert says in str(caught.value)
+
+
+def test_the_control_rate_is_read_and_bounded():
+    wanted = {"port": "/dev/ttyACM0", "control_rate_hz": 200}
+    assert HardwareArmConfig.from_attributes(wanted).connection.rate == 200.0
+    with pytest.raises(ConfigError, match=r"control_rate_hz.*50 to 200"):
+        HardwareArmConfig.from_attributes({**wanted, "control_rate_hz": 1000})

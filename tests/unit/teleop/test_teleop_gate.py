@@ -56,6 +56,27 @@ def test_a_stop_ends_it_from_anywhere(phase):
     assert gate.decide(1.0, NEAR) is None
 
 
+@pytest.mark.parametrize("phase", [Phase.APPROACHING, Phase.MIRRORING])
+def test_after_a_pause_the_follower_comes_slowly(phase):
+    gate = gate_in(phase)
+    gate.pause("no answer")
+    assert gate.phase is Phase.WAITING
+    assert gate.decide(1.0, FAR) is None
+    gate.resume()
+    assert gate.decide(1.1, FAR) is PACE.approach
+    assert gate.decide(1.2, NEAR).velocity == pytest.approx(PACE.approach.velocity)
+    assert not gate.is_paused
+
+
+def test_what_comes_on_top_of_a_pause_is_trouble():
+    gate = gate_in(Phase.MIRRORING)
+    gate.pause("no answer")
+    gate.trouble("it was suddenly elsewhere")
+    gate.pause("no answer")
+    gate.resume()
+    assert (gate.phase, gate.reason) == (Phase.WAITING, "it was suddenly elsewhere")
+
+
 def test_the_gap_is_that_of_the_joint_furthest_off():
     gate = gate_in(Phase.APPROACHING)
     gate.decide(0.0, FAR)
