@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from so101_motion.rig import Rig
     from so101_motion.teleop import Recorder, Status
 
-_EVERY = 0.5  # [s], how often a person is told how it is
+_EVERY = 0.2  # [s], how often a person is told how it is
 
 
 class _PerJoint(click.ParamType[object]):

@@ -180,6 +180,7 @@ class So101Teleop(Generic):
         except BaseException:
             if recorder is not None:
                 recorder.close()
+            self._record = None
             await carried_out(session.close)
             raise
         self._session = session

@@ -43,6 +43,10 @@ JUMP = to_rad(15.0)
 down elsewhere while nobody looked, or its calibration has changed. Chosen."""
 
 
+USUAL = 0.1
+"""What is asked less often may be further from where it was expected [s]; chosen."""
+
+
 class Track(NamedTuple):
     """What is known of the leader.
 
@@ -64,11 +68,15 @@ class Track(NamedTuple):
 class Predictor:
     """Takes measurements of the leader and says where it will be.
 
+    Args:
+        longest: After how long a silence the leader may be anywhere [s].
+
     Attributes:
         track: What is known; None before the first measurement. Replaced whole.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, longest: float = LONGEST) -> None:
+        self._longest = longest
         self.track: Track | None = None
         self._heard = np.zeros(N)
         self._forget()
@@ -102,7 +110,7 @@ class Predictor:
         t_heard = float(self._heard[:5].min())
         expected = last.x + dt * last.xd
         miss = np.where(heard, x - expected, 0.0)
-        if dt > LONGEST or np.max(np.abs(miss[:5])) > JUMP:
+        if dt > self._longest or np.max(np.abs(miss[:5])) > JUMP * max(1.0, dt / USUAL):
             self._forget()
             self.track = Track(t, np.array(x), np.zeros(N), t_heard, last.jumps + 1)
             return

@@ -28,7 +28,7 @@ from so101_motion.errors import Interrupted
 from so101_motion.teleop.gate import Phase
 from so101_motion.teleop.mirror import Mirror
 from so101_motion.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
-from so101_motion.teleop.predictor import Predictor
+from so101_motion.teleop.predictor import LONGEST, Predictor
 from so101_motion.teleop.recording import Recorder, Row
 from so101_motion.teleop.sides import Follower, Leader
 
@@ -108,7 +108,7 @@ class Teleop:
         lost_after: float = LOST_AFTER,
     ) -> None:
         self._leader, self._follower, self._clock = leader, follower, clock
-        self._predictor = Predictor()
+        self._predictor = Predictor(longest=max(LONGEST, 1.5 * lost_after))
         self._mirror = mirror or Mirror()
         self._pilot = Pilot(
             clock,

@@ -128,7 +128,7 @@ def is_listening(path):
 
 async def until(check):
     """Wait until ``check()``, plain or awaited, is true; not for ever."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(30.0):
         while True:
             answer = check()
             if await answer if asyncio.iscoroutine(answer) else answer:

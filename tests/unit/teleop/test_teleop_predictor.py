@@ -119,6 +119,13 @@ def test_who_is_known_to_be_lost_has_not_been_heard():
     assert predictor.track.jumps == 0
 
 
+def test_a_leader_that_is_asked_five_times_a_second_is_not_elsewhere_each_time():
+    predictor = Predictor(longest=0.75)
+    t = fed(predictor, lambda t: np.full(6, 1.5 * np.sin(1.5 * t)), 4.0, dt=0.2)
+    assert predictor.track.jumps == 0
+    assert predictor.track.x[0] == pytest.approx(1.5 * np.sin(1.5 * t), abs=0.1)
+
+
 def test_the_same_measurement_again_is_ignored():
     predictor = Predictor()
     t = fed(predictor, lambda t: np.full(6, t), 0.5)

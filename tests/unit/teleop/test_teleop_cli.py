@@ -1,0 +1,56 @@
+import csv
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli import main
+
+
+def run(*arguments, **options):
+    return CliRunner().invoke(main, ["teleop", *map(str, arguments)], **options)
+
+
+def test_two_simulated_arms_show_how_it_goes(tmp_path):
+    record = tmp_path / "session.csv"
+    result = run(
+        "--leader", "sim", "--follower", "sim", "--yes", "--seconds", "0.6", "--json",
+        "--record", record, "--fps", "50", "--guard", "--mirror", "--scale", "0.5",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["schema"] == "so101/teleop/1"
+    assert told["ended_as"] == "mirroring"
+    assert told["last_error"] == ""
+    rows = list(csv.DictReader(record.read_text().splitlines()))
+    assert len(rows) == pytest.approx(30, abs=8)
+    assert "mirroring" in result.stderr
+
+
+def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
+    result = run("--leader", "sim", "--follower", "sim", input="n\n")
+    assert result.exit_code == 1
+    assert "limp" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--leader", "/dev/ttyACM0"), "--follower"),
+        (("--leader", "/dev/x", "--follower", "/dev/x", "--yes"), "two arms"),
+        (("--leader", "sim", "--follower", "sim", "--scale", "1,2"), "5 of them"),
+        (("--leader", "sim", "--follower", "sim", "--scale", "big"), "no number"),
+        (("--leader", "sim", "--follower", "sim", "--speed", "999"), "180"),
+        (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv, .mcap"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_with_a_sentence(arguments, says):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert says in result.output
+
+
+def test_a_port_that_is_not_there_is_told(tmp_path):
+    result = run("--leader", tmp_path / "no-port", "--follower", "sim", "--yes")
+    assert result.exit_code == 3
+    assert "no such port" in result.output
