@@ -1,9 +1,10 @@
 """The running preview: a guarded server, a page on it, and the thread that keeps the page true.
 
-One thread, ``so101-viewer``, owns the view model. Thirty times a second it runs the commands that
-browsers sent meanwhile, looks at the arm, and shows what is new; an arm at rest costs next to
-nothing. Planning runs beside it. Stop waits for nobody: it drops every command that is still
-waiting and goes straight to the arm from a thread of viser's.
+The page is made of parts that share a desk. One thread, ``so101-viewer``, owns them all. Thirty
+times a second it runs the commands that browsers sent meanwhile, lets each part look at the arm,
+and shows what is new; an arm at rest costs next to nothing. Planning runs beside it. Stop waits
+for nobody: it drops every command that is still waiting and goes straight to the arm from a
+thread of viser's.
 """
 
 from __future__ import annotations
@@ -11,30 +12,25 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 from so101_motion.errors import So101Error
-from so101_motion.geometry import Array
-from so101_motion.planning.model import RobotModel
 from so101_motion.planning.plan import Plan
 from so101_motion.rig import Rig
 
-from .aim import Aimer
 from .commands import Commands
+from .desk import Desk, Part
 from .guard import GuardedServer, start_guarded
-from .panels import PlanPanel, StatePanel
-from .stage import Stage
-from .view_model import ViewModel
+from .move import MovePart
 
 log = logging.getLogger(__name__)
 
 _PERIOD = 0.03
 """Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
 
-_WORDS_EVERY = 3
-"""Joint figures are told every so many pictures of a motion; nobody reads 30 a second."""
-
 _AMBER = (240, 165, 0)
+_RIGHT_WIDTH = 330
 
 
 class Preview:
@@ -54,33 +50,23 @@ class Preview:
         self._server, self._rig = server, rig
         self._commands = Commands(self._failed)
         self._closing = threading.Event()
-        self._planning = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-plan")
-        model = RobotModel.load()
-        self._page = ViewModel(
-            arm=rig.arm,
-            gripper=rig.gripper,
-            aimer=Aimer.load(scene=rig.arm.scene),
-            submit=self._planning.submit,
-            welcome=f"{title}. Drag the arrows, then press Plan.",
-        )
-        if plan is not None:
-            self._page.show(plan)
+        self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
         gui = server.viser.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
-        self._stage = Stage(
-            server.viser, model=model, surroundings=rig.arm.scene, on_drag=self._dragged
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_RIGHT_WIDTH)
+        desk = Desk(
+            server=server.viser,
+            rig=rig,
+            tabs=gui.add_tab_group(),
+            post=self._commands.post,
+            workers=self._workers,
         )
-        self._state_panel = StatePanel(
-            gui,
-            title=title,
-            lower=model.lower,
-            upper=model.upper,
-            stops=(self.stop, rig.gripper.stop),
-        )
-        self._plan_panel = PlanPanel(gui, self._page, self._commands.post)
-        self._pictures = 0
+        move = MovePart(desk, title=title, stops=(self.stop, rig.gripper.stop), plan=plan)
+        self._say = move.page.report
+        self._parts: tuple[Part, ...] = (move,)
+        self._show(self._parts)
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
-        self._show()
         self._thread.start()
 
     def stop(self) -> None:
@@ -94,7 +80,9 @@ class Preview:
             return
         self._closing.set()
         self._thread.join()
-        self._planning.shutdown(wait=True)
+        for part in self._parts:
+            part.close()
+        self._workers.shutdown(wait=True)
         self._server.close()
 
     def __enter__(self) -> Preview:
@@ -103,17 +91,10 @@ class Preview:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _dragged(self, p_base: Array) -> None:
-        def command() -> None:
-            self._stage.dragged_to(p_base)
-            self._page.aim_at(p_base)
-
-        self._commands.post(command)
-
     def _failed(self, error: Exception) -> None:
         if not isinstance(error, So101Error):
             log.error("a command of the preview failed", exc_info=error)
-        self._page.report(error)
+        self._say(error)
 
     def _run(self) -> None:
         due = time.monotonic()
@@ -121,19 +102,16 @@ class Preview:
             due = max(due + _PERIOD, time.monotonic())
             try:
                 acted = self._commands.run()
-                if self._page.refresh() or acted:
-                    self._show()
+                news = [part for part in self._parts if part.refresh() or acted]
+                if news:
+                    self._show(news)
             except Exception:  # the page must outlive any one picture
                 log.exception("the preview could not be brought up to date")
 
-    def _show(self) -> None:
-        screen = self._page.screen()
-        self._pictures += 1
+    def _show(self, parts: Iterable[Part]) -> None:
         with self._server.viser.atomic():
-            self._stage.show(screen)
-            if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:
-                self._state_panel.show(screen.state)
-                self._plan_panel.show(screen)
+            for part in parts:
+                part.show()
 
 
 def serve(

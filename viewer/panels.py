@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import numpy as np
 import viser
@@ -22,16 +21,14 @@ from so101_motion.state import ARM_JOINTS, JointState
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
 
 from . import markup, words
-from .commands import Command
+from .desk import Desk
+from .fields import Field, put
 from .markup import Bar
 from .plots import PlanPlots
 from .screen import Screen
 from .view_model import ViewModel
 
-Post = Callable[[Command], None]
-"""Hands a command to the thread that owns the view model."""
-
-_LEFT_WIDTH, _RIGHT_WIDTH = 290, 330
+_LEFT_WIDTH = 290
 _PLOT_SIZE = (520, 262)
 _MARGIN = 12
 
@@ -98,18 +95,17 @@ class PlanPanel:
     """Target, speed, Plan, preview, Execute, gripper; and the plots of the newest plan.
 
     Args:
-        gui: Where to make it.
+        desk: Where to make it.
         page: What the buttons act on.
-        post: Brings a command to the thread that owns ``page``.
     """
 
-    def __init__(self, gui: viser.GuiApi, page: ViewModel, post: Post) -> None:
-        self._page, self._post = page, post
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(_RIGHT_WIDTH)
-        self._add_target(gui)
-        self._add_plan(gui)
-        self._add_jaw(gui)
+    def __init__(self, desk: Desk, page: ViewModel) -> None:
+        self._page, self._desk = page, desk
+        gui = desk.gui
+        with desk.tabs.add_tab("Move", viser.Icon.ROUTE):
+            self._add_target(gui)
+            self._add_plan(gui)
+            self._add_jaw(gui)
         self._plots_panel = gui.add_panel()
         self._plots = PlanPlots(gui, self._plots_panel)
         width, height = _PLOT_SIZE
@@ -124,40 +120,38 @@ class PlanPanel:
         self._target_mm = Field(
             target,
             lambda value: self._page.aim_at(to_m(np.array(value))),
-            self._post,
+            self._desk,
             shown=_tenths,
         )
         poses = gui.add_button_group("Pose", tuple(pose.name for pose in POSES))
-        poses.on_click(self._pressed_one(self._choose))
+        self._desk.on_choice(poses, self._choose)
 
     def _add_plan(self, gui: viser.GuiApi) -> None:
         slowest, fastest = (round(speed) for speed in SPEED_RANGE_DEG)
         self._speed_deg = Field(
             gui.add_slider("Speed (°/s)", slowest, fastest, 1, slowest),
             lambda value: self._page.set_speed(to_rad(value)),
-            self._post,
+            self._desk,
             shown=round,
         )
         self._plan = gui.add_button("Plan", icon=viser.Icon.ROUTE)
-        self._plan.on_click(self._pressed(self._page.plan))
+        self._desk.on_press(self._plan, self._page.plan)
         self._facts = gui.add_html("", visible=False)
         self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._preview_time = Field(
-            self._preview, self._page.preview, self._post, shown=lambda t: round(t, 2)
+            self._preview, self._page.preview, self._desk, shown=lambda t: round(t, 2)
         )
         self._execute = gui.add_button(
             "Execute", icon=viser.Icon.PLAYER_PLAY, color="green", disabled=True
         )
-        self._execute.on_click(self._pressed(self._page.execute))
+        self._desk.on_press(self._execute, self._page.execute)
         self._progress = gui.add_progress_bar(0.0, color="green")
 
     def _add_jaw(self, gui: viser.GuiApi) -> None:
         jaw = gui.add_button_group(
             "Gripper", ("open", "close"), hint="Moves at once, without a plan"
         )
-        jaw.on_click(
-            self._pressed_one(lambda value: self._page.move_jaw(1.0 if value == "open" else 0.0))
-        )
+        self._desk.on_choice(jaw, lambda name: self._page.move_jaw(1.0 if name == "open" else 0.0))
 
     def show(self, screen: Screen) -> None:
         """Tell ``screen``; viser sends only what differs."""
@@ -167,7 +161,7 @@ class PlanPanel:
         self._plan.disabled = not screen.can_plan
         self._execute.disabled = not screen.can_execute
         self._preview.disabled = not screen.plan_is_current
-        _put(self._progress, round(100.0 * screen.progress, 1))
+        put(self._progress, round(100.0 * screen.progress, 1))
         if screen.plan is not None and screen.plan is not self._shown:
             self._show_plan(screen.plan)
         if screen.plan_is_current:
@@ -186,70 +180,9 @@ class PlanPanel:
         pose = next(pose for pose in POSES if pose.name == name)
         self._page.aim_at_joints(pose.q)
 
-    def _pressed(self, command: Callable[[], None]) -> Callable[..., Any]:
-        async def handler(_event: object) -> None:
-            self._post(command)
-
-        return handler
-
-    def _pressed_one(self, command: Callable[[str], None]) -> Callable[..., Any]:
-        async def handler(event: viser.GuiEvent[Any]) -> None:
-            name = event.target.value
-            self._post(lambda: command(name))
-
-        return handler
-
-
-class Field:
-    """A widget whose value people set, and the page too.
-
-    The page writes only what is news: a value it has not shown yet and that nobody entered. Else
-    a picture drawn while somebody types or drags would put the previous value back under their
-    fingers.
-
-    Args:
-        widget: The widget.
-        command: What an entered value does.
-        post: Brings it to the page's thread.
-        shown: A value as the widget shows it.
-    """
-
-    def __init__(
-        self,
-        widget: Any,
-        command: Callable[[Any], None],
-        post: Post,
-        *,
-        shown: Callable[[Any], Any],
-    ) -> None:
-        self._widget, self._command, self._post, self._shown = widget, command, post, shown
-        self._known: Any = None
-        widget.on_update(self._entered)
-
-    async def _entered(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client_id is not None:
-            value = event.target.value
-            self._post(lambda: self._take(value))
-
-    def _take(self, value: Any) -> None:
-        self._known = self._shown(value)
-        self._command(value)
-
-    def show(self, value: Any) -> None:
-        """Show ``value`` if it is news."""
-        shown = self._shown(value)
-        if shown != self._known:
-            self._known = shown
-            _put(self._widget, shown)
-
 
 def _tenths(values: Iterable[float]) -> tuple[float, ...]:
     return tuple(round(float(value), 1) + 0.0 for value in values)
-
-
-def _put(widget: Any, value: object) -> None:
-    """Set a widget's value; viser's types declare it read-only, which it is not."""
-    widget.value = value
 
 
 def _ignoring_event(call: Callable[[], None]) -> Callable[[object], None]:

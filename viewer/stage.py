@@ -12,6 +12,7 @@ from so101_motion.geometry import SE3, Array, rotation_angle
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import Scene
 
+from .desk import Desk
 from .robot_view import RobotView
 from .scene_view import SceneView
 from .screen import Screen, Way
@@ -30,7 +31,7 @@ class Stage:
     """What there is to see.
 
     Args:
-        server: Whose scene it is.
+        desk: Whose page it is.
         model: Kinematics; used by the thread that calls ``show`` alone.
         surroundings: What stands around the arm and what it holds.
         on_drag: Called with the new target point, shape (3,), [m].
@@ -38,28 +39,24 @@ class Stage:
 
     def __init__(
         self,
-        server: viser.ViserServer,
+        desk: Desk,
         *,
         model: RobotModel,
         surroundings: Scene,
         on_drag: Callable[[Array], None],
     ) -> None:
-        self._scene, self._model = server.scene, model
-        _furnish(server, surroundings.floor_z)
-        self._around = SceneView(server.scene, surroundings)
+        self._scene, self._model = desk.server.scene, model
+        _furnish(desk.server, surroundings.floor_z)
+        self._around = SceneView(self._scene, surroundings)
         self._live = RobotView(self._scene, "/live")
         self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
         self._target = self._scene.add_transform_controls(
             "/target", scale=0.11, disable_rotations=True, depth_test=False
         )
-        self._target.on_update(self._dragged)
-        self._on_drag = on_drag
+        desk.on_drag(self._target, lambda handle: on_drag(np.array(handle.position)))
         self._p_target = np.full(3, np.nan)
         self._way: Way | None = None
         self._way_node: viser.LineSegmentsHandle | None = None
-
-    async def _dragged(self, event: viser.TransformControlsEvent) -> None:
-        self._on_drag(np.array(event.target.position))
 
     def dragged_to(self, p_base: Array) -> None:
         """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""

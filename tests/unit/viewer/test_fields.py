@@ -5,7 +5,8 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-from so101_viewer.panels import Field
+from so101_viewer.desk import Desk
+from so101_viewer.fields import Field
 
 
 class PretendedWidget:
@@ -36,7 +37,9 @@ class PretendedWidget:
 
 def make() -> tuple[PretendedWidget, Field, deque[Callable[[], None]], list[Any]]:
     widget, commands, done = PretendedWidget(), deque[Callable[[], None]](), list[Any]()
-    return widget, Field(widget, done.append, commands.append, shown=round), commands, done
+    unused: Any = None
+    desk = Desk(server=unused, rig=unused, tabs=unused, workers=unused, post=commands.append)
+    return widget, Field(widget, done.append, desk, shown=round), commands, done
 
 
 def test_a_field_shows_what_the_page_says_once() -> None:
