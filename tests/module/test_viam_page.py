@@ -1,0 +1,126 @@
+"""Every request that docs/viam.md shows is answered like that by the real module process."""
+
+import inspect
+import json
+import re
+
+import pytest
+import viam.components.generic
+import viam.services.discovery
+import viam.services.generic
+import viam.services.worldstatestore  # noqa: F401  # importing registers the clients
+from fake_parent import (
+    ARM,
+    CALIBRATION,
+    DISCOVERY,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    MOTION,
+    ROOT,
+    SENSOR,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    running_module,
+)
+from hardware_port import emulated_port
+
+from so101_motion.config import LoadConfig
+from so101_motion.hardware_config import _ARM, _GRIPPER, _PORT
+from so101_motion.models.module import MODELS
+from so101_motion.teleop.config import _KNOWN as TELEOP
+
+PAGE = (ROOT / "docs" / "viam.md").read_text()
+SECTIONS = dict(re.findall(r"^## `(devrel:so101:\S+)`\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
+
+
+def requests_of(model):
+    """Pairs of what is asked and what is answered, in the page's order."""
+    lines = "".join(re.findall(r"```viam\n(.*?)```", SECTIONS[model], re.S)).splitlines()
+    asked = [json.loads(line[2:]) for line in lines if line.startswith("> ")]
+    told = [json.loads(line[2:]) for line in lines if line.startswith("< ")]
+    return list(zip(asked, told, strict=True))
+
+
+def shape(answer):
+    """Keys and kinds; an empty list or object on the page stands for any."""
+    if isinstance(answer, dict):
+        return {key: shape(value) for key, value in answer.items()}
+    return type(answer).__name__
+
+
+def fits(told, answer):
+    if isinstance(told, dict) and told:
+        return (
+            isinstance(answer, dict)
+            and told.keys() == answer.keys()
+            and all(fits(told[key], answer[key]) for key in told)
+        )
+    return type(told) is type(answer)
+
+
+def test_every_model_has_its_section():
+    assert set(SECTIONS) == {str(model.MODEL) for model in MODELS}
+
+
+@pytest.mark.parametrize(
+    ("model", "known"),
+    [
+        (HARDWARE_ARM, _ARM),
+        (HARDWARE_GRIPPER, _GRIPPER),
+        (CALIBRATION, _PORT),
+        (SIMULATED, LoadConfig.KEYS),
+    ],
+)
+def test_every_attribute_stands_in_its_section(model, known):
+    assert [key for key in known if f"`{key}`" not in SECTIONS[model]] == []
+
+
+def test_every_attribute_of_teleoperation_stands_on_its_page():
+    page = (ROOT / "docs" / "teleoperation.md").read_text()
+    assert [key for key in TELEOP if f"`{key}`" not in page] == []
+
+
+def test_every_command_is_told_of():
+    pages = PAGE + "".join(
+        (ROOT / "docs" / f"{name}.md").read_text() for name in ("calibration", "teleoperation")
+    )
+    sources = {inspect.getsource(inspect.getmodule(model)) for model in MODELS}
+    sources |= {
+        (ROOT / "so101_motion" / "models" / f"{name}.py").read_text()
+        for name in ("servo_commands", "calibration_commands")
+    }
+    commands = {
+        name for s in sources for name in re.findall(r'^            "(\w+)": self\._', s, re.M)
+    }
+    assert len(commands) > 30
+    assert [name for name in sorted(commands) if name not in pages] == []
+
+
+@pytest.mark.slow
+async def test_the_answers_are_as_shown(tmp_path):
+    async with emulated_port(tmp_path) as servos, running_module() as (module, _, _):
+        port = {"port": servos.port}
+        leader, follower = {"leader_arm": "arm"}, {"follower_arm": "simulated"}
+        machine = [
+            (HARDWARE_ARM, ARM, "arm", port),
+            (HARDWARE_GRIPPER, GRIPPER, "gripper", port),
+            (CALIBRATION, SENSOR, "calibration", port),
+            (SIMULATED, ARM, "simulated", {}),
+            (SIMULATED_GRIPPER, GRIPPER, "simulated-gripper", {}),
+            (DISCOVERY, "rdk:service:discovery", "discovery", {}),
+            ("devrel:so101:motion", MOTION, "motion", {"arm": "simulated"}),
+            ("devrel:so101:teleop", "rdk:service:generic", "teleop", {**leader, **follower}),
+        ]
+        differ = []
+        resources = {}
+        for model, api, name, attributes in machine:
+            resources[model] = await module.add(api, model, attributes, name)
+        for model, resource in resources.items():
+            shown = requests_of(model)
+            assert shown, model
+            for asked, told in shown:
+                answer = json.loads(json.dumps(dict(await resource.do_command(asked))))
+                if not fits(told, answer):
+                    differ.append((model, asked, shape(told), shape(answer)))
+        assert differ == []
