@@ -31,6 +31,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.bench_bus
 	$(BIN)/python -m benchmarks.bench_follow
 	$(BIN)/python -m benchmarks.bench_stream
+	$(BIN)/python -m benchmarks.bench_teleop
 
 pictures: $(STAMP) browser
 	$(BIN)/python docs/make_screenshots.py

@@ -150,6 +150,12 @@ class Stream:
         return float(self._knots[0][-1])
 
     @property
+    def ahead(self) -> float:
+        """How far the newest point is ahead of what is being played [s]."""
+        t = self._knots[0]
+        return float(t[-1]) - self._t_played if len(t) else 0.0
+
+    @property
     def q_last(self) -> Array:
         """The newest point, shape (5,), [rad]."""
         return np.asarray(self._knots[1][-1])

@@ -1,4 +1,4 @@
-"""From rigs to the sides of a teleoperation: what the services and the command line share."""
+"""From rigs to what a hand leads: what the services and the command line share."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from so101_motion.calib.zero import MIDDLE
+from so101_motion.export import LeRobot
 from so101_motion.geometry import Array
+from so101_motion.gripper import Gripper
 from so101_motion.rig import HardwareRig, Rig
+from so101_motion.rig_like import RigLike
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.teleop import LocalArm
 
@@ -24,9 +27,20 @@ def side_of(rig: Rig, jaw: Rig | None) -> LocalArm:
     def loads() -> Sequence[float]:
         return [joint.load for joint in rig.servos.health] if isinstance(rig, HardwareRig) else ()
 
-    if isinstance(jaw, HardwareRig) and GRIPPER_JOINT not in jaw.servos.setups:
-        jaw = None  # an arm without its sixth servo
-    return LocalArm(station=rig, jaw=jaw, loads=loads)
+    return LocalArm(station=rig, jaw=jaw if jaw and jaw_of(jaw) else None, loads=loads)
+
+
+def jaw_of(rig: Rig) -> Gripper | None:
+    """The gripper of a rig; None for an arm without its sixth servo."""
+    if isinstance(rig, HardwareRig) and GRIPPER_JOINT not in rig.servos.setups:
+        return None
+    return rig.gripper
+
+
+def lerobot_of(rig: RigLike) -> LeRobot:
+    """How LeRobot counts for this arm, with the jaw as it is."""
+    middles = middles_of(rig) if isinstance(rig, Rig) else np.zeros(5)
+    return LeRobot(middles=middles, aperture=rig.gripper.aperture)
 
 
 def middles_of(rig: Rig) -> Array:

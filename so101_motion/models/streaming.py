@@ -1,6 +1,8 @@
 """A trajectory that a client sends while it is being played.
 
-Each batch is acknowledged once its points are taken. What ends the motion meanwhile (a stop, a
+Each batch is acknowledged once its points are taken. When they reach far ahead of the arm the next
+batch is not taken from the wire before the arm has come nearer: what a client sends too early waits
+on its side, so a stream may be as long as one likes. What ends the motion meanwhile (a stop, a
 newer motion, a joint left behind) reaches the client at once, not with its next batch; and whatever
 ends the call brings this motion to rest before the call is over.
 """
@@ -19,6 +21,12 @@ from so101_motion.geometry import Array
 from so101_motion.models.awaiting import Rest
 
 Batch = Sequence[Arm.TrajectoryPoint]
+
+FARTHEST = 2.0
+"""How far ahead points may reach before the next batch is taken [s]; chosen: rides out whatever a
+network does, and a stop has little to throw away."""
+
+_LOOK = 0.02  # [s] between two looks at how far ahead they reach
 
 
 async def played(
@@ -52,6 +60,8 @@ async def played(
             )
             empty = False
             yield Arm.TrajectoryUpdate()
+            while stream.ahead > FARTHEST and not over.done():
+                await asyncio.wait([over], timeout=_LOOK)
         if not empty:
             stream.finish()
             await asyncio.shield(over)

@@ -24,7 +24,7 @@ import ruckig
 from numpy.typing import ArrayLike
 
 from so101_motion.errors import PlanningError
-from so101_motion.geometry import Array
+from so101_motion.geometry import Array, is_finite
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.slowdown import shortest_slowdown
 from so101_motion.planning.trajectory import Setpoint, Trajectory
@@ -231,7 +231,7 @@ def _vectors(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[Array]
     vectors = []
     for name, value in given.items():
         vector = np.asarray(value, dtype=np.float64)
-        if vector.shape != limits.velocity.shape or not np.all(np.isfinite(vector)):
+        if vector.shape != limits.velocity.shape or not is_finite(vector):
             raise ValueError(f"{name} must be {len(limits.velocity)} finite numbers, got {value!r}")
         vectors.append(vector)
     return vectors

@@ -174,8 +174,9 @@ class Pilot:
             pace = max(self.gate.share(self._clock.now()), _JAW_APPROACH)
             if self.gate.phase is Phase.APPROACHING:
                 pace = _JAW_APPROACH
-            caps = limits.scaled_to(pace * limits.velocity, pace * limits.acceleration)
-            return aperture, rate, caps
+            if pace < 1.0:
+                limits = limits.scaled_to(pace * limits.velocity, pace * limits.acceleration)
+            return aperture, rate, limits
 
     # How
 

@@ -1,18 +1,18 @@
 """What both arms did, as a file: MCAP for looking at it, CSV for learning from it.
 
 **MCAP** holds ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
-``/leader/joint_states`` and ``/follower/joint_states`` as measured, ``/follower/joint_commands``
-as wanted. The jaw is the sixth joint, as a share of its travel, 0 to 1. In the field for efforts
-stands what share of its drive each servo uses, -1 to 1, as the servos report it ten times a
-second. The stamps are those of the wall clock, so that cameras can be laid beside it.
+``joint_states`` as measured and ``joint_commands`` as wanted, of ``/leader`` and ``/follower``. A
+limp leader is wanted where it is. The jaw is the sixth joint, as a share of its travel, 0 to 1. In
+the field for efforts stands what share of its drive each servo uses, -1 to 1, as the servos report
+it ten times a second. The stamps are the wall clock's, so that cameras can be laid beside it.
 
 **CSV** holds the joint part of a LeRobot data set under LeRobot's own names and in its own units:
 ``action.shoulder_pan.pos`` is the leader, ``observation.state.shoulder_pan.pos`` the follower as
 measured, in degrees from the middle of the joint's recorded travel (LeRobot with
 ``use_degrees=True``), the gripper in per cent. An action is what the leader asked of the follower:
 with arms that mirror or scale, in the follower's angles. ``frame_index`` counts from 0 without
-holes and ``timestamp`` is ``frame_index / fps``, as LeRobot wants it. Goals and loads follow in
-columns of ours.
+holes and ``timestamp`` is ``frame_index / fps``, as LeRobot wants it. Columns of ours follow: the
+leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``.
 
 Rows come from an I/O thread, which must not wait for a disk. A thread of its own writes them.
 """
@@ -149,16 +149,20 @@ class _Csv:
         self._fps, self._zero = fps, np.append(middles, 0.0)
         self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115  # closed below
         self._out = csv.writer(self._file)
-        joints = ("action", "observation.state", "goal")
+        groups = (
+            ("action", "pos"), ("observation.state", "pos"),
+            ("leader", "pos"), ("leader", "goal"), ("follower", "goal"),
+            ("leader", "load"), ("follower", "load"),
+        )  # fmt: skip
         self._out.writerow(
             ["timestamp", "frame_index", "episode_index"]
-            + [f"{group}.{joint}.pos" for group in joints for joint in JOINTS]
-            + [f"{side}.{joint}.load" for side in ("leader", "follower") for joint in JOINTS]
+            + [f"{group}.{joint}.{what}" for group, what in groups for joint in JOINTS]
         )
 
     def write(self, index: int, row: Row) -> None:
-        positions = (row.action, row.follower.x, row.follower.x_goal)
-        loads = (row.leader.loads, row.follower.loads)
+        leader, follower = row.leader, row.follower
+        positions = (row.action, follower.x, leader.x, leader.x_goal, follower.x_goal)
+        loads = (leader.loads, follower.loads)
         self._out.writerow(
             [f"{index / self._fps:.6f}", index, 0]
             + [f"{value:.4f}" for x in positions for value in self._in_lerobots_units(x)]
@@ -186,6 +190,7 @@ class _Mcap:
         at_ns = round((self._epoch + row.t) * 1e9)
         for topic, x, loads in (
             ("/leader/joint_states", row.leader.x, row.leader.loads),
+            ("/leader/joint_commands", row.leader.x_goal, ()),
             ("/follower/joint_states", row.follower.x, row.follower.loads),
             ("/follower/joint_commands", row.follower.x_goal, ()),
         ):

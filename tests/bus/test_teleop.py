@@ -1,6 +1,8 @@
 """One emulated arm leads, another follows: real rigs, servos with weight, friction and play."""
 
 import csv
+import resource
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +156,36 @@ def test_lost_replies_go_unnoticed(tmp_path, planning_process):
         assert mirroring(bench)
         assert np.abs(np.diff(q, axis=0)).max() <= 180.0 * PERIOD + 0.5
         assert sum(joint.lost for joint in bench.leader.rig.servos.health) > 10
+
+
+@pytest.mark.slow
+def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
+    tmp_path, planning_process
+):
+    with teleop_bench(tmp_path, patience=0.03) as bench:
+        bench.start(recorder=Recorder(tmp_path / "long.mcap", fps=30.0))
+        bench.advance(0.3)
+        for arm in (bench.leader, bench.follower):
+            arm.emulator.bus.faults.loss = 0.01
+        memory = []
+        for part in range(3):
+            bench.goals.clear()
+            bench.leader.lead(human_motion(8.0, seed=20 + part))
+            bench.advance(8.0)
+            _, q, _ = setpoints(bench)
+            assert np.abs(np.diff(q, axis=0)).max() <= 180.0 * PERIOD + 0.5
+            assert mirroring(bench)
+            memory.append(resident())
+        for arm in (bench.leader, bench.follower):
+            arm.emulator.bus.faults.loss = 0.0
+        assert bench.teleop.status.last_error == ""
+        assert memory[-1] - memory[0] < 8e6
+        assert sum(joint.lost for joint in bench.follower.rig.servos.health) > 25
+
+
+def resident():
+    """How much memory this process has [byte]."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def test_arms_that_face_each_other_mirror(bench):

@@ -23,7 +23,7 @@ def test_two_simulated_arms_show_how_it_goes(tmp_path):
     assert told["ended_as"] == "mirroring"
     assert told["last_error"] == ""
     rows = list(csv.DictReader(record.read_text().splitlines()))
-    assert len(rows) == pytest.approx(30, abs=8)
+    assert 22 <= len(rows) < 150, "0.6 s, and what a busy machine takes to end it"
     assert "mirroring" in result.stderr
 
 

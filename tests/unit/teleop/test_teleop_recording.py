@@ -9,6 +9,7 @@ from so101_motion.teleop.posture import Posture
 from so101_motion.teleop.recording import JOINTS, Recorder, Row
 
 MIDDLES = np.radians([4.0, -1.0, 0.0, 0.0, 0.0])
+ARMS = ("leader", "follower")
 LOADS = (0.1, -0.2, 0.3, 0.0, 0.0, 0.25)
 
 
@@ -42,8 +43,12 @@ def test_csv_speaks_lerobots_language(tmp_path):
     names = [f"{joint}.pos" for joint in JOINTS]
     assert names[0] == "shoulder_pan.pos"
     assert names[-1] == "gripper.pos"
-    for group in ("action", "observation.state", "goal"):
+    for group in ("action", "observation.state", "leader"):
         assert all(f"{group}.{name}" in first for name in names)
+    for joint in JOINTS:
+        assert all(f"{arm}.{joint}.{what}" in first for arm in ARMS for what in ("goal", "load"))
+    assert float(first["leader.shoulder_pan.goal"]) == pytest.approx(10.0 - 4.0)
+    assert float(first["follower.gripper.goal"]) == pytest.approx(50.0)
     assert float(first["action.shoulder_pan.pos"]) == pytest.approx(10.0 - 4.0)
     assert float(first["observation.state.shoulder_pan.pos"]) == pytest.approx(9.0 - 4.0)
     assert float(first["action.shoulder_lift.pos"]) == pytest.approx(1.0)
@@ -76,7 +81,7 @@ def test_mcap_holds_both_arms_in_ros_messages(tmp_path):
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = [(e[1].topic, e[2].log_time, e[3]) for e in reader.iter_decoded_messages()]
     assert {topic for topic, _, _ in found} == {
-        "/leader/joint_states", "/follower/joint_states", "/follower/joint_commands",
+        f"/{arm}/{what}" for arm in ARMS for what in ("joint_states", "joint_commands")
     }  # fmt: skip
     topic, at_ns, message = found[0]
     assert topic == "/leader/joint_states"

@@ -1,0 +1,204 @@
+"""``so101 guide``: a path is shown by hand, and gone again."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.shared import json_option, print_json, quietly, reports_errors
+from so101_motion.cli.sources import Source, paced, source_options
+from so101_motion.units import to_deg, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.cli.terminal import Terminal
+    from so101_motion.guided import GuidedPath, PathRecorder, Replay
+    from so101_motion.rig import Rig
+
+_FOLDER = Path()
+_OPEN, _CLOSED = 1.0, 0.0
+
+
+@click.group()
+def guide() -> None:
+    """Lead the arm by hand, keep the path, and let the arm go it again."""
+
+
+@guide.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@source_options
+@click.option("--seconds", type=float, help="End by itself after so long.")
+@click.option("--replace", is_flag=True, help="Replace FILE if it is there.")
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@json_option
+@reports_errors
+def record(
+    file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
+) -> None:
+    """Let the arm yield to your hand and write its path to FILE (.json).
+
+    It carries its own weight and stays where you leave it. The keys o and c open and close the jaw,
+    Enter ends it, and so does Ctrl-C; nothing is lost then. Afterwards the arm holds.
+
+    \b
+    so101 guide record --port /dev/ttyACM0 wave.json
+    """  # noqa: D301
+    from so101_motion.cli.terminal import Terminal
+    from so101_motion.guided import PathRecorder, files
+    from so101_motion.teleoperator import jaw_of
+
+    files.refuse_taken(file, replace=replace)
+    with quietly(), source.open() as rig:
+        if not yes:
+            click.confirm("The arm yields to your hand now; is a hand on it?", abort=True)
+        rig.arm.set_manual(True)
+        recorder = PathRecorder(rig.executor, jaw_of(rig))
+        try:
+            with Terminal() as terminal:
+                _watch(terminal, rig, recorder, seconds)
+        finally:
+            path = recorder.end()
+            files.write(path, file, replace=replace)
+        if not recorder.ended_by:
+            rig.arm.set_manual(False)
+    if recorder.ended_by:
+        click.echo(f"ended: {recorder.ended_by}", err=True)
+    if as_json:
+        print_json("guide-record", {"file": str(file), **_facts(path)})
+    else:
+        click.echo(f"saved {file}: {_in_words(path)}", err=True)
+
+
+def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:
+    """Until Enter, Ctrl-C, SIGTERM, the time is up, or manual mode ends."""
+    from rich.text import Text
+
+    from so101_motion.cli.terminal import ENTER, Quit, keys_line
+
+    done = threading.Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: done.set())
+    begin = rig.clock.now()
+    terminal.mention("lead the arm; Ctrl-C ends it")
+    try:
+        while not (done.is_set() or recorder.future.done()):
+            now = rig.clock.now() - begin
+            if seconds is not None and now >= seconds:
+                return
+            q = "  ".join(f"{angle:7.1f}" for angle in to_deg(rig.arm.state.q))
+            terminal.show(
+                Text(f"recording  {now:6.1f} s  {recorder.points} points   [{q} ] deg"),
+                keys_line(o="open the jaw", c="close it", Enter="done"),
+            )
+            key = terminal.key(0.1)
+            if key == ENTER:
+                return
+            if key in ("o", "c"):
+                move = rig.gripper.start_move if key == "o" else rig.gripper.start_grab
+                move(_OPEN if key == "o" else _CLOSED)
+    except (KeyboardInterrupt, Quit):
+        pass
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@guide.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@source_options
+@click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
+@click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
+@click.option(
+    "--tolerance", type=float, default=2.0, show_default=True, metavar="DEG",
+    help="How far a joint may be from the path.",
+)  # fmt: skip
+@click.option("--no-gripper", is_flag=True, help="Leave the jaw alone.")
+@click.option("--times", type=click.IntRange(1, 1000), default=1, help="Go it so often.")
+@click.option("--yes", is_flag=True, help="Move without asking.")
+@json_option
+@reports_errors
+def replay(
+    file: Path,
+    source: Source,
+    speed: float | None,
+    acceleration: float | None,
+    tolerance: float,
+    no_gripper: bool,
+    times: int,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Go to the beginning of the path in FILE and along it, as fast as the caps allow.
+
+    It is planned and looked at for collisions before anything moves. Ctrl-C stops the arm.
+
+    \b
+    so101 guide replay --port /dev/ttyACM0 wave.json
+    so101 guide replay --sim wave.json --speed 60 --yes
+    """  # noqa: D301
+    from so101_motion.guided import files, plan_replay, start_replay
+    from so101_motion.teleoperator import jaw_of
+
+    path = files.read(file)
+    with quietly(), paced(source, speed, acceleration).open() as rig:
+        gripper = None if no_gripper else jaw_of(rig)
+        for number in range(times):
+            found = plan_replay(rig.arm, path, gripper=gripper, tolerance=to_rad(tolerance))
+            if number == 0 and not as_json:
+                click.echo(f"{file}: {_in_words(path)}, recorded", err=True)
+                click.echo(_planned(found), err=True)
+            if number == 0 and not yes:
+                click.confirm(f"Move the {source.what}?", abort=True)
+            motion = start_replay(rig.arm, gripper, found)
+            try:
+                motion.result()
+            except KeyboardInterrupt:
+                rig.arm.stop()
+                click.echo("stopped; the arm holds", err=True)
+                raise SystemExit(130) from None
+        off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))
+        if as_json:
+            facts = {"file": str(file), **_facts(path), "replay_s": found.duration}
+            print_json("guide-replay", {**facts, "times": times, "off_deg": off_deg})
+        else:
+            click.echo(f"arrived: joints within {off_deg:.2f} deg of the path's end")
+
+
+@guide.command("list")
+@click.argument(
+    "folder", type=click.Path(path_type=Path, file_okay=False, exists=True), default=_FOLDER
+)
+@json_option
+@reports_errors
+def list_(folder: Path, as_json: bool) -> None:
+    """The paths in FOLDER, or here."""
+    from so101_motion.guided import files
+
+    kept = files.listed(folder)
+    if as_json:
+        paths = [{"name": each.name, "recorded_at": each.recorded_at, **_facts(each.path)}
+                 for each in kept]  # fmt: skip
+        print_json("guide-list", {"folder": str(folder), "paths": paths})
+        return
+    for each in kept:
+        click.echo(f"{each.name:<24} {_in_words(each.path)}  {each.recorded_at}")
+    if not kept:
+        click.echo("no paths here; so101 guide record makes one", err=True)
+
+
+def _in_words(path: GuidedPath) -> str:
+    jaw = "" if path.aperture is None else ", with the jaw"
+    return f"{path.duration:.1f} s, {len(path)} points{jaw}"
+
+
+def _planned(found: Replay) -> str:
+    approach = found.approach.duration
+    return (
+        f"{approach:.1f} s to its beginning, then {found.duration - approach:.1f} s along it,"
+        f" within {to_deg(found.tolerance):g} deg of what was shown"
+    )
+
+
+def _facts(path: GuidedPath) -> dict[str, object]:
+    return {"points": len(path), "duration_s": path.duration, "has_jaw": path.aperture is not None}

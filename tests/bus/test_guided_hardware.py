@@ -1,0 +1,134 @@
+"""A path is shown to an arm with weight and gone again, on emulated servos."""
+
+import asyncio
+from concurrent.futures import wait
+
+import numpy as np
+import pytest
+from hardware_harness import ModelBench, arm_client, hardware_bench
+
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.guided import PathRecorder, plan_replay, start_replay
+from so101_motion.modes import Mode
+
+LED = """
+0.1 shoulder_pan start
+0.1 shoulder_lift start
+1.6 shoulder_pan 30
+1.6 shoulder_lift -20
+3.1 shoulder_pan 0
+3.1 shoulder_lift -40
+3.3 shoulder_pan release
+3.3 shoulder_lift release
+"""
+
+
+def lead(bench, script=LED):
+    bench.emulator.advance()
+    bench.world.hand = Hand(parse_script(script), bench.clock.now())
+
+
+def finish(bench, motion):
+    """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
+    for _ in range(2000):
+        if wait([motion.future], timeout=0.002).done:
+            break
+        bench.advance(0.02)
+    motion.result(timeout=0.0)
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path) as bench:
+        yield bench
+
+
+@pytest.fixture
+def rig(bench):
+    rig = bench.open()
+    rig.arm.set_speed(np.radians(60.0))
+    bench.advance(1.0)
+    rig.arm.set_manual(True)
+    return rig
+
+
+def test_what_a_hand_has_shown_the_arm_does_and_the_jaw_grips(bench, rig):
+    bench.finish(rig.gripper.start_move(0.7))
+    recorder = PathRecorder(rig.executor, rig.gripper)
+    lead(bench)
+    bench.advance(3.4)
+    bench.finish(rig.gripper.start_grab())
+    path = recorder.end()
+    end = bench.arm_deg(rig)
+    rig.arm.set_manual(False)
+    assert np.ptp(np.degrees(path.q[:, 0])) == pytest.approx(30.0, abs=2.0)
+    assert path.aperture[-1] < 0.1 < 0.6 < path.aperture[0]
+
+    bench.finish(rig.gripper.start_move(0.7))
+    bench.world.put_object(0.03)
+    replay = plan_replay(rig.arm, path, gripper=rig.gripper)
+    begin, tape = bench.clock.now(), []
+    stop = rig.executor.listen(lambda state: tape.append((state.t, *state.q)))
+    finish(bench, start_replay(rig.arm, rig.gripper, replay))
+    stop()
+    table = np.degrees(np.array([row for row in tape if row[0] > begin])[:, 1:])
+    for q in np.degrees(path.q)[::10]:
+        assert np.abs(table - q).max(axis=1).min() < 3.5, "2 deg and what the servos are behind"
+    assert bench.arm_deg(rig) == pytest.approx(end, abs=1.5)
+    assert rig.gripper.is_holding
+    assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_cable_that_comes_out_loses_nothing_of_the_path(bench, rig):
+    recorder = PathRecorder(rig.executor, rig.gripper)
+    lead(bench)
+    bench.advance(1.7)
+    bench.emulator.unplug()
+    bench.advance(0.3)
+    assert recorder.ended_by == "the arm could not be reached any more"
+    assert np.degrees(recorder.end().q[-1, 0]) > 20.0
+    bench.emulator.plug()
+    bench.advance(1.0)
+
+
+async def test_the_component_records_and_replays(tmp_path, monkeypatch, planning_process):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    models = ModelBench(tmp_path)
+    arm = models.new_arm(speed_degs_per_sec=60.0)
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        await models.in_time(client.do_command({"command": "record_path", "name": "wave"}))
+        lead(models)
+        await models.pass_time(3.4)
+        told = await models.in_time(client.do_command({"command": "end_path"}))
+        assert told["points"] > 50
+        again = await models.in_time(
+            client.do_command({"command": "replay_path", "name": "wave"}), at_most=120.0
+        )
+        assert again["replay_s"] > 1.0
+        status = await client.get_status()
+        assert status["state"] == "holding"
+        assert status["joint_positions_deg"]["shoulder_lift"] == pytest.approx(-40.0, abs=5.0)
+    await models.end()
+
+
+async def test_the_time_limit_ends_manual_mode_and_keeps_the_path(
+    tmp_path, monkeypatch, planning_process
+):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    models = ModelBench(tmp_path)
+    arm = models.new_arm()
+    await models.pass_time(1.0)
+    async with arm_client(arm) as client:
+        request = {"command": "record_path", "name": "short", "enabled_for": 0.5}
+        await models.in_time(client.do_command(request))
+        assert arm.rig.arm.state.mode is Mode.GUIDING
+        async with asyncio.timeout(30.0):
+            while arm.rig.arm.state.mode is Mode.GUIDING:
+                await models.pass_time(0.02)
+                await asyncio.sleep(0.001)
+        assert arm.rig.arm.state.mode is Mode.HOLDING
+        told = await models.in_time(client.do_command({"command": "end_path"}))
+        assert told["ended_by"] == "manual mode ended"
+        assert (tmp_path / "paths" / "short.json").exists()
+    await models.end()

@@ -1,0 +1,155 @@
+"""Guided paths through the requests of an arm component, on the simulated arm."""
+
+import asyncio
+import json
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from harness import advance, arm_client, in_time, new_arm
+from viam.components.arm import JointPositions
+
+CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
+
+
+@pytest.fixture
+async def arm(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    arm = new_arm(simulate_time=False)
+    yield arm
+    await arm.close()
+
+
+@pytest.fixture
+async def client(arm):
+    async with arm_client(arm) as client:
+        yield client
+
+
+async def lead(arm, client, *way_deg):
+    """A hand leads the simulated joints along corners, a second each."""
+    executor = arm.rig.executor
+    here = arm.rig.arm.state.q
+    for corner in way_deg:
+        there = np.radians(np.array(corner, dtype=float))
+        for share in np.linspace(0.0, 1.0, 50)[1:]:
+            executor.call(lambda driver, q=here + share * (there - here): driver.push(q))
+            await advance(client, 0.02)
+        here = there
+
+
+async def ask(client, command, **arguments):
+    return await client.do_command({"command": command, **arguments})
+
+
+async def test_a_path_is_shown_kept_listed_gone_again_and_deleted(arm, client, tmp_path):
+    assert await ask(client, "record_path", name="wave") == {"recording": "wave", "mode": "manual"}
+    assert await client.get_manual_mode()
+    await lead(arm, client, *CORNERS)
+    assert (await ask(client, "list_paths"))["recording"] == "wave"
+    told = await ask(client, "end_path")
+    assert told["name"] == "wave"
+    assert told["duration_s"] == pytest.approx(1.96, abs=0.1)
+    assert told["ended_by"] == "end_path"
+    assert await client.get_manual_mode(), "the hand may go on"
+    content = json.loads((tmp_path / "paths" / "wave.json").read_text())
+    assert content["schema"] == "so101/guided-path/1"
+    assert told["file"] == str(tmp_path / "paths" / "wave.json")
+
+    told = await in_time(client, ask(client, "replay_path", name="wave", tolerance_deg=1.0))
+    assert told["replay_s"] > 1.0
+    assert not await client.get_manual_mode()
+    assert (await client.get_joint_positions()).values == pytest.approx(CORNERS[-1], abs=0.1)
+
+    listed = await ask(client, "list_paths")
+    assert [each["name"] for each in listed["paths"]] == ["wave"]
+    assert listed["recording"] == ""
+    assert await ask(client, "delete_path", name="wave") == {"deleted": "wave"}
+    assert (await ask(client, "list_paths"))["paths"] == []
+
+
+async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
+    arm, client, tmp_path
+):
+    await ask(client, "record_path", name="short", enabled_for=0.3)
+    await lead(arm, client, [5, 0, 0, 0, 0])
+    async with asyncio.timeout(10):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+        while not (tmp_path / "paths" / "short.json").exists():
+            await advance(client, 0.01)
+    told = await ask(client, "end_path")
+    assert told["ended_by"] == "manual mode ended"
+    assert told["points"] >= 2
+
+
+async def test_leaving_manual_mode_and_closing_keep_what_was_shown(arm, client, tmp_path):
+    await ask(client, "record_path", name="left")
+    await lead(arm, client, CORNERS[0])
+    await in_time(client, ask(client, "exit_manual_mode"))
+    assert (await ask(client, "end_path"))["ended_by"] == "manual mode ended"
+    await ask(client, "record_path", name="closed")
+    await lead(arm, client, CORNERS[1])
+    await arm.close()
+    assert json.loads((tmp_path / "paths" / "closed.json").read_text())["q_deg"]
+
+
+async def test_a_stop_ends_a_replay_and_a_cancelled_call_too(arm, client):
+    await ask(client, "record_path", name="wave")
+    await lead(arm, client, *CORNERS)
+    await ask(client, "end_path")
+    for end in ("stop", "cancel"):
+        task = asyncio.ensure_future(ask(client, "replay_path", name="wave"))
+        while not arm.rig.arm.is_moving:
+            assert not task.done()
+            await advance(client, 0.0)
+            await asyncio.sleep(0)
+        await advance(client, 0.2)
+        if end == "stop":
+            await client.stop()
+            with pytest.raises(GRPCError) as caught:
+                await task
+            assert caught.value.status is Status.CANCELLED
+        else:
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+        async with asyncio.timeout(5):
+            while await client.is_moving():
+                await advance(client, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "record_path"}, "letters, digits"),
+        ({"command": "record_path", "name": "../x"}, "letters, digits"),
+        ({"command": "record_path", "name": "a", "enabled_for": -1}, "enabled_for"),
+        ({"command": "record_path", "name": "a", "seconds": 1}, "seconds"),
+        ({"command": "replay_path", "name": "nobody"}, "no such path"),
+        ({"command": "replay_path", "name": "a", "tolerance_deg": 90}, "tolerance_deg"),
+        ({"command": "replay_path", "name": "a", "speed_degs_per_sec": 900}, "speed_degs_per_sec"),
+        ({"command": "delete_path", "name": "nobody"}, "no such path"),
+        ({"command": "play_path", "name": "a"}, "replay_path"),
+    ],
+)
+async def test_what_cannot_be_meant_is_refused_with_a_sentence(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message
+
+
+async def test_two_recordings_at_once_and_one_that_is_there_are_refused(arm, client):
+    with pytest.raises(GRPCError, match="nothing is being recorded"):
+        await ask(client, "end_path")
+    await ask(client, "record_path", name="one")
+    with pytest.raises(GRPCError, match="one is being recorded already"):
+        await ask(client, "record_path", name="two")
+    await lead(arm, client, CORNERS[0])
+    await ask(client, "end_path")
+    with pytest.raises(GRPCError, match="is there already"):
+        await ask(client, "record_path", name="one")
+    await ask(client, "record_path", name="one", replace=True)
+    await in_time(client, client.move_to_joint_positions(JointPositions(values=[0.0] * 5)))
+    assert (await ask(client, "end_path"))["ended_by"] == "manual mode ended"
