@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from so101_motion.arm_executor import ArmExecutor
 from so101_motion.compliance import Compliance
 from so101_motion.config import (
     ACCELERATION_RANGE_DEG,
@@ -25,7 +27,7 @@ from so101_motion.config import (
     suggest,
 )
 from so101_motion.errors import ConfigError, MotionError, NotHolding, OutsideLimits
-from so101_motion.executor import Channel, Executor, Stream
+from so101_motion.executor import Channel, Stream
 from so101_motion.geometry import SE3, Array, frozen_array
 from so101_motion.jog import Jog
 from so101_motion.modes import Mode
@@ -59,7 +61,7 @@ class Arm:
 
     Args:
         model: Kinematics and limits.
-        executor: The I/O thread that moves them; owned by the rig.
+        executor: Moves them; owned by the rig.
         planner: Takes a request to the planning process.
         speed: Joint speed cap [rad/s].
         acceleration: Joint acceleration cap [rad/s^2].
@@ -77,7 +79,7 @@ class Arm:
         self,
         *,
         model: RobotModel,
-        executor: Executor,
+        executor: ArmExecutor,
         planner: Callable[[PlanRequest], Future[Plan]],
         speed: float,
         acceleration: float,
@@ -237,20 +239,32 @@ class Arm:
     # Planning and moving
 
     def plan(
-        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
     ) -> Plan:
-        """Plan from where the arm is wanted now; moves nothing.
+        """Plan from where the arm is wanted now, or will be then; moves nothing.
 
         Args:
             goal: What is wanted.
             limits: Caps of this motion; the arm's own if not given.
             search: How to look for it.
+            q_start: Where an earlier motion will have brought the arm, shape (5,), [rad].
+            q_jaw: Where the jaw will be [rad].
 
         Raises:
             PlanningError: Why there is no trajectory, with figures.
             WorkerError: The planning process died.
         """
         request = self._request(goal, limits, search)
+        if q_start is not None:
+            request = replace(request, q_start=q_start)
+        if q_jaw is not None:
+            request = replace(request, q_jaw=q_jaw)
         return self._noted(request, self._planner(request).result())
 
     def start_move(
@@ -265,6 +279,24 @@ class Arm:
         The motion fails with ``MotionError`` when the arm is no longer where the plan starts.
         """
         return self._start(lambda motion: self._execute(motion, plan))
+
+    def start_series(self, steps: Iterable[Plan | Callable[[Motion], None]]) -> Motion:
+        """Move along several plans, one after the other; supersedes what is under way.
+
+        Args:
+            steps: Plans, each beginning where the one before ends, and what is to be done between
+                them while the arm stands: called with the motion, which may be interrupted then.
+                Each is asked for when the one before is done.
+        """
+
+        def run(motion: Motion) -> None:
+            for step in steps:
+                if callable(step):
+                    step(motion)
+                else:
+                    self._execute(motion, step)
+
+        return self._start(run)
 
     def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
         """Turn from the present motion straight towards ``q_goal``, shape (5,), [rad].
@@ -344,7 +376,8 @@ class Arm:
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm is at rest.
 
-        A motion under way, even one still being planned, ends with ``Interrupted("stop")``.
+        On a real arm the joints have by then run up to a degree past where the ramp ends, and are
+        drawn back there within the next half second. A motion under way, even one still being planned, ends with ``Interrupted("stop")``.
         """
         with self._lock:
             current = self._current

@@ -274,5 +274,32 @@ class MotorSetupError(So101Error):
         super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
 
 
+class MachineUnavailable(So101Error):
+    """A running machine cannot be reached, or went away.
+
+    Attributes:
+        address: The machine as it was asked for.
+        reason: What is wrong and what to do about it.
+    """
+
+    def __init__(self, address: str, reason: str) -> None:
+        self.address, self.reason = address, reason
+        super().__init__(f"machine {address}: {reason}")
+
+
+class MachineRefused(MotionError):
+    """A running machine answered that it will not, or cannot, do what it was asked for.
+
+    Attributes:
+        what: What it was asked for.
+        status: The name of its gRPC status, such as ``"FAILED_PRECONDITION"``.
+        reason: Its own words.
+    """
+
+    def __init__(self, what: str, status: str, reason: str) -> None:
+        self.what, self.status, self.reason = what, status, reason
+        super().__init__(f"{what}: the machine says: {reason}")
+
+
 class WorkerError(So101Error):
     """The planning process could not be started or died while it worked; it is restarted."""

@@ -106,25 +106,30 @@ class Gripper:
             and state.q_jaw - self.closed >= THINNEST
         )
 
-    def start_move(self, aperture: float) -> Motion:
+    def start_move(self, aperture: float, *, limits: MotionLimits | None = None) -> Motion:
         """Open or close to ``aperture``.
+
+        Args:
+            aperture: Where to, 0 closed to 1 open.
+            limits: How fast, this once; the gripper's own if None.
 
         Raises:
             ConfigError: Outside 0 to 1.
         """
         motion = Motion()
-        running = self._begin_latest(motion, self._angle(aperture), grabs=False)
+        running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=False)
         running.add_done_callback(motion.take_outcome)
         return motion
 
-    def start_grab(self, aperture: float = 0.0) -> Motion:
+    def start_grab(self, aperture: float = 0.0, *, limits: MotionLimits | None = None) -> Motion:
         """Close until something is gripped or the jaw is closed; ``is_holding`` tells which.
 
         Args:
             aperture: What counts as closed.
+            limits: How fast, this once; the gripper's own if None.
         """
         motion = Motion()
-        running = self._begin_latest(motion, self._angle(aperture), grabs=True)
+        running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=True)
         running.add_done_callback(partial(self._closed_or_met, motion))
         return motion
 
@@ -170,19 +175,29 @@ class Gripper:
         """Slow to rest and hold; returns when the jaw is at rest. The arm is left alone."""
         self._executor.stop(Channel.JAW).result()
 
-    def _angle(self, aperture: float) -> float:
+    def angle_of(self, aperture: float) -> float:
+        """The jaw angle [rad] that an aperture stands for.
+
+        Raises:
+            ConfigError: Outside 0 to 1.
+        """
         if not 0.0 <= aperture <= 1.0:
             raise ConfigError("aperture", aperture, "must be between 0 (closed) and 1 (open)")
         return self.closed + aperture * (self.opened - self.closed)
 
-    def _begin_latest(self, motion: Motion, q_goal: float, *, grabs: bool) -> Future[None]:
+    def _begin_latest(
+        self, motion: Motion, q_goal: float, limits: MotionLimits | None, *, grabs: bool
+    ) -> Future[None]:
         with self._lock:
             self._latest, self._grabs = motion, grabs
-            return self._begin(motion, q_goal)
+            return self._begin(motion, q_goal, limits)
 
-    def _begin(self, motion: Motion, q_goal: float) -> Future[None]:
+    def _begin(
+        self, motion: Motion, q_goal: float, limits: MotionLimits | None = None
+    ) -> Future[None]:
+        goal = np.array([q_goal])
         return motion.begin(
-            lambda: self._executor.retarget(np.array([q_goal]), self.limits, channel=Channel.JAW),
+            lambda: self._executor.retarget(goal, limits or self.limits, channel=Channel.JAW),
             self._executor.interrupt,
         )
 

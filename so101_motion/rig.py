@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from so101_motion.assembly import TICK, Rig
 from so101_motion.clock import Clock, MonotonicClock
-from so101_motion.drivers.bus import PATIENCE
+from so101_motion.drivers.bus import patience_in
 from so101_motion.drivers.feetech_arm import SETTLE_POSITION, SETTLE_TIMEOUT, SETTLE_VELOCITY
 from so101_motion.drivers.sim_arm import SimArm
 from so101_motion.errors import ConfigError
@@ -26,6 +26,7 @@ from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import Scene
 from so101_motion.realtime import go_first
+from so101_motion.rig_like import Connection
 from so101_motion.servos import Servos, ServoSettings
 from so101_motion.state import GRIPPER_JOINT
 from so101_motion.units import to_rad
@@ -132,6 +133,14 @@ class HardwareRig(Rig):
         """How many components share this port."""
         return self._live.users
 
+    @property
+    def connection(self) -> Connection:
+        """Whether the servos can be reached."""
+        problem = None
+        if not self.servos.is_connected:
+            problem = self.arm.state.fault or "the port is not there; plug the adapter in again"
+        return Connection(to=f"arm on {self.settings.port}", problem=problem)
+
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly."""
         self._live.rig.warm_up()
@@ -197,11 +206,15 @@ class HardwareRig(Rig):
 class _Live:
     """A rig on a serial port, and how many use it. Its methods: with ``_hardware_lock`` held."""
 
-    def __init__(self, settings: ServoSettings, clock: Clock, patience: float) -> None:
+    def __init__(self, settings: ServoSettings, clock: Clock, patience: float | None) -> None:
         self.users = 0
+        dt = 1.0 / settings.rate if settings.rate else TICK
         self._device = os.path.realpath(settings.port)
         self.servos = Servos(
-            settings, clock, gravity=RobotModel.load().gravity_torque, patience=patience
+            settings,
+            clock,
+            gravity=RobotModel.load().gravity_torque,
+            patience=patience_in(dt) if patience is None else patience,
         )
         self.rig = Rig(
             self.servos,
@@ -209,7 +222,7 @@ class _Live:
             speed=to_rad(50.0),
             acceleration=to_rad(100.0),
             scene=Scene(),
-            dt=1.0 / settings.rate if settings.rate else TICK,
+            dt=dt,
             tolerances=HARDWARE_TOLERANCES,
             jaw_tolerances=JAW_TOLERANCES,
             start=Executor.start if settings.required() else Executor.start_limp,
@@ -276,7 +289,7 @@ class _Live:
 
 
 def open_hardware(
-    settings: ServoSettings, *, clock: Clock | None = None, patience: float = PATIENCE
+    settings: ServoSettings, *, clock: Clock | None = None, patience: float | None = None
 ) -> HardwareRig:
     """The arm and gripper on a serial port; nothing moves by being opened.
 
@@ -286,7 +299,8 @@ def open_hardware(
     Args:
         settings: Which port, and what is asked of it.
         clock: What time it is; the real time by default, or what the port's first user said.
-        patience: How long to wait for an answer beyond the time on the wire [s]; likewise.
+        patience: How long to wait for an answer beyond the time on the wire [s]; by default what
+            the period of the setpoints has room for, or what the port's first user said.
 
     Raises:
         ConfigError: Another component uses the port with other settings.

@@ -1,9 +1,10 @@
 """`so101 …`: parse, call, print. Degrees and millimetres live here.
 
-Each verb is a function in a module of its own; ``shared.py`` has what they have in common: where
-the arm comes from (``--sim`` or ``--port``), how results are printed, and the exit codes. What a
-person reads while it works goes to stderr, what was asked for goes to stdout. Heavy libraries are
-imported by the verbs that need them, so that ``--help`` is there at once.
+Each verb is a function in a module of its own. ``shared.py`` has what they have in common, such as
+exit codes and how results are printed; ``sources.py`` where the arm comes from (``--sim``,
+``--port`` or ``--machine``). What a person reads while it works goes to stderr, what was asked for
+goes to stdout. Heavy libraries are imported by the verbs that need them, so that ``--help`` is
+there at once.
 """
 
 from __future__ import annotations
@@ -11,34 +12,63 @@ from __future__ import annotations
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.bench import bench
 from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
+from so101_motion.cli.completion import completion
 from so101_motion.cli.demo import demo
 from so101_motion.cli.discover import discover
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
+from so101_motion.cli.guide import guide
+from so101_motion.cli.move_test import move_test
 from so101_motion.cli.moving import move, plan
 from so101_motion.cli.ports import ports
+from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
+from so101_motion.cli.status import status, stop
 from so101_motion.cli.teleop import teleop
 from so101_motion.cli.udev import install_udev
+from so101_motion.cli.viam import viam
+from so101_motion.cli.view import view
+
+_SECTIONS: dict[str, tuple[click.Command, ...]] = {
+    "Try it": (demo,),
+    "Put an arm together": (install_udev, ports, setup, calibrate, calibration, doctor, move_test),
+    "Move": (view, status, plan, move, run, stop, guide, teleop),
+    "Viam": (discover, viam),
+    "Workshop": (emulate, bench, completion),
+}
+"""The verbs, in the order in which a newcomer needs them."""
 
 
-class _InOrder(click.Group):
-    """Lists the verbs in the order in which a newcomer needs them."""
+class _Sections(click.Group):
+    """Lists its verbs under headings."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        for title, verbs in _SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(str(v.name), v.get_short_help_str(200)) for v in verbs])
 
-@click.group(cls=_InOrder, context_settings={"help_option_names": ["-h", "--help"]})
+
+@click.group(cls=_Sections, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="so101")
 def main() -> None:
-    """Motion for the SO-101 arm: planned, timed, stoppable."""
+    """Motion for the SO-101 arm: planned, timed, stoppable.
+
+    Most verbs want to know which arm: --sim (no hardware needed), --port and its serial port, or
+    --machine and the address of a running Viam machine. "so101 VERB --help" has examples.
+
+    \b
+    so101 demo                                a simulated arm in the browser
+    so101 move --sim --xyz 250,0,60           a move without hardware
+    so101 doctor                              what is wrong, and what to do about it
+    """  # noqa: D301
 
 
-for _verb in (
-    demo, install_udev, ports, setup, calibrate, calibration, discover, doctor,
-    plan, move, teleop, emulate,
-):  # fmt: skip
-    main.add_command(_verb)
+for _verbs in _SECTIONS.values():
+    for _verb in _verbs:
+        main.add_command(_verb)

@@ -12,6 +12,7 @@ from so101_motion.cli.calibration import facts, meanings
 from so101_motion.cli.shared import (
     INTERRUPTED,
     STOPPED,
+    dry_run_option,
     fail,
     json_option,
     print_json,
@@ -48,6 +49,7 @@ _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
     help="Take this joint's travel as it is, because something limits it; repeatable.",
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
+@dry_run_option
 @click.option("--events", type=click.File("w"), help="What is said, as JSON lines, into a file.")
 @json_option
 @reports_errors
@@ -57,6 +59,7 @@ def calibrate(
     joints: tuple[str, ...],
     accept: tuple[str, ...],
     yes: bool,
+    dry_run: bool,
     events: TextIO | None,
     as_json: bool,
 ) -> None:
@@ -78,6 +81,9 @@ def calibrate(
     report = finding.find_arm(port)
     path = finding.calibration_file(file, report)
     before = _before(path)
+    if dry_run:
+        _would(report, path, joints, before, as_json)
+        return
     with quietly(), closing(_opened(report, path, joints)) as calibrator:
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"arm on {report.port.name}, to be saved to {path}")
@@ -89,6 +95,28 @@ def calibrate(
             print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
         else:
             _tell(ended, ended.stored, told)
+
+
+def _would(
+    report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
+) -> None:
+    """Say what a calibration would do; nothing is asked of the servos."""
+    from so101_motion.calib.record import JOINTS
+
+    wanted = joints or JOINTS
+    silent = [joint for joint in wanted if joint not in report.joints]
+    if as_json:
+        told = {"port": report.port.name, "file": str(path), "joints": list(wanted)}
+        kept = sorted(set(before) - set(wanted))
+        print_json("calibrate", {**told, "dry_run": True, "silent": silent, "kept": kept})
+        return
+    click.echo(f"on {report.port.name}, would let go of: {', '.join(wanted)}")
+    click.echo("and write into the servo of each: homing_offset, min_position, max_position")
+    aside = "; what it says now would be kept as a version" if before else ""
+    click.echo(f"and save to {path}{aside}")
+    if silent:
+        click.echo(f"error: no answer from: {', '.join(silent)}", err=True)
+    click.echo("nothing was written", err=True)
 
 
 def _opened(report: PortReport, path: Path, joints: tuple[str, ...]) -> Calibrator:

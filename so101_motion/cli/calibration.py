@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    dry_run_option,
+    json_option,
+    print_json,
+    reports_errors,
+)
+from so101_motion.errors import CalibrationError
 from so101_motion.units import to_deg
 
 if TYPE_CHECKING:
@@ -97,8 +105,9 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
 @click.option("--lerobot", metavar="ID", help="For the arm that LeRobot calls so (--robot.id).")
 @click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
 @click.option("--out", type=click.Path(path_type=Path), help="Into this file.")
+@dry_run_option
 @reports_errors
-def export(file: str, lerobot: str | None, kind: str, out: Path | None) -> None:
+def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run: bool) -> None:
     """Write FILE as LeRobot reads it; without --lerobot or --out to stdout.
 
     \b
@@ -111,7 +120,9 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None) -> None:
         raise click.UsageError("give either --lerobot or --out")
     calibration = store.read(store.resolve(file)).calibration
     path = out if lerobot is None else format_of_lerobot.path_for(lerobot, kind=kind)
-    if path is None:
+    if path is None or dry_run:
+        if path is not None:
+            click.echo(f"would be written to {path}:", err=True)
         click.echo(format_of_lerobot.text(calibration).decode(), nl=False)
         return
     format_of_lerobot.export(calibration, path)
@@ -125,9 +136,10 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None) -> None:
 @calibration.command("import")
 @click.argument("source")
 @click.option("--file", help="Where to save it; by default in your data directory, same name.")
+@dry_run_option
 @json_option
 @reports_errors
-def import_(source: str, file: str | None, as_json: bool) -> None:
+def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
     """Take over a calibration of LeRobot (old or new) or of the published module.
 
     What FILE said before is kept as a version. The servos get it when an arm is opened with it.
@@ -140,6 +152,9 @@ def import_(source: str, file: str | None, as_json: bool) -> None:
 
     read = store.read(store.resolve(source))
     path = finding.own_folder() / read.path.name if file is None else store.resolve(file)
+    if dry_run:
+        _would_save(replace(read, path=path), as_json)
+        return
     stored = store.save(path, read.calibration, zeros=read.zeros)
     if as_json:
         told = facts(stored)
@@ -155,16 +170,21 @@ def import_(source: str, file: str | None, as_json: bool) -> None:
 @calibration.command()
 @click.argument("file")
 @click.option("--number", type=int, metavar="N", help="Which version; by default the last other.")
+@dry_run_option
 @json_option
 @reports_errors
-def restore(file: str, number: int | None, as_json: bool) -> None:
+def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:
     """Let FILE say again what it said before; what it says now becomes a version.
 
     "so101 calibration show FILE" lists the versions.
     """
     from so101_motion.calib import store
 
-    stored = store.restore(store.resolve(file), number)
+    path = store.resolve(file)
+    if dry_run:
+        _would_save(replace(store.earlier(path, number), path=path), as_json)
+        return
+    stored = store.restore(path, number)
     if as_json:
         print_json("calibration", facts(stored))
         return
@@ -255,6 +275,36 @@ def _table(calibration: Calibration) -> None:
             f"  {joint:<15}{entry.id:>3}{entry.homing_offset:>8}{entry.range_min:>7}"
             f"{entry.range_max:>7}{travel_deg:>6.0f} deg"
         )
+
+
+def _would_save(wanted: Stored, as_json: bool) -> None:
+    """What a file would say, beside what it says now; nothing is written."""
+    from so101_motion.calib import compare, store
+
+    try:
+        now = _as_held(store.read(wanted.path).calibration)
+    except CalibrationError:
+        now = {}  # there is none, or it cannot be used and would be set aside
+    rows = compare.diff(wanted.calibration, now, tolerance=0)
+    if as_json:
+        changes = [
+            {"joint": row.joint, "field": row.field, "now": row.held, "then": row.filed}
+            for row in rows
+            if row.differs or row.held is None
+        ]
+        print_json("calibration", {**facts(wanted), "dry_run": True, "changes": changes})
+        return
+    click.echo(f"{wanted.path} would say:")
+    _table(wanted.calibration)
+    _notes(wanted)
+    for row in rows:
+        if row.differs:
+            click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)
+    if not now:
+        click.echo("there is no such file yet that can be used", err=True)
+    elif not any(row.differs for row in rows):
+        click.echo("it says the same now", err=True)
+    click.echo("nothing was written", err=True)
 
 
 def _notes(stored: Stored) -> None:

@@ -15,6 +15,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from so101_motion.calib.record import Calibration
+from so101_motion.calib.stillness import STILL, Stillness
 from so101_motion.calib.verdict import ROLL, Verdict
 from so101_motion.calib.view import JointView
 from so101_motion.calibrator import Calibrator, Ended
@@ -31,12 +32,6 @@ TURN = (
     " where the zero of wrist_roll is, so look closely"
 )
 
-STILL = 1.5
-"""For how long the arm must be held still for its pose to be taken [s]. Chosen."""
-
-TREMBLE = 23
-"""How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
-
 NOTHING_NEW = 3.0
 """When all joints are done and nothing new has come for so long, the recording ends [s]. Chosen."""
 
@@ -47,29 +42,6 @@ GOOD_ENOUGH = 10.0
 
 SHOWN = 5.0
 """For how long it is shown why the recording could not end [s]; the bars tell more. Chosen."""
-
-
-class Stillness:
-    """For how long joints have been held still. Told where they are again and again."""
-
-    def __init__(self) -> None:
-        self._since = 0.0
-        self._anchor: dict[str, int] = {}
-
-    def feed(self, t: float, ticks: Mapping[str, int | None]) -> float:
-        """For how long all joints have been within ``TREMBLE`` of one place [s]; 0 if one is lost.
-
-        Args:
-            t: Now [s].
-            ticks: Where they are [tick].
-        """
-        known = {joint: place for joint, place in ticks.items() if place is not None}
-        is_still = known.keys() == ticks.keys() == self._anchor.keys() and all(
-            abs(place - self._anchor[joint]) <= TREMBLE for joint, place in known.items()
-        )
-        if not is_still:
-            self._since, self._anchor = t, known
-        return t - self._since
 
 
 class CalibrationWalk:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 
 import click
 import numpy as np
 
-from so101_motion.cli.shared import import_preview, reports_errors
+from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.sources import Source
 from so101_motion.cli.tables import plan_table
+from so101_motion.cli.view import Page, page_options, show
 from so101_motion.units import to_mm
 
 _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
@@ -18,34 +18,14 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 
 @click.command()
 @click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address the page listens on.")
-@click.option("--web-port", default=8080, show_default=True, help="Port the page listens on.")
-@click.option("--allow-remote", is_flag=True, help="Let --host be more than this machine alone.")
+@page_options
 @reports_errors
-def demo(text: bool, host: str, web_port: int, allow_remote: bool) -> None:
+def demo(text: bool, page: Page) -> None:
     """Run the simulated arm with the preview in the browser; needs no hardware."""
     if text:
         _in_text()
     else:
-        _in_browser(host, web_port, allow_remote)
-
-
-def _in_browser(host: str, web_port: int, allow_remote: bool) -> None:
-    from so101_motion.rig import open_simulated
-
-    serve = import_preview()
-    done = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: done.set())
-    with (
-        open_simulated() as rig,
-        serve(rig, host=host, port=web_port, allow_remote=allow_remote) as page,
-    ):
-        click.echo("so101: simulated arm ready", err=True)
-        click.echo(f"open   {page.url}")
-        click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
-        done.wait()
-        click.echo("\nso101: stopping", err=True)
+        show(Source(port=None), page)
 
 
 def _in_text() -> None:

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from so101_motion.cli.ports import facts
 from so101_motion.cli.shared import NO_DEVICE, json_option, print_json, reports_errors
-
-if TYPE_CHECKING:
-    from so101_motion.port_report import PortReport
 
 
 @click.command()
@@ -37,50 +31,24 @@ def discover(extra: tuple[str, ...], as_json: bool) -> None:
     \b
     so101 discover > arm.json
     """  # noqa: D301
-    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.shared import patience, quietly
     from so101_motion.cli.terminal import echo
+    from so101_motion.configuration import configuration
     from so101_motion.discovery import discover as look
 
-    with quietly():
+    with quietly(), patience("looking at the serial ports"):
         found = look(extra)
-    configuration = _configuration(found.reports)
+    suggested = configuration(found.reports)
     if as_json:
         reports = [facts(report) for report in found.reports]
-        told = {"ports": reports, "notes": list(found.notes), "configuration": configuration}
+        told = {"ports": reports, "notes": list(found.notes), "configuration": suggested}
         print_json("discover", told)
     else:
         for report in found.reports:
             echo(f"{report.port.name}: {report.sentence}", err=True)
         for note in found.notes:
             echo(f"note: {note}", err=True)
-        if configuration["components"]:
-            click.echo(json.dumps(configuration, indent=2))
-    if not configuration["components"]:
+        if suggested["components"]:
+            click.echo(json.dumps(suggested, indent=2))
+    if not suggested["components"]:
         raise SystemExit(NO_DEVICE)
-
-
-def _configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
-    """What viam-server understands: the arms with their frames, and this module."""
-    components: list[object] = []
-    for report in reports:
-        parent = "world"
-        for one in report.suggestions:
-            component = {
-                "name": one.name,
-                "api": one.api,
-                "model": one.model,
-                "attributes": dict(one.attributes),
-            }
-            if one.api in ("rdk:component:arm", "rdk:component:gripper"):
-                component["frame"] = {"parent": parent}
-                parent = one.name  # the gripper sits on the arm
-            components.append(component)
-    return {"components": components, "modules": _module()}
-
-
-def _module() -> list[object]:
-    """This installation as a local module; none if it is not one that viam-server can start."""
-    start = Path(__file__).resolve().parents[2] / "run.sh"
-    if not start.is_file():
-        return []
-    return [{"type": "local", "name": "so101-motion", "executable_path": str(start)}]

@@ -14,6 +14,7 @@ import click
 from so101_motion import __version__
 from so101_motion.cli.calibration import meanings
 from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
 from so101_motion.errors import CalibrationError, PortUnavailable, So101Error
 from so101_motion.units import to_deg
 
@@ -42,10 +43,16 @@ _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red"
 @click.option(
     "--report", type=click.Path(path_type=Path), help="Write all of it to this file, to send it on."
 )
+@machine_options
 @json_option
 @reports_errors
 def doctor(
-    sim: bool, port: str | None, calibration: Path | None, report: Path | None, as_json: bool
+    sim: bool,
+    port: str | None,
+    calibration: Path | None,
+    report: Path | None,
+    machine: MachineSource | None,
+    as_json: bool,
 ) -> None:
     """Check the installation, the port, the servos and the calibration; nothing moves.
 
@@ -55,11 +62,17 @@ def doctor(
     \b
     so101 doctor
     so101 doctor --port /dev/ttyACM0 --report doctor.md
+    so101 doctor --machine my-arm.local:8080
     """  # noqa: D301
     from so101_motion.checkup import check_up, is_healthy
-    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.shared import patience, quietly
 
-    with quietly():
+    sources = {"--sim": sim or None, "--port": port, "--machine": machine}
+    if chosen_among(sources) == "--machine" and machine is not None:
+        _of_machine(machine, as_json)
+        return
+
+    with quietly(), patience("examining"):
         seen = _installed(is_whole=sim)
         if not sim:
             seen = _with_port(seen, port, calibration)
@@ -71,10 +84,31 @@ def doctor(
             _tell(check)
     if report is not None:
         _write(report, seen, checks)
+    if not sim and not as_json:
+        _tell_next(seen)
     if not is_healthy(checks):
         raise SystemExit(CHECK_FAILED)
     if not as_json:
         click.echo("fit to be moved", err=True)
+
+
+def _of_machine(machine: MachineSource, as_json: bool) -> None:
+    """Have the machine's arm look at itself."""
+    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.terminal import echo
+
+    with quietly(), closing(machine.open()) as rig:
+        told = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
+        findings = [str(each) for each in told.get("findings") or [told.get("error")] if each]
+    if as_json:
+        print_json("doctor", {"source": machine.what, "healthy": not findings, "told": told})
+    else:
+        for finding in findings:
+            echo(finding)
+    if findings:
+        raise SystemExit(CHECK_FAILED)
+    if not as_json:
+        click.echo(f"the {machine.what} finds nothing wrong with itself", err=True)
 
 
 # Looking
@@ -93,23 +127,21 @@ def _installed(*, is_whole: bool) -> Findings:
 
 
 def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:
+    from so101_motion.adapters import about
     from so101_motion.calib import store
     from so101_motion.cli import finding
-    from so101_motion.drivers import host
     from so101_motion.drivers.ports import adapters_without_port
 
-    seen = replace(seen, lost_adapters=adapters_without_port())
     try:
         report = finding.find_patient(port)
     except PortUnavailable as error:
-        return replace(seen, port=port, port_trouble=error.reason)
-    name = report.port.name
+        lost = adapters_without_port()
+        return replace(seen, port=port, port_trouble=error.reason, lost_adapters=lost)
     seen = replace(
-        seen,
-        port=name,
-        adapter=report.port.description,
-        meddlers={} if host.is_rule_installed() else host.meddlers(),
-        latency_timer=host.latency_timer(name),
+        about(report),
+        software=seen.software,
+        planning_time=seen.planning_time,
+        planning_trouble=seen.planning_trouble,
     )
     file = report.calibration if calibration is None else store.resolve(str(calibration))
     return _with_arm(_with_file(seen, file), report.baudrate)
@@ -195,6 +227,15 @@ def _tell(check: Check) -> None:
     echo(check.sentence, indent="    ")
     if check.fix:
         echo(f"try: {check.fix}", indent="    ")
+
+
+def _tell_next(seen: Findings) -> None:
+    """Which step of a setup is next, if the arm has not come through all of them."""
+    from so101_motion.workflow import FULL, Known
+
+    left = FULL.next_open(Known.found(seen))
+    if left is not None:
+        click.echo(f"next step of the setup: {left.title} (so101 setup --web)", err=True)
 
 
 def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.errors import CalibrationError, PortUnavailable
+from so101_motion.errors import PortUnavailable
 
 if TYPE_CHECKING:
     from so101_motion.discovery import Discovery
@@ -87,36 +87,26 @@ def find_adapter(port: str | None) -> PortReport:
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
-    """Where the calibration of what is on a port is saved.
-
-    That is what is given; else the file that is this arm's already, by what its servos hold or by
-    its name; else one in the user's own data directory, named after the adapter.
+    """Where the calibration of what is on a port is saved: what is given, else see ``adapters``.
 
     Raises:
         CalibrationError: It cannot be a path, or this user has no home.
     """
+    from so101_motion import adapters
     from so101_motion.calib import store
-    from so101_motion.port_report import file_name
 
-    if given is not None:
-        return store.resolve(given)
-    return report.calibration or own_folder() / file_name(report.port)
+    return store.resolve(given) if given is not None else adapters.calibration_file(report)
 
 
 def own_folder() -> Path:
-    """Where this package keeps what belongs to this user.
+    """Where this package keeps what belongs to this user; see ``adapters``.
 
     Raises:
         CalibrationError: This user has no home.
     """
-    from so101_motion.calib import history
+    from so101_motion import adapters
 
-    try:
-        return history.root().parent
-    except OSError as error:
-        raise CalibrationError(
-            None, f"there is no home directory: {error}", "name a file"
-        ) from error
+    return adapters.own_folder()
 
 
 def _looked() -> Discovery:

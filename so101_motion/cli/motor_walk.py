@@ -6,31 +6,18 @@ then what is wrong is shown, and looked at again and again.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Collection
-from pathlib import Path
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from so101_motion.calib import atomic
 from so101_motion.calib.motor_setup import MotorSetup
-from so101_motion.calib.setup_view import SETUP_ORDER, MotorView, Verification
+from so101_motion.calib.progress import Progress
+from so101_motion.calib.setup_view import MOVES, SETUP_ORDER, MotorView, SetupView, Verification
 from so101_motion.cli.terminal import ENTER, Terminal, keys_line, sentence
 from so101_motion.errors import BusError, MotorSetupError, So101Error
-from so101_motion.state import GRIPPER_JOINT
-
-_MOVES = {
-    "shoulder_pan": "turns the arm on its base",
-    "shoulder_lift": "lifts the upper arm",
-    "elbow_flex": "bends the elbow",
-    "wrist_flex": "tilts the wrist",
-    "wrist_roll": "turns the gripper",
-    GRIPPER_JOINT: "opens and closes the jaw",
-}
-"""What each motor does, for people who have not met the joints' names."""
 
 _MARKS = {
     "todo": ("·", "dim"),
@@ -46,44 +33,6 @@ _AS_NEW = 1
 
 class _Skip(Exception):
     """This motor is to be left as it is."""
-
-
-class Progress:
-    """Which motors have been set up on a port, kept in a file, so that a later start goes on there.
-
-    Args:
-        path: The file; one that cannot be understood counts as none.
-        port: The port. What is known of another one is forgotten.
-
-    Attributes:
-        done: The joints whose motors have their ids.
-    """
-
-    def __init__(self, path: Path, port: str) -> None:
-        self._path, self._port = path, port
-        self.done: list[str] = []
-        try:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            if content["port"] == port:
-                self.done = [joint for joint in SETUP_ORDER if joint in content["done"]]
-        except (OSError, ValueError, KeyError, TypeError):
-            pass
-
-    def add(self, joint: str) -> None:
-        """The motor of ``joint`` has its id."""
-        if joint not in self.done:
-            self.done.append(joint)
-        try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            content = {"port": self._port, "done": self.done}
-            atomic.write(self._path, json.dumps(content).encode() + b"\n")
-        except OSError:
-            pass  # the next start begins with the gripper then, which does no harm
-
-    def clear(self) -> None:
-        """All is done, or is to be done anew."""
-        self.done = []
-        self._path.unlink(missing_ok=True)
 
 
 class MotorWalk:
@@ -105,6 +54,15 @@ class MotorWalk:
         self._trouble = ""
         self._is_verifying = False
         self._keys = keys_line(q="stop")
+
+    @property
+    def view(self) -> SetupView:
+        """How far the motors are."""
+        return self._motors.view
+
+    def recall(self) -> None:
+        """Take for set up what an earlier setup has done."""
+        self._motors.recall(self._progress.done)
 
     def set_up(self, joint: str) -> None:
         """Wait for the motor of a joint, alone, and set it up.
@@ -166,7 +124,7 @@ class MotorWalk:
         done = self._progress.done
         unplug = f"unplug the motor of {done[-1]}; then " if done else ""
         return (
-            f"{unplug}connect only the motor of {joint}, which {_MOVES[joint]}, to the adapter,"
+            f"{unplug}connect only the motor of {joint}, which {MOVES[joint]}, to the adapter,"
             " with the power on"
         )
 
@@ -261,8 +219,8 @@ class MotorWalk:
     def _about(self, motor: MotorView) -> Text:
         if motor.state == "failed" and self._is_verifying:
             return Text(motor.sentence, style="yellow")
-        if motor.state not in ("configured", "verified"):
-            return Text(_MOVES[motor.joint], style="dim")
+        if motor.state not in ("configured", "verified") or motor.volts is None:
+            return Text(MOVES[motor.joint], style="dim")
         return Text(f"{motor.model}, firmware {motor.firmware}, {motor.volts:.1f} V", style="dim")
 
 

@@ -8,6 +8,8 @@ import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import TimeoutError as NotYet
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,24 +17,25 @@ import click
 import numpy as np
 
 from so101_motion.cli.shared import (
-    Source,
     import_preview,
     json_option,
+    patience,
     print_json,
     quietly,
     reports_errors,
-    source_options,
 )
+from so101_motion.cli.sources import AnySource, Source, any_source_options, paced
 from so101_motion.cli.tables import plan_table
 from so101_motion.named_poses import POSES
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
+    from so101_motion.geometry import Array
     from so101_motion.motion import Motion
     from so101_motion.planning.goals import Goal
     from so101_motion.planning.plan import Plan
-    from so101_motion.rig import Rig
+    from so101_motion.rig_like import RigLike
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -74,7 +77,11 @@ def _goal_options(verb: F) -> F:
         help="With --xyz: which frame of the hand is meant.",
     )
     @click.option("--joints", type=_JOINTS, help="Bring the joints to these angles [deg].")
-    @click.option("--pose", type=click.Choice([pose.name for pose in POSES]), help="A named pose.")
+    @click.option(
+        "--pose",
+        metavar="NAME",
+        help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
+    )
     @click.option(
         "--scene",
         "scene_file",
@@ -95,19 +102,14 @@ def _goal_options(verb: F) -> F:
         scene_file: Path | None,
         speed: float | None,
         acceleration: float | None,
-        source: Source,
+        source: AnySource,
         **kwargs: Any,
     ) -> Any:
         if sum(given is not None for given in (xyz, joints, pose)) != 1:
             raise click.UsageError("where to? give one of --xyz, --joints, --pose")
         if xyz is None and (approach is not None or line or frame != "tool"):
             raise click.UsageError("--approach, --line and --frame belong to --xyz")
-        source = Source(
-            port=source.port,
-            calibration_file=source.calibration_file,
-            speed=to_rad(speed) if speed is not None else None,
-            acceleration=to_rad(acceleration) if acceleration is not None else None,
-        )
+        source = paced(source, speed, acceleration)
         goal = _goal(xyz, approach, line, frame, joints, pose)
         return verb(*args, goal=goal, scene_file=scene_file, source=source, **kwargs)
 
@@ -128,7 +130,7 @@ def _goal(
     if joints is not None:
         return JointGoal(q=to_rad(joints))
     if xyz is None:
-        return JointGoal(q=next(named.q for named in POSES if named.name == pose))
+        return JointGoal(q=_posed(str(pose)))
     target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
     if approach is not None:
         if not np.any(approach):
@@ -138,20 +140,37 @@ def _goal(
     return kind(T_base_tool=target, metric=metric, frame=frame)
 
 
+def _posed(name: str) -> Array:
+    """The joint angles of a named pose, be it the arm's or the user's own."""
+    from so101_motion.errors import ConfigError
+    from so101_motion.pose_book import PoseBook
+
+    try:
+        return PoseBook().find(name).q
+    except ConfigError as error:
+        raise click.BadParameter(f"{error.value!r} {error.reason}", param_hint="--pose") from None
+
+
 @click.command()
-@source_options
+@any_source_options
 @_goal_options
 @click.option("--from", "q_from", type=_JOINTS, help="With --sim: where the joints stand [deg].")
 @click.option("--out", type=click.Path(path_type=Path), help="Save it: .csv, .json or .mcap.")
+@click.option("--lerobot", is_flag=True, help="With --out: LeRobot's names and units.")
+@click.option(
+    "--html", type=click.Path(path_type=Path), help="Save a film of it that any browser plays."
+)
 @click.option("--preview", is_flag=True, help="Show it in the browser.")
 @json_option
 @reports_errors
 def plan(
-    source: Source,
+    source: AnySource,
     goal: Goal,
     scene_file: Path | None,
     q_from: np.ndarray | None,
     out: Path | None,
+    lerobot: bool,
+    html: Path | None,
     preview: bool,
     as_json: bool,
 ) -> None:
@@ -160,35 +179,44 @@ def plan(
     \b
     so101 plan --sim --xyz 250,120,150
     so101 plan --sim --joints 0,-45,45,60,0 --scene table.json --out move.csv
+    so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
-    if q_from is not None and source.port is not None:
-        raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
-    with quietly(), source.open(q_start=None if q_from is None else to_rad(q_from)) as rig:
+    if lerobot and out is None:
+        raise click.UsageError("--lerobot belongs to --out")
+    if q_from is not None:
+        if not isinstance(source, Source) or source.port is not None:
+            raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
+        source = replace(source, q_start=to_rad(q_from))
+    with quietly(), closing(source.open()) as rig:
         found = _planned(rig, goal, scene_file)
         _report(found, source, as_json)
         if out is not None:
             from so101_motion.export import export
+            from so101_motion.teleoperator import lerobot_of
 
-            export(found.trajectory, out)
+            export(found.trajectory, out, lerobot=lerobot_of(rig) if lerobot else None)
             click.echo(f"saved {out}", err=True)
+        if html is not None:
+            _film(rig, found, source, html)
         if preview:
             _show(rig, found, source)
 
 
 @click.command()
-@source_options
+@any_source_options
 @_goal_options
 @click.option("--yes", is_flag=True, help="Move without asking.")
 @json_option
 @reports_errors
-def move(source: Source, goal: Goal, scene_file: Path | None, yes: bool, as_json: bool) -> None:
+def move(source: AnySource, goal: Goal, scene_file: Path | None, yes: bool, as_json: bool) -> None:
     """Plan a motion, say what it will be, and run it. Ctrl-C stops the arm.
 
     \b
     so101 move --port /dev/ttyACM0 --pose ready
     so101 move --sim --xyz 250,0,60 --line --yes
+    so101 move --machine my-arm.local:8080 --xyz 250,0,60
     """  # noqa: D301
-    with quietly(), source.open() as rig:
+    with quietly(), closing(source.open()) as rig:
         found = _planned(rig, goal, scene_file)
         if not as_json:
             _report(found, source, as_json=False)
@@ -207,15 +235,24 @@ def move(source: Source, goal: Goal, scene_file: Path | None, yes: bool, as_json
             click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
 
 
-def _planned(rig: Rig, goal: Goal, scene_file: Path | None) -> Plan:
+def _planned(rig: RigLike, goal: Goal, scene_file: Path | None) -> Plan:
     if scene_file is not None:
         from so101_motion.scene_file import read_scene
 
         rig.arm.scene = read_scene(scene_file)
-    return rig.arm.plan(goal)
+    with patience("planning"):
+        return rig.arm.plan(goal)
 
 
-def _report(found: Plan, source: Source, as_json: bool) -> None:
+def _film(rig: RigLike, found: Plan, source: AnySource, path: Path) -> None:
+    viewer = import_preview()
+    title = f"{source.what[:1].upper()}{source.what[1:]}"
+    film = viewer.film_of_plan(found, rig.arm.scene, title=title, q_jaw=rig.arm.state.q_jaw_ref)
+    viewer.write_recording(film, path)
+    click.echo(f"saved {path}", err=True)
+
+
+def _report(found: Plan, source: AnySource, as_json: bool) -> None:
     if as_json:
         print_json("plan", {"source": source.what, **_facts(found)})
     else:
@@ -237,7 +274,7 @@ def _facts(found: Plan) -> dict[str, object]:
     }
 
 
-def _wait(rig: Rig, motion: Motion, found: Plan) -> None:
+def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
     """Wait for the end with a bar on stderr; Ctrl-C stops the arm and waits until it rests."""
     try:
         if not sys.stderr.isatty():
@@ -261,8 +298,8 @@ def _wait(rig: Rig, motion: Motion, found: Plan) -> None:
         raise SystemExit(130) from None
 
 
-def _show(rig: Rig, found: Plan, source: Source) -> None:
-    serve = import_preview()
+def _show(rig: RigLike, found: Plan, source: AnySource) -> None:
+    serve = import_preview().serve
     with serve(rig, title=source.what.capitalize(), plan=found) as page:
         click.echo(f"open   {page.url}")
         click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)

@@ -29,11 +29,11 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
     Servos are asked who they are; nothing is written to them. A port that another program uses is
     left alone. Exit code 3 if there is no port at all.
     """
-    from so101_motion.cli.shared import quietly
+    from so101_motion.cli.shared import patience, quietly
     from so101_motion.cli.terminal import echo
     from so101_motion.discovery import discover
 
-    with quietly():
+    with quietly(), patience("looking at the serial ports"):
         found = discover(extra)
     if as_json:
         reports = [facts(report) for report in found.reports]

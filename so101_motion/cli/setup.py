@@ -1,8 +1,10 @@
-"""``so101 setup``: each motor of a kit gets its id, one at a time, guided."""
+"""``so101 setup``: each motor of a kit gets its id, guided; with ``--web``, all of a setup."""
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
@@ -12,17 +14,23 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     INTERRUPTED,
     STOPPED,
+    dry_run_option,
     json_option,
     print_json,
     reports_errors,
 )
+from so101_motion.cli.sources import MachineSource, machine_options
+from so101_motion.cli.view import Page, keep_open, page_options
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
+    from so101_motion.calib.progress import Progress
     from so101_motion.calib.setup_view import SetupView, Verification
     from so101_motion.calibrator import Calibrator
-    from so101_motion.cli.motor_walk import MotorWalk, Progress
+    from so101_motion.cli.motor_walk import MotorWalk
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.findings import Findings
+    from so101_motion.port_report import PortReport
 
 
 @click.command()
@@ -45,6 +53,10 @@ if TYPE_CHECKING:
 @click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
 @click.option("--within", type=float, metavar="S", help="Give up a step after so many seconds.")
 @click.option("--events", type=click.File("w"), help="What is said, as JSON lines, into a file.")
+@dry_run_option
+@click.option("--web", is_flag=True, help="In the browser: motors, calibration and final test.")
+@page_options
+@machine_options
 @json_option
 @reports_errors
 def setup(
@@ -54,6 +66,10 @@ def setup(
     yes: bool,
     within: float | None,
     events: TextIO | None,
+    dry_run: bool,
+    web: bool,
+    page: Page,
+    machine: MachineSource | None,
     as_json: bool,
 ) -> None:
     """Give the motors of a new kit their ids, one at a time.
@@ -62,19 +78,34 @@ def setup(
     you are asked for it; the rest happens by itself. At the end, with all six on the cable,
     everything is verified. You may stop at any time: the next start goes on where this one ended.
 
+    With --web a page leads through all of it, from the box of parts to a tested arm.
+
     \b
+    so101 setup --web                  in the browser, nothing need be plugged in yet
+    so101 setup --web --machine kit.local:8080   through a machine's calibration sensor
     so101 setup                        with the only servo adapter that is plugged in
     so101 setup --joint wrist_flex     after that motor was replaced
     so101 setup --port /tmp/so101      beside "so101 emulate --new --link /tmp/so101"
     """  # noqa: D301
+    if web:
+        _in_browser(port, machine, page)
+        return
+    if machine is not None:
+        raise click.UsageError("the motors of a machine are set up in the browser: add --web")
+    from so101_motion.adapters import about
+    from so101_motion.calib import progress as kept
+    from so101_motion.calib.progress import Progress
     from so101_motion.cli import finding
-    from so101_motion.cli.motor_walk import MotorWalk, Progress
+    from so101_motion.cli.motor_walk import MotorWalk
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Quit, Terminal
 
     report = finding.find_adapter(port)
     name = report.port.name
-    progress = Progress(finding.own_folder() / "setup.json", name)
+    progress = Progress(finding.own_folder() / kept.NAME, name)
+    if dry_run:
+        _would(report, () if start_over else progress.done, joints, as_json)
+        return
     with quietly(), closing(_opened(name, finding.calibration_file(None, report))) as calibrator:
         motors = calibrator.motor_setup
         with Terminal(ask=not yes, events=events) as terminal:
@@ -88,11 +119,29 @@ def setup(
                     terminal.say("all six motors answer already")
                     checked = motors.verify()
                 else:
-                    checked = _all(walk, terminal, progress, start_over)
+                    checked = _all(walk, terminal, progress, about(report), start_over)
             except (Quit, KeyboardInterrupt) as reason:
                 terminal.say("stopped; so101 setup goes on from here", style="yellow")
                 raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
         _conclude(name, motors.view, checked, as_json)
+
+
+def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool) -> None:
+    """Say what a setup would do; nothing is written to a servo."""
+    from so101_motion.cli.motor_walk import remaining
+
+    wanted = joints or (() if len(report.joints) == 6 else remaining(done))
+    ids = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT), start=1)}
+    plan = [{"joint": joint, "servo_id": ids[joint]} for joint in wanted]
+    if as_json:
+        heard = {"port": report.port.name, "answering": list(report.servo_ids)}
+        print_json("setup", {**heard, "dry_run": True, "would_set_up": plan})
+        return
+    click.echo(f"on {report.port.name}: {report.sentence}")
+    click.echo("would write, one after the other:" if plan else "would only verify what is there")
+    for step in plan:
+        click.echo(f"  alone on the cable, the motor of {step['joint']}: id {step['servo_id']}")
+    click.echo("nothing was written", err=True)
 
 
 def _opened(port: str, file: Path) -> Calibrator:
@@ -109,7 +158,31 @@ def _some(walk: MotorWalk, joints: tuple[str, ...]) -> None:
         walk.set_up(joint)
 
 
-def _all(walk: MotorWalk, terminal: Terminal, progress: Progress, start_over: bool) -> Verification:
+def _all(
+    walk: MotorWalk, terminal: Terminal, progress: Progress, seen: Findings, start_over: bool
+) -> Verification:
+    """The steps of the workflow, each with its own check before the next."""
+    from so101_motion.workflow import CHAIN, MOTORS, MOTORS_ONLY, Known
+
+    doing = {
+        MOTORS.name: lambda: _one_by_one(walk, terminal, progress, start_over),
+        CHAIN.name: walk.verify,
+    }
+    for place, step in enumerate(MOTORS_ONLY.steps, start=1):
+        extent = f"step {place} of {len(MOTORS_ONLY.steps)}: {step.title}"
+        terminal.say(f"{extent} (about {step.minutes} min)", style="bold", step=step.name)
+        found = doing.get(step.name, lambda: None)()
+        if found is not None:
+            seen = replace(seen, servos=found)
+        check = step.check(Known(seen=seen, setup=walk.view))
+        terminal.say(check.sentence, step=step.name, verdict=check.verdict)
+    assert seen.servos is not None  # the last step has looked
+    if seen.servos.ok:
+        progress.clear()
+    return seen.servos
+
+
+def _one_by_one(walk: MotorWalk, terminal: Terminal, progress: Progress, start_over: bool) -> None:
     from so101_motion.cli.motor_walk import remaining
 
     if start_over:
@@ -119,12 +192,35 @@ def _all(walk: MotorWalk, terminal: Terminal, progress: Progress, start_over: bo
             f"set up before: {', '.join(progress.done)}; going on from there"
             " (--start-over begins with the gripper)"
         )
+        walk.recall()
     for joint in remaining(progress.done):
         walk.set_up(joint)
-    checked = walk.verify()
-    if checked.ok:
-        progress.clear()
-    return checked
+
+
+def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
+    """The page until Ctrl-C; a calibration under way on a port is put back then."""
+    from so101_motion.cli.shared import import_preview, quietly
+
+    viewer = import_preview()
+    with ExitStack() as stack:
+        stack.enter_context(quietly())
+        sensor = None
+        if machine is not None:
+            from so101_motion.machine import MachineSensor
+
+            sensor = MachineSensor.connect(
+                machine.address, api_key_id=machine.api_key_id, api_key=machine.api_key
+            )
+            stack.callback(sensor.close)
+        served = viewer.serve_setup(
+            host=page.host,
+            port=page.port,
+            allow_remote=page.allow_remote,
+            ports=() if port is None or sensor is not None else (port,),
+            sensor=sensor,
+        )
+        keep_open(stack.enter_context(served), page)
+    click.echo("so101 setup --web goes on from here", err=True)
 
 
 def _conclude(port: str, view: SetupView, checked: Verification | None, as_json: bool) -> None:

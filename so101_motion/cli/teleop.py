@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import Source, print_json, reports_errors
+from so101_motion.cli.shared import print_json, reports_errors
+from so101_motion.cli.sources import Source
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.shared import dry_run_option, reports_errors
 from so101_motion.errors import PortUnavailable
 
 _EXPLANATION = """\
@@ -31,8 +31,9 @@ its version 6.5 they then have no port at all. Unless you use a Braille display:
 @click.command("install-udev")
 @click.option("--install", is_flag=True, help="Write the rule; needs root.")
 @click.option("--print", "printed", is_flag=True, help="Print the rule; so it is by default.")
+@dry_run_option
 @reports_errors
-def install_udev(install: bool, printed: bool) -> None:
+def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     """Let users of this Linux computer at servo adapters, without root.
 
     Prints the udev rule on stdout, and on stderr what it is for; --install writes it to
@@ -44,9 +45,11 @@ def install_udev(install: bool, printed: bool) -> None:
         raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
         raise click.UsageError("udev is a thing of Linux; here nothing need be installed")
-    if install:
+    if install and not dry_run:
         write_rule(host.RULES)
         return
+    if install:
+        click.echo(f"would be written to {host.RULES}, and udev told to read it:", err=True)
     click.echo(host.udev_rules(), nl=False)
     click.echo(f"\n{_EXPLANATION}\n{_BRLTTY}", err=True)
     if host.is_rule_installed():

@@ -26,8 +26,10 @@ from so101_motion.geometry import SE3, Array
 from so101_motion.hardware_config import HardwareArmConfig
 from so101_motion.models import convert, kinematics, meshes
 from so101_motion.models.awaiting import arrival, left_alone, rest
+from so101_motion.models.commands import Request, arguments
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_service
+from so101_motion.models.guided import PathCommands
 from so101_motion.models.manual import ManualMode
 from so101_motion.models.planner_options import Ignored, PlannerOptions, cloud_in, to_goal_cloud
 from so101_motion.models.streaming import played
@@ -36,7 +38,7 @@ from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.scene import Scene
 from so101_motion.rig import Rig
-from so101_motion.scene_file import obstacles_from
+from so101_motion.scene_file import obstacles_from, scene_to
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_rad
 
@@ -122,6 +124,7 @@ class ArmResource(Arm):
         self.settings = settings
         self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = Ignored(self.logger)
+        self.paths = PathCommands(self)
         self._latest: Motion | None = None
 
     # Where it is
@@ -295,7 +298,9 @@ class ArmResource(Arm):
 
     # Manual mode
 
-    async def set_manual_mode(self, manual_mode: bool, enabled_for: int = 0, **kwargs: Any) -> None:
+    async def set_manual_mode(
+        self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
+    ) -> None:
         """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
         with grpc_statuses():
             await self._manual.set(manual_mode, enabled_for)
@@ -340,9 +345,21 @@ class ArmResource(Arm):
         }
         return convert.to_result(status)
 
+    async def _get_planning_setup(self, request: Request) -> dict[str, Any]:
+        """What whoever plans for this arm elsewhere has to know: surroundings and joint ranges."""
+        arguments(request)
+        lower, upper = self._arm.range
+        setup = {
+            "scene": scene_to(self._arm.scene),
+            "joint_min_deg": to_deg(lower),
+            "joint_max_deg": to_deg(upper),
+        }
+        return convert.to_result(setup)
+
     async def close(self) -> None:
         """Stop and let go of everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         self._manual.forget()
+        await self.paths.close()
         await asyncio.to_thread(self.rig.close)

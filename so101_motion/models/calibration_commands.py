@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from so101_motion import workflow
 from so101_motion.calib.setup_view import MotorCheck, ScannedServo
 from so101_motion.calib.view import CalibrationView
 from so101_motion.calibrator import Calibrator, Ended
-from so101_motion.config import Attributes
+from so101_motion.config import Attributes, suggest
 from so101_motion.errors import CalibrationError, ConfigError
 from so101_motion.models.awaiting import carried_out
 from so101_motion.models.calibration_readings import about_servo, ranges
@@ -47,6 +48,7 @@ class CalibrationCommands:
             "motor_setup_verify": self._verify,
             "motor_setup_scan_bus": self._scan,
             "motor_setup_reset_status": self._reset_status,
+            "setup_steps": self._steps,
         }
 
     # The workflow
@@ -211,6 +213,26 @@ class CalibrationCommands:
         return {"success": True, "status": self._setup.view.status}
 
 
+    # All of it
+
+    async def _steps(self, request: Request) -> dict[str, Any]:
+        name = arguments(request, "workflow").text("workflow", workflow.FULL.name)
+        wanted = next((each for each in workflow.WORKFLOWS if each.name == name), None)
+        if wanted is None:
+            names = [each.name for each in workflow.WORKFLOWS]
+            raise ConfigError("workflow", name, suggest(name, names))
+        known = workflow.Known.of(self._calibrator)
+        left = wanted.next_open(known)
+        return {
+            "success": True,
+            "workflow": wanted.name,
+            "title": wanted.title,
+            "minutes": wanted.minutes,
+            "steps": [_step(step, known) for step in wanted.steps],
+            "next_step": None if left is None else left.name,
+        }
+
+
 # What requests hold
 
 
@@ -242,6 +264,19 @@ def _names(key: str, value: object) -> tuple[str, ...]:
 def _progress(view: CalibrationView) -> dict[str, Any]:
     message = view.instruction if view.note is None else f"{view.note} {view.instruction}"
     return {"success": True, "state": view.state.value, "message": message}
+
+
+def _step(step: workflow.Step, known: workflow.Known) -> dict[str, Any]:
+    check = step.check(known)
+    return {
+        "name": step.name,
+        "title": step.title,
+        "instruction": step.instruction,
+        "minutes": step.minutes,
+        "verdict": check.verdict,
+        "message": check.sentence,
+        "fix": check.fix or None,
+    }
 
 
 def _checked(check: MotorCheck) -> dict[str, Any]:

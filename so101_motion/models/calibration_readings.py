@@ -29,6 +29,7 @@ def readings(now: Situation) -> dict[str, Any]:
         "motor_setup": motor_setup(now.setup),
         "calibration_file": str(now.calibration_file),
         "connected": now.is_connected,
+        "torque_enabled": now.holds,
         "error": view.error,
     }
     if view.state in _RECORDED:
@@ -77,6 +78,7 @@ def _motor(motor: MotorView) -> dict[str, Any]:
         "state": motor.state,
         **about_servo(motor),
         "message": motor.sentence or None,
+        "fix": motor.fix or None,
     }
 
 

@@ -8,7 +8,7 @@ changed nothing.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from typing import Any
 
 from so101_motion.arm import Arm
@@ -49,8 +49,7 @@ async def answer(
     command = request.get("command")
     if command is None:
         if keys is None or not any(name in request for name in names):
-            known = (*(f'"command": "{name}"' for name in commands), *names)
-            raise ConfigError("request", dict(request), suggest(next(iter(request), ""), known))
+            raise ConfigError("request", dict(request), _what_instead(request, commands, names))
         return await keys(request)
     if isinstance(command, str) and command in commands:
         return await commands[command](request)
@@ -58,6 +57,15 @@ async def answer(
     if command in names:
         hint = f'is a key, not a command: send {{"{command}": ...}}'
     raise ConfigError("command", command, hint)
+
+
+def _what_instead(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
+    """What somebody who sent neither a command nor a key might have meant."""
+    first = next(iter(request), "")
+    if first in commands:
+        return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
+    also = f" or one of {', '.join(names)}" if names else ""
+    return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
 
 
 def arguments(request: Request, *known: str) -> Attributes:

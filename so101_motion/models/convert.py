@@ -28,6 +28,8 @@ from so101_motion.errors import (
     FollowingError,
     InCollision,
     Interrupted,
+    MachineRefused,
+    MachineUnavailable,
     MotionError,
     MotorSetupError,
     NoPath,
@@ -84,17 +86,14 @@ def from_joint_values(values: Sequence[float], *, what: str = "positions") -> Ar
     """Joint angles, shape (5,), [rad], from Viam's degrees.
 
     Raises:
-        OutsideLimits: Not one value for each joint.
-        ConfigError: A value is not finite.
+        ConfigError: Not one value for each joint, or one that is not finite.
     """
     if len(values) != len(ARM_JOINTS):
-        raise OutsideLimits(
+        raise ConfigError(
+            what,
+            list(values),
             f"got {len(values)} joint values, but the arm has {len(ARM_JOINTS)} joints: "
             + ", ".join(ARM_JOINTS),
-            joint="number of joints",
-            value=len(values),
-            lower=len(ARM_JOINTS),
-            upper=len(ARM_JOINTS),
         )
     for joint, value in zip(ARM_JOINTS, values, strict=True):
         checked_number(f"{what}.{joint}", value, unit="deg")
@@ -158,12 +157,10 @@ def _caps(
     if len(values) == 0:
         key, values = scalar[0], [scalar[1]] * len(ARM_JOINTS)
     elif len(values) != len(ARM_JOINTS):
-        raise OutsideLimits(
-            f"{key} has {len(values)} entries, but the arm has {len(ARM_JOINTS)} joints",
-            joint="number of joints",
-            value=len(values),
-            lower=len(ARM_JOINTS),
-            upper=len(ARM_JOINTS),
+        raise ConfigError(
+            key,
+            list(values),
+            f"has {len(values)} entries, but the arm has {len(ARM_JOINTS)} joints",
         )
     caps = np.array(base)
     for i, value in enumerate(values):
@@ -271,6 +268,8 @@ STATUS: dict[type[So101Error], Status] = {
     ServoAlarm: Status.ABORTED,
     CalibrationError: Status.FAILED_PRECONDITION,
     MotorSetupError: Status.FAILED_PRECONDITION,
+    MachineUnavailable: Status.UNAVAILABLE,
+    MachineRefused: Status.ABORTED,
     WorkerError: Status.INTERNAL,
 }
 """What each error is to a gRPC client. ``Interrupted`` by a stop is the exception: see below."""

@@ -22,6 +22,7 @@ from so101_motion.models.arm_resource import ArmResource, ArmSettings, scene_of
 from so101_motion.models.commands import KEYS, Request, answer, motion_params
 from so101_motion.models.convert import grpc_statuses
 from so101_motion.models.dependencies import motion_name
+from so101_motion.models.further_servos import FurtherServos
 from so101_motion.models.servo_commands import ServoCommands, health, out_of_fault
 from so101_motion.rig import HardwareRig, open_hardware
 from so101_motion.servos import ServoSettings
@@ -60,7 +61,12 @@ class HardwareArm(ArmResource):
         self, name: str, rig: HardwareRig, settings: ArmSettings, servo_ids: tuple[int, ...]
     ) -> None:
         super().__init__(name, rig, settings)
-        self._commands = ServoCommands(rig, servo_ids, self._manual).commands
+        self._commands = {
+            **ServoCommands(rig, servo_ids, self._manual).commands,
+            **FurtherServos(rig, self.logger).commands,
+            "get_planning_setup": self._get_planning_setup,
+            **self.paths.commands,
+        }
 
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
@@ -140,7 +146,9 @@ class HardwareArm(ArmResource):
             async for update in updates:
                 yield update
 
-    async def set_manual_mode(self, manual_mode: bool, enabled_for: int = 0, **kwargs: Any) -> None:
+    async def set_manual_mode(
+        self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
+    ) -> None:
         """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
         await self._ready()
         await super().set_manual_mode(manual_mode, enabled_for, **kwargs)

@@ -53,6 +53,8 @@ class SimulatedArm(ArmResource):
             "enter_manual_mode": self._enter_manual_mode,
             "exit_manual_mode": self._exit_manual_mode,
             "advance_time": self._advance_time,
+            "get_planning_setup": self._get_planning_setup,
+            **self.paths.commands,
         }
 
     @classmethod

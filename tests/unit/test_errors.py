@@ -1,9 +1,12 @@
 import pickle
 
+import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from so101_motion import errors
+from so101_motion.cli.shared import reports_errors
 from so101_motion.errors import So101Error
 
 ONE_OF_EACH = [
@@ -31,6 +34,8 @@ ONE_OF_EACH = [
     errors.ServoAlarm("elbow_flex", "71 degC; let it cool", recent=()),
     errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"),
     errors.MotorSetupError("gripper", "no servo", "none answers", "switch the power on"),
+    errors.MachineUnavailable("10.0.0.7:8080", "does not answer; is it running?"),
+    errors.MachineRefused("the motion", "ABORTED", "ended early by stop"),
     errors.WorkerError("died"),
 ]
 
@@ -54,3 +59,19 @@ def test_errors_cross_a_process_boundary_with_all_their_fields(error):
     assert copy.__dict__.keys() == error.__dict__.keys()
     for name, value in error.__dict__.items():
         np.testing.assert_array_equal(getattr(copy, name), value)
+
+
+@pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
+def test_every_error_is_told_in_lines_and_with_an_exit_code_of_its_own(error):
+    @click.command()
+    @reports_errors
+    def fails():
+        raise error
+
+    result = CliRunner().invoke(fails)
+    lines = result.stderr.splitlines()
+    assert lines[0].startswith("error: ")
+    assert len(lines[0]) > len("error: ")
+    assert all(line.startswith(("  why: ", "  try: ")) for line in lines[1:])
+    assert result.exit_code in (1, 2, 3, 4, 5, 6, 7)
+    assert (result.exit_code == 1) == isinstance(error, errors.WorkerError)

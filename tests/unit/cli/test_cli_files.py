@@ -152,3 +152,21 @@ def test_a_mistake_with_files_is_a_sentence_and_an_exit_code(file, arguments, co
     result = run(*arguments)
     assert result.exit_code == code, result.output
     assert says in result.stderr
+
+
+def test_what_would_be_saved_is_shown_and_nothing_is_written(file, tmp_path):
+    store.save(file, calibration(10))
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    result = run("restore", "arm.json", "--dry-run")
+    assert result.exit_code == 0, result.output
+    assert "gripper: range_max 2510 -> 2500" in result.stderr
+    told = json.loads(run("restore", "arm.json", "--dry-run", "--json").stdout)
+    assert told["dry_run"] is True
+    assert {(one["now"], one["then"]) for one in told["changes"]} == {(910, 900), (2510, 2500)}
+    result = run("import", "arm.json", "--file", "copy.json", "--dry-run")
+    assert "there is no such file yet" in result.stderr
+    assert "it says the same" in run("import", "arm.json", "--file", "arm.json", "--dry-run").stderr
+    result = run("export", "arm.json", "--lerobot", "me", "--dry-run")
+    assert "would be written" in result.stderr
+    assert json.loads(result.stdout)["gripper"]["id"] == 6
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before

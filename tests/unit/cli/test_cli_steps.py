@@ -12,12 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from so101_motion.calib.setup_view import SETUP_ORDER
+from so101_motion.calib.stillness import STILL, TREMBLE, Stillness
 from so101_motion.calib.verdict import Verdict
 from so101_motion.calib.view import JointView
 from so101_motion.cli import bars
-from so101_motion.cli.calibration_walk import STILL, TREMBLE, Stillness
-from so101_motion.cli.motor_walk import Progress, remaining
 from so101_motion.cli.terminal import ENTER, Quit, Terminal
 
 # Holding still
@@ -47,42 +45,6 @@ def test_an_arm_that_was_held_still_has_not_left_its_place(places):
         seconds = stillness.feed(float(step), {"elbow_flex": place})
         held = places[step - round(seconds) : step + 1]
         assert max(held) - min(held) <= 2 * TREMBLE
-
-
-# Going on where a setup ended
-
-
-def test_a_setup_goes_on_where_it_ended(tmp_path):
-    path = tmp_path / "new" / "setup.json"
-    Progress(path, "/dev/a").add("gripper")
-    progress = Progress(path, "/dev/a")
-    assert progress.done == ["gripper"]
-    assert remaining(progress.done) == SETUP_ORDER[1:]
-    progress.add("gripper")
-    progress.add("wrist_roll")
-    assert Progress(path, "/dev/a").done == ["gripper", "wrist_roll"]
-    progress.clear()
-    assert Progress(path, "/dev/a").done == []
-
-
-def test_another_port_is_another_kit(tmp_path):
-    Progress(tmp_path / "setup.json", "/dev/a").add("gripper")
-    assert Progress(tmp_path / "setup.json", "/dev/b").done == []
-
-
-@pytest.mark.parametrize(
-    "content", ["", "{", "[]", '"x"', "{}", '{"port": "/dev/a", "done": 3}', '{"port": "/dev/a"}']
-)
-def test_a_file_that_makes_no_sense_is_no_progress(tmp_path, content):
-    (tmp_path / "setup.json").write_text(content)
-    assert Progress(tmp_path / "setup.json", "/dev/a").done == []
-
-
-def test_a_place_that_cannot_be_written_to_costs_only_the_memory(tmp_path):
-    (tmp_path / "file").write_text("")
-    progress = Progress(tmp_path / "file" / "setup.json", "/dev/a")
-    progress.add("gripper")
-    assert progress.done == ["gripper"]
 
 
 # Bars

@@ -1,0 +1,238 @@
+"""``so101 bench``: how fast this computer plans, and how evenly it would drive this arm.
+
+Nothing moves and nothing is driven. The benchmarks of the repository measure far more, against
+others; this is what one wants to know about the computer and the port in front of one.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from so101_motion.cli.shared import json_option, patience, print_json, quietly, reports_errors
+from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
+
+if TYPE_CHECKING:
+    from so101_motion.assembly import Rig
+    from so101_motion.machine import MachineRig
+    from so101_motion.rig import HardwareRig
+    from so101_motion.state import JointState
+
+_PLANS = 40
+"""Motions of each kind; chosen, two seconds in all."""
+
+_LOOP = 3.0
+"""How long the control loop is listened to [s]; chosen: 300 periods."""
+
+_ASKED = 100
+"""How often a machine is asked how it is; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """What was measured.
+
+    Attributes:
+        name: What, for programs.
+        words: What, for people.
+        n: How often.
+        median: [s].
+        p99: What one in a hundred exceeds [s].
+        worst: [s].
+        remark: What else there is to say.
+    """
+
+    name: str
+    words: str
+    n: int
+    median: float
+    p99: float
+    worst: float
+    remark: str = ""
+
+    @classmethod
+    def of(cls, name: str, words: str, values: Sequence[float]) -> Figure:
+        """From single measurements [s]."""
+        return cls(
+            name=name,
+            words=words,
+            n=len(values),
+            median=float(np.median(values)),
+            p99=float(np.percentile(values, 99)),
+            worst=float(np.max(values)),
+        )
+
+    def facts(self) -> dict[str, object]:
+        """For programs, in milliseconds."""
+        figures = {"median": self.median, "p99": self.p99, "worst": self.worst}
+        told = {f"{name}_ms": round(1e3 * value, 3) for name, value in figures.items()}
+        return {"n": self.n, **told, "remark": self.remark}
+
+
+@click.command()
+@any_source_options
+@json_option
+@reports_errors
+def bench(source: AnySource, as_json: bool) -> None:
+    """Measure planning, the control loop and the bus on this computer, in ten seconds.
+
+    Nothing moves. With --port the servos are asked as the control loop asks them; with --machine
+    the way to it is measured.
+
+    \b
+    so101 bench --sim
+    so101 bench --port /dev/ttyACM0 --json
+    """  # noqa: D301
+    from so101_motion.findings import software
+
+    figures: list[Figure] = []
+    with quietly():
+        with patience("planning"):
+            figures += _planning()
+        if isinstance(source, MachineSource):
+            with closing(source.open()) as rig, patience("asking the machine"):
+                figures.append(_asked(rig))
+        else:
+            figures += _local(source)
+    about = dict(software())
+    if as_json:
+        told = {figure.name: figure.facts() for figure in figures}
+        print_json("bench", {"source": source.what, "software": about, "figures": told})
+    else:
+        _tell(source.what, figures)
+
+
+def _planning() -> list[Figure]:
+    """Random joint goals and points, planned on the simulated arm through the planning process."""
+    from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
+    from so101_motion.rig import open_simulated
+
+    random = np.random.default_rng(1)
+    begin = time.perf_counter()
+    with open_simulated() as rig:
+        arm = rig.arm
+        arm.plan(JointGoal(q=np.radians([0.0, -45.0, 45.0, 60.0, 0.0])))
+        first = time.perf_counter() - begin
+        lower, upper = arm.range
+
+        def joint_goal() -> Goal:
+            return JointGoal(q=lower + (upper - lower) * random.uniform(0.2, 0.8, 5))
+
+        def point() -> Goal:
+            angle, reach = random.uniform(-1.2, 1.2), random.uniform(0.18, 0.32)
+            x, y = reach * np.cos(angle), reach * np.sin(angle)
+            return PoseGoal.at_point(np.array([x, y, random.uniform(0.05, 0.25)]))
+
+        return [
+            Figure.of("start", "starting the planner, with a first plan", [first]),
+            Figure.of("plan_joints", "planning to joint angles", _timed(arm.plan, joint_goal)),
+            Figure.of("plan_point", "planning to a point", _timed(arm.plan, point)),
+        ]
+
+
+def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[float]:
+    """How long plans take [s] that there are; goals without one are replaced by others."""
+    from so101_motion.errors import PlanningError
+
+    times: list[float] = []
+    for _ in range(4 * _PLANS):
+        wanted, begin = goal(), time.perf_counter()
+        try:
+            plan(wanted)
+        except PlanningError:
+            continue
+        times.append(time.perf_counter() - begin)
+        if len(times) == _PLANS:
+            break
+    return times
+
+
+def _local(source: Source) -> list[Figure]:
+    if source.port is None:
+        from so101_motion.rig import open_simulated
+
+        with open_simulated() as rig, patience("listening to the control loop"):
+            return [_lateness(rig)]
+    from so101_motion.cli.finding import look_at
+    from so101_motion.rig import open_hardware
+    from so101_motion.servos import ServoSettings
+
+    report = look_at(source.port)
+    settings = ServoSettings(port=source.port, baudrate=report.baudrate, timeout=None)
+    with closing(open_hardware(settings)) as rig:
+        with patience("listening to the control loop"):
+            late = _lateness(rig)
+        if not report.servo_ids:
+            return [late]
+        with patience("asking the servos"):
+            return [late, _bus(rig, report.servo_ids)]
+
+
+def _bus(rig: HardwareRig, servo_ids: Sequence[int]) -> Figure:
+    """Reading all servos, as the control loop does in every period."""
+    from so101_motion.findings import listen
+
+    loan = rig.lend_bus("a benchmark")
+    try:
+        heard = loan.call(lambda bus: listen(bus, servo_ids))
+    finally:
+        loan.abandon()
+    return Figure(
+        name="bus",
+        words=f"reading {len(servo_ids)} servos",
+        n=heard.asked // len(servo_ids),
+        median=heard.median,
+        p99=heard.p99,
+        worst=heard.longest,
+        remark=f"{heard.lost} lost, {heard.corrupt} garbled of {heard.asked} answers",
+    )
+
+
+def _lateness(rig: Rig) -> Figure:
+    """How far the periods of the control loop are from what they should be."""
+    moments: list[float] = []
+    done = threading.Event()
+
+    def note(_: JointState) -> None:
+        moments.append(time.perf_counter())
+        if len(moments) * rig.executor.dt > _LOOP:
+            done.set()
+
+    end = rig.executor.listen(note)
+    done.wait(3.0 * _LOOP)
+    end()
+    periods = np.diff(moments[1:])
+    words = f"control loop, off its {1e3 * rig.executor.dt:g} ms"
+    return Figure.of("loop", words, np.abs(periods - rig.executor.dt).tolist())
+
+
+def _asked(rig: MachineRig) -> Figure:
+    """How long it takes to be told by a machine how it is."""
+    times = []
+    for _ in range(_ASKED):
+        begin = time.perf_counter()
+        rig.refresh()
+        times.append(time.perf_counter() - begin)
+    return Figure.of("machine", "asking the machine how it is", times)
+
+
+def _tell(what: str, figures: Sequence[Figure]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, title=what, title_justify="left")
+    table.add_column("")
+    for heading in ("n", "median", "p99", "worst"):
+        table.add_column(heading, justify="right", header_style="dim")
+    table.add_column("")
+    for figure in figures:
+        columns = [f"{1e3 * value:.2f} ms" for value in (figure.median, figure.p99, figure.worst)]
+        table.add_row(figure.words, str(figure.n), *columns, figure.remark)
+    Console(highlight=False).print(table)

@@ -1,0 +1,110 @@
+"""``so101 run``: a program of waypoints, planned as a whole, and run."""
+
+from __future__ import annotations
+
+import sys
+from concurrent.futures import TimeoutError as NotYet
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.shared import (
+    INTERRUPTED,
+    json_option,
+    patience,
+    print_json,
+    quietly,
+    reports_errors,
+)
+from so101_motion.cli.sources import AnySource, any_source_options, paced
+from so101_motion.units import to_deg
+
+if TYPE_CHECKING:
+    from so101_motion.program import Program, ProgramRun, Rehearsal
+    from so101_motion.rig_like import RigLike
+
+
+@click.command()
+@click.argument("program", metavar="PROGRAM")
+@any_source_options
+@click.option("--rounds", type=click.IntRange(1, 10_000), help="How often; as saved by default.")
+@click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
+@click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
+@click.option("--yes", is_flag=True, help="Move without asking.")
+@json_option
+@reports_errors
+def run(
+    program: str,
+    source: AnySource,
+    rounds: int | None,
+    speed: float | None,
+    acceleration: float | None,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Run PROGRAM: the name of one saved in the preview, or a .json file.
+
+    Every leg is planned and looked at for collisions before anything moves. Ctrl-C stops the arm.
+
+    \b
+    so101 run "stack cubes" --port /dev/ttyACM0
+    so101 run --sim wave.json --rounds 3 --yes
+    """  # noqa: D301
+    from so101_motion.program import files, rehearse, start_program
+
+    made = files.read(files.find(program))
+    if rounds is not None:
+        made = made.with_rounds(rounds)
+    source = paced(source, speed, acceleration)
+    with quietly(), closing(source.open()) as rig:
+        with patience("planning all of it ..."):
+            rehearsal = rehearse(rig.arm, rig.gripper, made)
+        if not as_json:
+            click.echo(_planned(rehearsal), err=True)
+        if not yes:
+            click.confirm(f"Move the {source.what}?", abort=True)
+        _wait(rig, start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
+        if as_json:
+            facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
+            where = {"q_deg": to_deg(rig.arm.state.q).tolist()}
+            print_json("run", {"source": source.what, **facts, "arrived": where})
+        else:
+            click.echo("done")
+
+
+def _planned(rehearsal: Rehearsal) -> str:
+    program = rehearsal.program
+    times = "until it is stopped" if program.rounds is None else f"{program.rounds} time(s)"
+    legs = [
+        f"  {k:>3}  {each.name:<24}{0.0 if leg is None else leg.duration:6.2f} s"
+        for k, (each, leg) in enumerate(zip(program.waypoints, rehearsal.legs, strict=True), 1)
+    ]
+    return "\n".join((*legs, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
+
+
+def _wait(rig: RigLike, run: ProgramRun) -> None:
+    """Wait for the end and say on stderr where it is; Ctrl-C stops the arm and waits for rest."""
+    said = None
+    try:
+        while True:
+            try:
+                run.future.result(timeout=0.1)
+            except NotYet:
+                said = _say(run, run.program, said)
+            else:
+                return
+    except KeyboardInterrupt:
+        rig.arm.stop()
+        click.echo("stopped; the arm holds", err=True)
+        raise SystemExit(INTERRUPTED) from None
+
+
+def _say(run: ProgramRun, program: Program, said: str | None) -> str | None:
+    where = run.where
+    if where.index >= len(program) or not sys.stderr.isatty():
+        return said
+    now = f"round {where.round + 1}, {program.called(where.index)}"
+    if now != said:
+        click.echo(now, err=True)
+    return now

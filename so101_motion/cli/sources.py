@@ -1,0 +1,304 @@
+"""Where the arm of a verb comes from: ``--sim``, ``--port`` or ``--machine``.
+
+A verb that works on servos takes the first two (``source_options``); one that only needs an arm and
+its gripper takes any (``any_source_options``). A source that was typed wins over those that the
+environment names.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from so101_motion.cli.shared import F, aside, patience
+
+if TYPE_CHECKING:
+    from so101_motion.geometry import Array
+    from so101_motion.machine import MachineRig
+    from so101_motion.rig import Rig
+    from so101_motion.rig_like import RigLike
+
+R = TypeVar("R", bound="RigLike")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Where the arm comes from.
+
+    Attributes:
+        port: Serial port of a real or emulated arm; None for the simulated one.
+        calibration_file: Its calibration; None to look for the one that fits its servos.
+        speed: Joint speed cap [rad/s]; None for the default.
+        acceleration: Joint acceleration cap [rad/s^2]; None for the default.
+        q_start: Where the simulated arm stands, shape (5,), [rad]; None for zeros.
+        say: Takes what a person should know of the calibration.
+    """
+
+    port: str | None
+    calibration_file: Path | None = None
+    speed: float | None = None
+    acceleration: float | None = None
+    q_start: Array | None = None
+    say: Callable[[str], None] = aside
+
+    @property
+    def what(self) -> str:
+        """In words."""
+        return "simulated arm" if self.port is None else f"arm on {self.port}"
+
+    def open(self) -> Rig:
+        """The arm and its gripper, ready to be asked.
+
+        Raises:
+            So101Error: It cannot be reached, or a setting cannot be meant.
+        """
+        from so101_motion.rig import open_hardware, open_simulated
+
+        rig: Rig
+        if self.port is None:
+            rig = open_simulated(q_start=self.q_start)
+        else:
+            from so101_motion.hardware_config import SERVO_IDS
+            from so101_motion.servos import ServoSettings
+
+            file = self.calibration_file or _known_calibration(self.port, self.say)
+            asked = ServoSettings(port=self.port, calibration_file=file)
+            rig = open_hardware(asked.with_arm(SERVO_IDS))
+        return _capped(rig, self.speed, self.acceleration)
+
+
+def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
+    """The calibration file that fits the arm on a port, and a word about it.
+
+    Raises:
+        PortUnavailable: The port cannot be used, and why.
+    """
+    from so101_motion.cli.finding import look_at
+
+    file = look_at(port).calibration
+    if file is None:
+        say(
+            "no calibration file of this arm is known, so zero is the middle of each joint's travel"
+            " and points are some 40 mm off; so101 calibrate makes one, --calibration names one"
+        )
+    else:
+        say(f"calibration: {file}")
+    return file
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MachineSource:
+    """A running Viam machine with the arm.
+
+    Attributes:
+        address: As on its CONNECT page, or host and port.
+        api_key_id: The id of an API key; None for a plain, direct connection.
+        api_key: The key.
+        arm: Which of its arms; None for the only one.
+        gripper: Which of its grippers; None for the only one.
+        speed: Joint speed cap [rad/s]; None to leave the machine's.
+        acceleration: Joint acceleration cap [rad/s^2]; None to leave the machine's.
+    """
+
+    address: str
+    api_key_id: str | None = None
+    api_key: str | None = field(default=None, repr=False)
+    arm: str | None = None
+    gripper: str | None = None
+    speed: float | None = None
+    acceleration: float | None = None
+
+    @property
+    def what(self) -> str:
+        """In words."""
+        return f"arm of machine {self.address}"
+
+    def open(self) -> MachineRig:
+        """The arm and its gripper, ready to be asked; nothing moves.
+
+        Raises:
+            So101Error: It cannot be reached, or a setting cannot be meant.
+        """
+        from so101_motion.machine import MachineRig
+
+        with patience(f"connecting to machine {self.address}"):
+            rig = MachineRig.connect(
+                self.address,
+                api_key_id=self.api_key_id,
+                api_key=self.api_key,
+                arm=self.arm,
+                gripper=self.gripper,
+            )
+        return _capped(rig, self.speed, self.acceleration)
+
+
+def _capped(rig: R, speed: float | None, acceleration: float | None) -> R:
+    """``rig`` with these caps; closed if it cannot have them."""
+    try:
+        if speed is not None:
+            rig.arm.set_speed(speed)
+        if acceleration is not None:
+            rig.arm.set_acceleration(acceleration)
+    except BaseException:
+        rig.close()
+        raise
+    return rig
+
+
+AnySource = Source | MachineSource
+"""Where an arm can come from. Both open a rig that fits ``rig_like.RigLike``."""
+
+S = TypeVar("S", bound=AnySource)
+
+
+def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
+    """The same arm with caps on its joints' speed [deg/s] and acceleration [deg/s^2]."""
+    from so101_motion.units import to_rad
+
+    return replace(
+        source,
+        speed=None if speed_deg is None else to_rad(speed_deg),
+        acceleration=None if acceleration_deg is None else to_rad(acceleration_deg),
+    )
+
+
+def source_options(verb: F) -> F:
+    """The options ``--sim``, ``--port``, ``--calibration``; the verb gets ``source``."""
+
+    @_local_options
+    @functools.wraps(verb)
+    def with_source(
+        *args: Any, sim: bool, port: str | None, calibration: Path | None, **kwargs: Any
+    ) -> Any:
+        chosen = chosen_among({"--sim": sim or None, "--port": port})
+        if chosen is None:
+            raise click.UsageError("which arm? give --sim, or --port and its serial port")
+        source = Source(port=None if chosen == "--sim" else port, calibration_file=calibration)
+        return verb(*args, source=source, **kwargs)
+
+    return with_source  # type: ignore[return-value]  # its own options and those above
+
+
+def any_source_options(verb: F) -> F:
+    """The same and ``--machine`` with what lets us in; the verb gets ``source``."""
+
+    @_local_options
+    @machine_options
+    @functools.wraps(verb)
+    def with_source(
+        *args: Any,
+        sim: bool,
+        port: str | None,
+        calibration: Path | None,
+        machine: MachineSource | None,
+        **kwargs: Any,
+    ) -> Any:
+        chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
+        if chosen is None:
+            raise click.UsageError(
+                "which arm? give --sim, or --port and its serial port, or --machine and its address"
+            )
+        source: AnySource = Source(port=port, calibration_file=calibration)
+        if chosen == "--sim":
+            source = Source(port=None)
+        elif chosen == "--machine":
+            assert machine is not None  # it was chosen
+            source = machine
+        return verb(*args, source=source, **kwargs)
+
+    return with_source  # type: ignore[return-value]  # its own options and those above
+
+
+def machine_options(verb: F) -> F:
+    """The options of a running machine; the verb gets ``machine``, None if none was named."""
+
+    @click.option(
+        "--machine",
+        "address",
+        envvar="SO101_MACHINE",
+        metavar="ADDRESS",
+        help="A running Viam machine (or SO101_MACHINE).",
+    )
+    @click.option(
+        "--api-key-id",
+        envvar="SO101_API_KEY_ID",
+        metavar="ID",
+        help="With --machine: its API key's id (or SO101_API_KEY_ID).",
+    )
+    @click.option(
+        "--api-key",
+        envvar="SO101_API_KEY",
+        metavar="KEY",
+        help="With --machine: its API key; better by SO101_API_KEY, which no process list shows.",
+    )
+    @click.option("--arm", metavar="NAME", help="With --machine: which arm, if it has several.")
+    @click.option("--gripper", metavar="NAME", help="With --machine: which gripper, likewise.")
+    @functools.wraps(verb)
+    def with_machine(
+        *args: Any,
+        address: str | None,
+        api_key_id: str | None,
+        api_key: str | None,
+        arm: str | None,
+        gripper: str | None,
+        **kwargs: Any,
+    ) -> Any:
+        machine = None
+        if address:
+            machine = MachineSource(
+                address=address, api_key_id=api_key_id, api_key=api_key, arm=arm, gripper=gripper
+            )
+        elif arm or gripper:
+            raise click.UsageError("--arm and --gripper belong to --machine")
+        return verb(*args, machine=machine, **kwargs)
+
+    return with_machine  # type: ignore[return-value]  # its own options and those above
+
+
+def _local_options(verb: F) -> F:
+    for option in reversed(
+        (
+            click.option("--sim", is_flag=True, help="The simulated arm; needs no hardware."),
+            click.option(
+                "--port",
+                envvar="SO101_PORT",
+                metavar="PORT",
+                help="Serial port of the arm, such as /dev/ttyACM0 (or SO101_PORT).",
+            ),
+            click.option(
+                "--calibration",
+                type=click.Path(path_type=Path),
+                help="The arm's calibration file; by default the one that fits its servos.",
+            ),
+        )
+    ):
+        verb = option(verb)
+    return verb
+
+
+_PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address"}
+
+
+def chosen_among(sources: Mapping[str, object]) -> str | None:
+    """Which source is meant: one that was typed wins over those of the environment.
+
+    Raises:
+        click.UsageError: Several were typed, or the environment names several.
+    """
+    context = click.get_current_context()
+    there = [option for option, value in sources.items() if value]
+    typed = [
+        option
+        for option in there
+        if context.get_parameter_source(_PARAMETERS[option])
+        is click.core.ParameterSource.COMMANDLINE
+    ]
+    candidates = typed or there
+    if len(candidates) > 1:
+        raise click.UsageError(f"give {', '.join(candidates[:-1])} or {candidates[-1]}, not both")
+    return candidates[0] if candidates else None

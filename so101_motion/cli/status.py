@@ -1,0 +1,153 @@
+"""``so101 status``: how an arm is; and ``so101 stop``: a machine's arm comes to rest."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from so101_motion.cli.shared import json_option, print_json, quietly, reports_errors
+from so101_motion.cli.sources import (
+    AnySource,
+    MachineSource,
+    Source,
+    any_source_options,
+    machine_options,
+)
+from so101_motion.state import ARM_JOINTS
+from so101_motion.units import to_deg, to_mm
+
+if TYPE_CHECKING:
+    from so101_motion.rig import Rig
+    from so101_motion.rig_like import RigLike
+
+
+@click.command()
+@any_source_options
+@json_option
+@reports_errors
+def status(source: AnySource, as_json: bool) -> None:
+    """Say how the arm is: its mode, its joints, where the tool is.
+
+    Nothing is driven by being looked at: an arm that is limp stays limp, one that holds goes on
+    holding.
+
+    \b
+    so101 status --port /dev/ttyACM0
+    so101 status --machine my-arm.local:8080 --json
+    """  # noqa: D301
+    with quietly(), closing(_look_on(source)) as rig:
+        seen = _facts(source, rig)
+    if as_json:
+        print_json("status", seen)
+        return
+    _tell(seen)
+
+
+@click.command()
+@machine_options
+@json_option
+@reports_errors
+def stop(machine: MachineSource | None, as_json: bool) -> None:
+    """Bring the arm and the jaw of a running machine to rest, whoever moves them.
+
+    They hold where they come to rest. An arm on a serial port of this computer is stopped where it
+    is moved: Ctrl-C in that program, or Stop on its page.
+
+    \b
+    so101 stop --machine my-arm.local:8080
+    """  # noqa: D301
+    if machine is None:
+        raise click.UsageError(
+            "which machine? give --machine and its address; a program that moves an arm on a serial"
+            " port is stopped by Ctrl-C"
+        )
+    with quietly(), closing(machine.open()) as rig:
+        rig.arm.stop()
+        if rig.has_gripper:
+            rig.gripper.stop()
+        state = rig.arm.state
+    if as_json:
+        q_deg = _by_joint(to_deg(state.q))
+        print_json("stop", {"source": machine.what, "mode": state.mode.value, "q_deg": q_deg})
+    else:
+        click.echo(f"the {machine.what} is {state.mode.value}")
+
+
+def _look_on(source: AnySource) -> RigLike:
+    """The arm, left alone: a serial port is opened without asking for a servo."""
+    if isinstance(source, Source) and source.port is not None:
+        return _onlooking(source, source.port)
+    return source.open()
+
+
+def _onlooking(source: Source, port: str) -> Rig:
+    from so101_motion.cli.finding import look_at
+    from so101_motion.rig import open_hardware
+    from so101_motion.servos import ServoSettings
+
+    report = look_at(port)
+    file = source.calibration_file or report.calibration
+    return open_hardware(
+        ServoSettings(port=port, baudrate=report.baudrate, timeout=None, calibration_file=file)
+    )
+
+
+def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
+    from so101_motion.machine import MachineRig
+    from so101_motion.rig import HardwareRig
+
+    state, arm = rig.arm.state, rig.arm
+    pose = arm.T_base()
+    lower, upper = arm.range
+    seen: dict[str, Any] = {
+        "source": source.what,
+        "connected": rig.connection.is_up,
+        "mode": state.mode.value,
+        "fault": state.fault or "",
+        "q_deg": _by_joint(to_deg(state.q)),
+        "range_deg": _by_joint(to_deg(lower), to_deg(upper)),
+        "jaw_percent": round(100.0 * rig.gripper.aperture, 1),
+        "tool_mm": [round(x, 2) for x in to_mm(pose.p).tolist()],
+        "speed_degs_per_sec": round(to_deg(arm.speed), 3),
+        "acceleration_degs_per_sec_per_sec": round(to_deg(arm.acceleration), 3),
+        "alarms": dict(state.reading.alarms),
+        "notes": [],
+    }
+    if isinstance(rig, HardwareRig):
+        seen["joints_found"] = list(rig.servos.setups)
+        seen["notes"] = list(rig.servos.notes)
+    elif isinstance(rig, MachineRig):
+        notes = rig.status.get("notes", ())
+        seen["notes"] = [str(note) for note in notes] if isinstance(notes, list) else []
+        seen["resources"] = [{"name": r.name, "api": r.api} for r in rig.resources]
+    return seen
+
+
+def _by_joint(*columns: Any) -> dict[str, Any]:
+    rounded = [[round(float(x), 3) for x in column] for column in columns]
+    rows = rounded[0] if len(rounded) == 1 else [list(row) for row in zip(*rounded, strict=True)]
+    return dict(zip(ARM_JOINTS, rows, strict=True))
+
+
+def _tell(seen: dict[str, Any]) -> None:
+    from so101_motion.cli.terminal import echo
+
+    click.echo(f"{seen['source']}: {seen['mode']}")
+    if seen["fault"]:
+        echo(seen["fault"], indent="  ")
+    found = seen.get("joints_found", ARM_JOINTS)
+    for joint in ARM_JOINTS:
+        if joint not in found:
+            click.echo(f"  {joint:<14}does not answer")
+            continue
+        lower, upper = seen["range_deg"][joint]
+        click.echo(f"  {joint:<14}{seen['q_deg'][joint]:>8.1f} deg   {lower:.0f} to {upper:.0f}")
+    click.echo(f"  {'jaw':<14}{seen['jaw_percent']:>8.0f} % open")
+    where = ", ".join(f"{x:.1f}" for x in seen["tool_mm"])
+    click.echo(f"  {'tool':<14}({where}) mm")
+    for joint, words in seen["alarms"].items():
+        echo(f"{joint}: {words}", err=True)
+    for note in seen["notes"]:
+        echo(f"note: {note}", err=True)

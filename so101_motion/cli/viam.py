@@ -1,0 +1,148 @@
+"""``so101 viam …``: what a machine's configuration becomes with this module."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+from so101_motion.cli.discover import discover
+from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from so101_motion.migration import Part, Takeover
+
+_STYLES = {
+    "kept": "green",
+    "no effect": "dim",
+    "new": "cyan",
+    "unsupported": "yellow",
+    "wrong": "red",
+}
+
+_WIDTH = 120  # columns of a comparison that goes into a file; chosen
+
+
+@click.group()
+def viam() -> None:
+    """Take over a machine's configuration of the published module, or print a new one."""
+
+
+@viam.command("import")
+@click.argument("file", type=click.File(encoding="utf-8"))
+@click.option("--new", "with_new", is_flag=True, help="Also list what only this module knows.")
+@json_option
+@reports_errors
+def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
+    """Read a machine's configuration and print what it becomes with this module.
+
+    FILE is the machine's JSON (Configure, then JSON, in Viam's app; or /etc/viam.json), or - to
+    read it from stdin. It is read and never changed, and keys in it are not printed. On stdout come
+    the components and services to paste; on stderr the comparison, and how to go back. Exit code 6
+    if something in it cannot be used.
+
+    \b
+    so101 viam import machine.json
+    so101 viam import machine.json > new.json
+    """  # noqa: D301
+    from so101_motion.migration import take_over
+
+    takeover = take_over(_content(file))
+    if as_json:
+        print_json("viam-import", _facts(takeover))
+    else:
+        _compare(takeover, with_new=with_new)
+        click.echo(json.dumps(takeover.configuration(), indent=2))
+    if any(part.problem for part in takeover.parts):
+        raise SystemExit(CHECK_FAILED)
+
+
+viam.add_command(discover, "config")
+
+
+def _content(file: TextIO) -> object:
+    from so101_motion.errors import ConfigError
+
+    try:
+        return json.loads(file.read())
+    except UnicodeDecodeError as error:
+        raise ConfigError("configuration", file.name, "is no text in UTF-8") from error
+    except ValueError as error:
+        raise ConfigError("configuration", file.name, f"is no JSON: {error}") from error
+
+
+def _compare(takeover: Takeover, *, with_new: bool) -> None:
+    from rich.console import Console
+
+    from so101_motion.cli.terminal import echo
+
+    console = Console(stderr=True, highlight=False)
+    if not console.is_terminal:
+        console.width = _WIDTH
+    for part in takeover.parts:
+        console.print()
+        console.print(part.name or "(no name)", style="bold", end="  ")
+        console.print(part.model, style="dim", markup=False)
+        table = _table(part, with_new=with_new)
+        if table.row_count:
+            console.print(table)
+        if part.problem:
+            echo(f"error: {part.problem}", indent="  ", err=True)
+        if part.calibration:
+            echo(f"calibration: {part.calibration}", indent="  ", err=True)
+        for line in part.differences:
+            echo(f"differs: {line}", indent="  ", err=True)
+    console.print()
+    for note in takeover.notes:
+        echo(f"note: {note}", err=True)
+    click.echo("to go back:", err=True)
+    for line in takeover.way_back():
+        echo(f"- {line}", indent="  ", err=True)
+    click.echo("to paste, in place of what is there:", err=True)
+
+
+def _table(part: Part, *, with_new: bool) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    from so101_motion.migration import Fate
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
+    table.add_column("attribute", header_style="dim", no_wrap=True)
+    for heading in ("published module", "here", ""):
+        table.add_column(heading, header_style="dim", overflow="fold")
+    for row in part.rows:
+        if row.fate is not Fate.NEW or with_new:
+            fate = Text(row.fate.value, style=_STYLES[row.fate.value])
+            table.add_row(Text(row.attribute), Text(row.there), Text(row.here), fate)
+    return table
+
+
+def _facts(takeover: Takeover) -> dict[str, Any]:
+    return {
+        "parts": [
+            {
+                "name": part.name,
+                "model": part.model,
+                "attributes": [
+                    {
+                        "name": row.attribute,
+                        "there": row.there,
+                        "here": row.here,
+                        "fate": row.fate.value,
+                    }
+                    for row in part.rows
+                ],
+                "problem": part.problem,
+                "differences": list(part.differences),
+                "calibration": part.calibration,
+            }
+            for part in takeover.parts
+        ],
+        "notes": list(takeover.notes),
+        "configuration": takeover.configuration(),
+        "way_back": list(takeover.way_back()),
+    }

@@ -1,0 +1,153 @@
+"""``so101 view``: the page in the browser, of a simulated arm, a serial port or a machine."""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from so101_motion.cli.shared import F, import_preview, reports_errors
+from so101_motion.cli.sources import AnySource, Source, any_source_options
+
+if TYPE_CHECKING:
+    from so101_motion.planning.scene import Scene
+    from so101_motion.rig_like import RigLike
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Page:
+    """Where the page is served.
+
+    Attributes:
+        host: Address to listen on.
+        port: Port to listen on.
+        allow_remote: Whether ``host`` may be more than this machine alone.
+        browser: Whether to open it in the browser.
+    """
+
+    host: str
+    port: int
+    allow_remote: bool
+    browser: bool
+
+
+def page_options(verb: F) -> F:
+    """The options of where the page is served; the verb gets ``page``."""
+
+    @click.option(
+        "--host", default="127.0.0.1", show_default=True, help="Address the page listens on."
+    )
+    @click.option("--web-port", default=8080, show_default=True, help="Port the page listens on.")
+    @click.option(
+        "--allow-remote", is_flag=True, help="Let --host be more than this machine alone."
+    )
+    @click.option("--no-browser", is_flag=True, help="Only print the link.")
+    @functools.wraps(verb)
+    def with_page(
+        *args: Any, host: str, web_port: int, allow_remote: bool, no_browser: bool, **kwargs: Any
+    ) -> Any:
+        page = Page(host=host, port=web_port, allow_remote=allow_remote, browser=not no_browser)
+        return verb(*args, page=page, **kwargs)
+
+    return with_page  # type: ignore[return-value]  # its own options and those above
+
+
+@click.command()
+@any_source_options
+@click.option(
+    "--scene",
+    "scene_file",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="What stands around the arm: a scene file, as so101 plan takes it.",
+)
+@page_options
+@reports_errors
+def view(source: AnySource, scene_file: Path | None, page: Page) -> None:
+    """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
+
+    \b
+    so101 view --sim
+    so101 view --port /dev/ttyACM0
+    so101 view --machine my-arm.local:8080
+
+    The page opens even if the arm is not there yet, and finds it again when it was away.
+    """
+    show(source, page, scene_file=scene_file)
+
+
+def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> None:
+    """Serve the page until Ctrl-C.
+
+    Args:
+        source: Where the arm comes from.
+        page: Where to serve it.
+        scene_file: What stands around the arm, and where the page saves it again.
+
+    Raises:
+        ConfigError: The page cannot be served there, or the scene cannot be read.
+    """
+    from so101_motion.scene_file import read_scene
+
+    viewer = import_preview()
+    scene = None if scene_file is None else read_scene(scene_file)
+    arm = viewer.Source(title=_title(source), open=_opener(source, scene), scene_file=scene_file)
+    with viewer.serve_source(
+        arm, host=page.host, port=page.port, allow_remote=page.allow_remote
+    ) as preview:
+        click.echo(f"so101: {source.what}", err=True)
+        keep_open(preview, page)
+
+
+def keep_open(served: Any, page: Page) -> None:
+    """Tell where the page is, open it for whoever sits here, and wait for Ctrl-C."""
+    done = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: done.set())
+    click.echo(f"open   {served.url}")
+    click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
+    if page.browser and _has_screen():
+        webbrowser.open(served.url_for_once())
+    done.wait()
+    click.echo("\nso101: stopping", err=True)
+
+
+def _title(source: AnySource) -> str:
+    return f"{source.what[:1].upper()}{source.what[1:]}"
+
+
+def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
+    """Opens the arm; called again and again until it is there, so it says nothing twice."""
+    told: set[str] = set()
+
+    def say(text: str) -> None:
+        if text not in told:
+            told.add(text)
+            click.echo(text, err=True)
+
+    quiet = replace(source, say=say) if isinstance(source, Source) else source
+
+    def opened() -> RigLike:
+        rig: RigLike = quiet.open()
+        if scene is not None:
+            rig.arm.scene = scene
+        return rig
+
+    return opened
+
+
+def _has_screen() -> bool:
+    """Whether somebody sits here with a browser that opens in a window of its own."""
+    if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
+        return False
+    return sys.platform in ("darwin", "win32") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )

@@ -1,0 +1,303 @@
+"""The arm of a running machine as a rig of this program: the module's real process, over TCP."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from fake_parent import ARM, SIMULATED
+from grpclib import GRPCError, Status
+from machine_harness import SIM, running_machine
+from viam.components.arm import ArmClient
+
+from so101_motion.errors import (
+    ConfigError,
+    Interrupted,
+    MachineRefused,
+    MachineUnavailable,
+    MotionError,
+    OutsideLimits,
+    PlanningError,
+)
+from so101_motion.machine import MachineRig
+from so101_motion.modes import Mode
+from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+
+READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
+LEFT = np.radians([30.0, -45.0, 45.0, 60.0, 0.0])
+FAR = np.radians([100.0, -45.0, 45.0, 60.0, 0.0])
+RIGHT = np.radians([-30.0, -45.0, 45.0, 60.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def machine():
+    with running_machine() as machine:
+        yield machine
+
+
+@pytest.fixture
+def rig(machine):
+    with MachineRig.connect(machine.address) as rig:
+        rig.arm.set_speed(np.radians(180.0))
+        rig.arm.set_acceleration(np.radians(500.0))
+        yield rig
+
+
+def until(condition, patience=10.0):
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < patience, "it does not happen"
+        pause()
+
+
+def pause():
+    """Give the other threads the processor; what they wait for is a process elsewhere."""
+    threading.Event().wait(0.01)
+
+
+def move_to(rig, q):
+    rig.arm.start_move(JointGoal(q=q)).result(20.0)
+
+
+def under_way(rig):
+    """A long, slow motion that is visibly moving."""
+    rig.arm.set_speed(np.radians(30.0))
+    motion = rig.arm.start_move(JointGoal(q=FAR))
+    begin = rig.arm.state.q
+    until(lambda: np.max(np.abs(rig.arm.state.q - begin)) > np.radians(3.0))
+    return motion
+
+
+def test_what_is_planned_here_moves_there(rig):
+    move_to(rig, READY)
+    plan = rig.arm.plan(JointGoal(q=LEFT))
+    begin = time.monotonic()
+    rig.arm.start_execute(plan).result(20.0)
+    took = time.monotonic() - begin
+    assert rig.takes_streams
+    np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=np.radians(0.05))
+    assert took >= plan.duration
+    assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_the_way_is_followed_not_only_its_end(rig):
+    move_to(rig, READY)
+    corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
+    plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
+    seen, motion = [], rig.arm.start_execute(plan)
+    while not motion.future.done():
+        seen.append(rig.arm.state.q)
+        pause()
+    motion.result()
+    off = [np.min(np.max(np.abs(plan.trajectory.q - q), axis=1)) for q in seen]
+    assert len(seen) > 20
+    assert max(off) < np.radians(1.0)
+
+
+def test_the_caps_are_the_machines(rig):
+    assert rig.do_command("arm", {"get_motion_params": True}) == {
+        "current_speed_degs_per_sec": pytest.approx(180.0),
+        "current_acceleration_degs_per_sec_per_sec": pytest.approx(500.0),
+    }
+
+
+def test_a_stop_ends_the_motion_at_once(rig):
+    move_to(rig, RIGHT)
+    motion = under_way(rig)
+    rig.arm.stop()
+    with pytest.raises(Interrupted, match="stop"):
+        motion.result(5.0)
+    rests = rig.arm.state.q
+    assert rests[0] < FAR[0] - np.radians(5.0)
+    pause()
+    np.testing.assert_allclose(rig.arm.state.q, rests, atol=1e-3)
+
+
+def test_a_newer_motion_takes_over(rig):
+    move_to(rig, RIGHT)
+    first = under_way(rig)
+    second = rig.arm.start_move(JointGoal(q=RIGHT))
+    with pytest.raises(Interrupted, match="newer"):
+        first.result(5.0)
+    second.result(20.0)
+    np.testing.assert_allclose(rig.arm.state.q, RIGHT, atol=np.radians(0.05))
+
+
+def test_retargeting_turns_without_a_stop(rig):
+    move_to(rig, RIGHT)
+    rig.arm.start_retarget(LEFT)
+    until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
+    rig.arm.start_retarget(READY).result(20.0)
+    np.testing.assert_allclose(rig.arm.state.q, READY, atol=np.radians(0.05))
+
+
+def test_another_clients_motion_is_seen(machine, rig):
+    move_to(rig, RIGHT)
+    with MachineRig.connect(machine.address) as other:
+        motion = under_way(other)
+        until(lambda: rig.arm.state.arm_moving and rig.arm.state.mode is Mode.MOVING)
+        rig.arm.stop()
+        with pytest.raises(MotionError):
+            motion.result(5.0)
+
+
+def test_the_jaw_opens_and_closes(rig):
+    rig.gripper.start_move(0.8).result(10.0)
+    assert rig.gripper.aperture == pytest.approx(0.8, abs=0.01)
+    assert rig.arm.state.q_jaw == pytest.approx(rig.gripper.q_jaw)
+    rig.gripper.start_grab().result(10.0)
+    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.01)
+    assert not rig.gripper.is_holding
+    with pytest.raises(ConfigError, match="aperture"):
+        rig.gripper.start_move(1.5)
+
+
+def test_a_jaw_that_is_stopped_stays(rig):
+    rig.gripper.start_grab().result(10.0)
+    motion = rig.gripper.start_move(1.0)
+    until(lambda: rig.gripper.aperture > 0.1)
+    rig.gripper.stop()
+    with pytest.raises(Interrupted):
+        motion.result(5.0)
+    assert rig.gripper.aperture < 0.95
+
+
+def test_a_lost_machine_is_told_and_found_again_and_nothing_moves(machine, rig):
+    move_to(rig, RIGHT)
+    motion = under_way(rig)
+    machine.cut()
+    with pytest.raises(MachineUnavailable, match="check that the machine runs"):
+        motion.result(5.0)
+    until(lambda: not rig.connection.is_up)
+    assert rig.arm.state.mode is Mode.FAULT
+    assert "lost" in rig.connection.words(rig.clock.now())
+    with pytest.raises(MachineUnavailable):
+        rig.arm.stop()
+    with pytest.raises(MachineUnavailable):
+        rig.arm.start_move(JointGoal(q=READY)).result(20.0)
+    machine.mend()
+    until(lambda: rig.connection.is_up)
+    assert rig.connection.words(rig.clock.now()) == "connected"
+    until(lambda: rig.arm.state.mode is Mode.HOLDING)
+    rests = rig.arm.state.q
+    for _ in range(30):
+        pause()
+    np.testing.assert_allclose(rig.arm.state.q, rests, atol=1e-3)
+    move_to(rig, READY)
+
+
+def test_a_client_that_goes_away_takes_its_motion_with_it(machine, rig):
+    move_to(rig, RIGHT)
+    other = MachineRig.connect(machine.address)
+    under_way(other)
+    other.close()
+    other.close()
+    until(lambda: not rig.arm.state.arm_moving)
+    assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
+
+
+def test_so_does_one_that_only_sent_a_goal(machine, rig):
+    move_to(rig, RIGHT)
+    with MachineRig.connect(machine.address) as other:
+        other.arm.set_speed(np.radians(30.0))
+        other.arm.start_retarget(FAR)
+        until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
+    until(lambda: not rig.arm.state.arm_moving)
+    assert rig.arm.state.q[0] < FAR[0] - np.radians(5.0)
+
+
+def test_manual_mode_is_the_machines(rig):
+    rig.arm.set_manual(True)
+    assert rig.arm.in_manual
+    rig.arm.set_manual(False)
+    assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_commands_go_to_any_resource_and_refusals_come_back_in_its_words(rig):
+    assert rig.do_command("gripper", {"get": True})["position"] == pytest.approx(0.0, abs=100.0)
+    with pytest.raises(MachineRefused, match="set_speeed") as caught:
+        rig.do_command("arm", {"set_speeed": 1.0})
+    assert caught.value.status == "INVALID_ARGUMENT"
+    with pytest.raises(ConfigError, match="did you mean"):
+        rig.do_command("grippr", {"get": True})
+    with pytest.raises(ConfigError, match="no sensor"):
+        rig.readings("arm")
+
+
+def test_what_cannot_be_done_over_the_network_is_said(rig):
+    for call in (rig.arm.open_stream, rig.arm.open_jog):
+        with pytest.raises(MotionError, match="machine"):
+            call()
+    with pytest.raises(OutsideLimits):
+        rig.arm.start_retarget(np.radians([0.0, -45.0, 45.0, 60.0, 400.0]))
+
+
+def test_what_the_module_knows_of_the_arm_is_planned_with():
+    mug = {"name": "mug", "box_mm": [60, 60, 90], "position_mm": [250, 0, 45]}
+    attributes = {"obstacles": [mug], "floor_z_mm": -10.0, "speed_degs_per_sec": 40.0}
+    resources = ((ARM, SIMULATED, "arm", attributes),)
+    with (
+        running_machine(resources=resources) as machine,
+        MachineRig.connect(machine.address) as rig,
+    ):
+        assert [obstacle.name for obstacle in rig.arm.scene.obstacles] == ["mug"]
+        assert rig.arm.scene.floor_z == pytest.approx(-0.01)
+        assert rig.arm.speed == pytest.approx(np.radians(40.0))
+        lower, upper = rig.arm.range
+        np.testing.assert_allclose(lower, rig.arm.model.lower)
+        np.testing.assert_allclose(upper, rig.arm.model.upper)
+        with pytest.raises(PlanningError, match="mug"):
+            rig.arm.plan(PoseGoal.at_point(np.array([0.25, 0.0, 0.05])))
+        assert not rig.has_gripper
+        with pytest.raises(ConfigError, match="the machine has none"):
+            rig.gripper.start_move(0.5).result(5.0)
+
+
+def test_nobody_at_the_address_is_a_sentence():
+    with pytest.raises(MachineUnavailable, match="nobody listens"):
+        MachineRig.connect("127.0.0.1:9")
+    with pytest.raises(ConfigError, match="belong together"):
+        MachineRig.connect("127.0.0.1:9", api_key="secret")
+    with pytest.raises(ConfigError, match="UUID") as caught:
+        MachineRig.connect("127.0.0.1:9", api_key_id="me", api_key="secret")
+    assert "secret" not in str(caught.value)
+
+
+def test_several_arms_have_to_be_told_apart():
+    with running_machine(resources=(*SIM, (ARM, SIMULATED, "second", {}))) as machine:
+        with pytest.raises(ConfigError, match="name one of arm, second"):
+            MachineRig.connect(machine.address)
+        with pytest.raises(ConfigError, match="is not on the machine"):
+            MachineRig.connect(machine.address, arm="third")
+        with MachineRig.connect(machine.address, arm="second") as rig:
+            machine.remove(ARM, "second")
+            until(lambda: rig.arm.state.mode is Mode.FAULT)
+            assert rig.connection.is_up
+            machine.add(ARM, SIMULATED, "second")
+            until(lambda: rig.arm.state.mode is Mode.HOLDING)
+
+
+def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_way(rig, monkeypatch):
+    sent = []
+
+    async def refuse(*_, **__):
+        raise GRPCError(Status.UNIMPLEMENTED, "not known here")
+        yield
+
+    through = ArmClient.move_through_joint_positions
+
+    async def note(self, positions, options=None, **kwargs):
+        sent.append([list(each.values) for each in positions])
+        await through(self, positions, options, **kwargs)
+
+    move_to(rig, READY)
+    monkeypatch.setattr(ArmClient, "move_through_joint_positions_streamed", refuse)
+    monkeypatch.setattr(ArmClient, "move_through_joint_positions", note)
+    corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
+    plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
+    rig.arm.start_execute(plan).result(20.0)
+    assert not rig.takes_streams
+    assert all(len(each) == 1 for each in sent)
+    assert 2 <= len(sent) <= 8
+    assert sent[-1][0] == pytest.approx(np.degrees(LEFT), abs=0.01)
+    np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=np.radians(0.1))

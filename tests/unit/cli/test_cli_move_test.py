@@ -1,0 +1,40 @@
+"""``so101 move-test`` up to the moment at which somebody has to agree."""
+
+import pytest
+from click import FileError
+from click.testing import CliRunner
+
+from so101_motion.accuracy import MoveReport
+from so101_motion.cli import main
+from so101_motion.cli.move_test import _write
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    return lambda *arguments, **how: CliRunner().invoke(main, ["move-test", *arguments], **how)
+
+
+def test_nothing_moves_before_somebody_agrees(run):
+    result = run("--sim", input="n\n")
+    assert result.exit_code == 1
+    assert "6° to and fro" in result.output
+    assert "Is everything out of the way?" in result.output
+    assert "Aborted" in result.output
+    assert "0 %  shoulder_pan" not in result.output
+
+
+def test_its_help_says_that_the_arm_moves(run):
+    assert "The arm MOVES" in " ".join(run("--help").output.split())
+
+
+def test_which_arm_must_be_said(run):
+    assert run(env={"SO101_PORT": ""}).exit_code == 2
+
+
+def test_a_report_that_cannot_be_written_is_said(tmp_path):
+    report = MoveReport(arm="a", joints=(), began_at="2026-01-02T03:04:05+00:00", seconds=1.0)
+    with pytest.raises(FileError):
+        _write(tmp_path / "no" / "folder.json", report)
+    _write(tmp_path / "r.json", report)
+    assert "so101/move-test/1" in (tmp_path / "r.json").read_text()

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from so101_motion.cli import main
+from so101_motion.pose_book import PoseBook
+from so101_motion.program import Program, Waypoint, files
+
+A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+
+
+def so101(*arguments: str) -> Result:
+    return CliRunner().invoke(main, arguments)
+
+
+def save(*waypoints: Waypoint) -> None:
+    files.write(Program(waypoints=waypoints), files.file_of("nod"))
+
+
+def test_a_saved_program_is_run_by_its_name() -> None:
+    save(Waypoint(name="aside", q=A), Waypoint(name="back", q=np.zeros(5)))
+    result = so101("run", "nod", "--sim", "--rounds", "2", "--yes", "--json", "--speed", "120")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["schema"] == "so101/run/1"
+    assert (told["waypoints"], told["rounds"]) == (["aside", "back"], 2)
+    np.testing.assert_allclose(told["arrived"]["q_deg"], np.zeros(5), atol=0.1)
+
+
+def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> None:
+    save(Waypoint(name="aside", q=A), Waypoint(name="low", q=np.radians([0, 80, 20, 0, 0])))
+    result = so101("run", "nod", "--sim", "--yes")
+    assert result.exit_code == 5
+    assert "waypoint 2 (low)" in result.stderr
+
+
+def test_what_is_no_program_is_refused_with_the_nearest() -> None:
+    save(Waypoint(name="aside", q=A))
+    result = so101("run", "nodd", "--sim", "--yes")
+    assert result.exit_code == 2
+    assert '"nod"' in result.stderr
+
+
+def test_a_pose_of_ones_own_can_be_gone_to() -> None:
+    PoseBook().save("over the mug", A)
+    result = so101("plan", "--sim", "--pose", "over the mug", "--json")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_allclose(json.loads(result.stdout)["q_goal_deg"], np.degrees(A), atol=1e-3)
+    result = so101("plan", "--sim", "--pose", "over a mug")
+    assert result.exit_code == 2
+    assert '"over the mug"' in result.stderr

@@ -1,0 +1,80 @@
+"""``so101 viam import`` on files."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli import main
+
+MACHINE = {
+    "cloud": {"secret": "TOPSECRET"},
+    "modules": [{"type": "registry", "name": "arms", "module_id": "devrel:so101-arm"}],
+    "components": [
+        {
+            "name": "my-arm",
+            "api": "rdk:component:arm",
+            "model": "devrel:so101:arm",
+            "attributes": {"port": "/dev/ttyUSB0", "spped": "HIDDEN"},
+        }
+    ],
+}
+
+
+def run(*arguments, given=None):
+    return CliRunner().invoke(main, ["viam", "import", *arguments], input=given)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "machine.json"
+    path.write_text(json.dumps(MACHINE))
+    return path
+
+
+def test_a_configuration_is_compared_and_printed_anew(file):
+    before = file.read_bytes()
+    result = run(str(file))
+    assert result.exit_code == 0, result.output
+    pasted = json.loads(result.stdout)
+    assert pasted["components"][0]["name"] == "my-arm"
+    assert pasted["components"][0]["attributes"] == {"port": "/dev/ttyUSB0"}
+    for words in ("kept", "unsupported", "differs: stop", "to go back"):
+        assert words in result.stderr
+    for secret in ("TOPSECRET", "HIDDEN"):
+        assert secret not in result.output
+    assert file.read_bytes() == before
+
+
+def test_it_comes_from_stdin_and_goes_to_programs(file):
+    result = run("-", "--json", given=file.read_text())
+    told = json.loads(result.stdout)
+    assert told["schema"] == "so101/viam-import/1"
+    assert told["parts"][0]["attributes"][0] == {
+        "name": "port", "there": '"/dev/ttyUSB0"', "here": "the same", "fate": "kept",
+    }  # fmt: skip
+    assert told["configuration"]["components"][0]["model"] == "devrel:so101:arm"
+
+
+def test_what_only_this_module_knows_is_listed_on_request(file):
+    assert "floor_z_mm" not in run(str(file)).stderr
+    assert "floor_z_mm" in run(str(file), "--new").stderr
+
+
+def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
+    broken = json.loads(file.read_text())
+    broken["components"][0]["attributes"]["speed_degs_per_sec"] = 900
+    file.write_text(json.dumps(broken))
+    result = run(str(file))
+    assert result.exit_code == 6
+    assert "3 to 180" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [("{", "is no JSON"), ("{}", "nothing to take over"), ("[1]", "nothing to take over")],
+)
+def test_what_is_no_configuration_is_a_sentence(given, says):
+    result = run("-", given=given)
+    assert result.exit_code == 2
+    assert says in result.stderr
