@@ -9,7 +9,11 @@ The setpoints are timed where they leave: a wrapper in the module's process note
 ``write``. A setpoint is late by what it lies behind a grid of ten milliseconds that starts with the
 earliest one. Lost cycles are those the executor itself reports.
 
-Run by hand, ``--module`` is the module's process and not for people.
+A fifth process only keeps time, before everybody else: the witness. When it is late, the machine
+as a whole has stood still (a virtual one does, now and then), and no program could have been on
+time. Cycles lost then are told apart.
+
+Run by hand, ``--module`` and ``--witness`` are processes of it and not for people.
 """
 
 from __future__ import annotations
@@ -25,6 +29,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +60,9 @@ def module() -> None:
     """Be the module, note when each setpoint is written, and keep the planner busy."""
     from so101_motion.__main__ import main as serve
     from so101_motion.drivers.feetech_arm import FeetechArm
+    from so101_motion.realtime import steady_interpreter
 
+    steady_interpreter()  # as the module is about to do, so that the thread below is one of its own
     times: list[float] = []
     write = FeetechArm.write
 
@@ -94,6 +101,51 @@ def _posture(rng: np.random.Generator) -> Array:
     """Somewhere well above the table, shape (5,), [rad]."""
     middle, reach = np.radians([0, -45, 30, 30, 0]), np.radians([50, 15, 20, 20, 60])
     return np.asarray(middle + rng.uniform(-1.0, 1.0, 5) * reach)
+
+
+# The witness
+
+LOOK_PERIOD = 0.002
+LATE_WITNESS = 0.005
+
+
+def witness() -> None:
+    """Keep time until standard input ends; then say when that was not possible."""
+    with contextlib.suppress(OSError):  # before the control loop, if that is allowed
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
+    stops, here = [], time.monotonic()
+    ended = threading.Thread(target=sys.stdin.read, daemon=True)
+    ended.start()
+    while ended.is_alive():
+        time.sleep(LOOK_PERIOD)
+        before, here = here, time.monotonic()
+        if here - before > LOOK_PERIOD + LATE_WITNESS:
+            stops.append((before, here))
+    json.dump(stops, sys.stdout)
+
+
+@contextlib.contextmanager
+def witnessed() -> Iterator[list[tuple[float, float]]]:
+    """Have a witness; what it says is in the list when the block has ended."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "benchmarks.bench_stream", "--witness"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    stops: list[tuple[float, float]] = []
+    yield stops
+    stops += map(tuple, json.loads(process.communicate()[0]))
+
+
+def excused(writes: Array, stops: list[tuple[float, float]]) -> int:
+    """How many cycles are missing between setpoints while the machine stood still."""
+    gaps = [(a, b) for a, b in pairwise(writes) if b - a < 20 * PERIOD]
+    return sum(
+        max(round((b - a) / PERIOD) - 1, 0)
+        for a, b in gaps
+        if any(begin < b and end > a for begin, end in stops)
+    )
 
 
 # The parent
@@ -183,12 +235,15 @@ def main() -> None:
     _common.single_thread()
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "record.json"
-        seen = asyncio.run(session(record))
+        with witnessed() as stops:
+            seen = asyncio.run(session(record))
         noted = json.loads(record.read_text())
-    late = lateness(np.array(noted["writes"]))
+    writes = np.array(noted["writes"])
+    late = lateness(writes)
     rows: list[dict[str, Any]] = [
         {"what": "setpoints behind their time", **_common.summary(late), "bar": "p99 2 ms"},
         {"what": "cycles lost", "value": seen["late_ticks"], "bar": "0"},
+        {"what": "of those while the machine stood still", "value": excused(writes, stops)},
         {"what": "a client's question, answered after", **_common.summary(seen["answers"])},
         {"what": "plans made meanwhile, each", **_common.summary(noted["plans"])},
         {"what": "seconds on the way", "value": len(late) * PERIOD},
@@ -201,5 +256,7 @@ if __name__ == "__main__":
     if "--module" in sys.argv:
         sys.argv.remove("--module")
         module()
+    elif "--witness" in sys.argv:
+        witness()
     else:
         main()

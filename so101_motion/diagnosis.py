@@ -11,12 +11,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Bus, Tally
+from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.registers import Fault
+from so101_motion.drivers.tally import Tally
 from so101_motion.errors import BusError, PortUnavailable
 
 _WARM_C = 55
 _ROUGH = 0.02  # share of garbled or lost answers that is worth a word; a good bus has none
+_ENOUGH = 100  # questions, to speak of a share
 _SAG = 0.7  # [V] between first and last servo
 _WEAK = 6.0  # [V] below this even the 7.4 V servos have little strength
 
@@ -138,11 +140,23 @@ def _who_is_missing(seen: Examination) -> list[str]:
 
 
 def _each(seen: Examination) -> list[str]:
-    return [
-        f"{seen.label(servo_id)}: {problem}"
-        for servo_id, held in seen.registers.items()
-        for problem in (*_about(held), *_about_hearing(seen.tallies.get(servo_id)))
-    ]
+    unheard = _unheard(seen)
+    each_alike = len(seen.registers) > 1 and unheard.keys() == seen.registers.keys()
+    found = []
+    for servo_id, held in seen.registers.items():
+        problems = _about(held) + _about_hearing(seen.tallies.get(servo_id, Tally()))
+        if servo_id in unheard and not each_alike:
+            problems.append(
+                f"{100 * unheard[servo_id]:.1f} % of the questions to it got no answer: a loose"
+                " cable"
+            )
+        found += [f"{seen.label(servo_id)}: {problem}" for problem in problems]
+    if each_alike:
+        found.append(
+            f"{100 * min(unheard.values()):.1f} % of the questions got no answer, from whichever"
+            " servo: this computer is too busy to listen, or the first cable is loose"
+        )
+    return found
 
 
 def _about(held: Mapping[str, int]) -> list[str]:
@@ -189,6 +203,11 @@ def _about_settings(held: Mapping[str, int]) -> list[str]:
         found.append("is driven but its torque limit is 0, so it ignores its goal; reinitialize")
     if held["phase"] & reg.MULTI_TURN:
         found.append("counts more than one turn, so its angles are ambiguous; reinitialize")
+    if held["phase"] & reg.REVERSED:
+        found.append(
+            f"drives or counts backwards (its phase register is {held['phase']}, as new 12), so its"
+            " joint may run the wrong way: set it back with the manufacturer's FD program"
+        )
     if abs(held["homing_offset"]) > 2047:
         found.append(f"its homing offset {held['homing_offset']} is beyond 2047; calibrate again")
     if not 0 <= held["present_position"] <= 4095:
@@ -196,22 +215,26 @@ def _about_settings(held: Mapping[str, int]) -> list[str]:
     return found
 
 
-def _about_hearing(tally: Tally | None) -> list[str]:
-    asked = tally.answers + tally.lost + tally.corrupt if tally else 0
-    if tally is None or asked < 100:
+def _about_hearing(tally: Tally) -> list[str]:
+    share = _share(tally.corrupt, tally)
+    if share <= _ROUGH:
         return []
-    found = []
-    if tally.corrupt > _ROUGH * asked:
-        found.append(
-            f"{100 * tally.corrupt / asked:.1f} % of its answers are garbled: a loose cable, a"
-            " brown-out, or another servo with the same id"
-        )
-    if tally.lost > _ROUGH * asked:
-        found.append(
-            f"{100 * tally.lost / asked:.1f} % of the questions to it got no answer: a loose cable,"
-            " or this computer is too busy to listen"
-        )
-    return found
+    return [
+        f"{100 * share:.1f} % of its answers are garbled: a loose cable, a brown-out, or another"
+        " servo with the same id"
+    ]
+
+
+def _unheard(seen: Examination) -> dict[int, float]:
+    """What share of the questions got no answer, for servos where that is too many."""
+    tallies = {i: seen.tallies.get(i, Tally()) for i in seen.registers}
+    shares = {i: _share(tally.lost, tally) for i, tally in tallies.items()}
+    return {i: share for i, share in shares.items() if share > _ROUGH}
+
+
+def _share(count: int, tally: Tally) -> float:
+    """Of the questions to a servo; 0 as long as there were too few to tell."""
+    return count / tally.asked if tally.asked >= _ENOUGH else 0.0
 
 
 def _together(seen: Examination) -> list[str]:

@@ -15,12 +15,17 @@ from so101_motion.drivers import registers as reg
 from so101_motion.drivers.bus import Bus
 from so101_motion.drivers.connection import Connection
 from so101_motion.drivers.port import PortOpener
+from so101_motion.drivers.registers import Register
 from so101_motion.drivers.ticks import Ticks
 from so101_motion.errors import PortUnavailable
 
 T = TypeVar("T")
 
 _PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
+
+
+_START = reg.TORQUE_ENABLE.address
+_END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
 
 
 class Onlooker:
@@ -35,12 +40,14 @@ class Onlooker:
 
     Attributes:
         positions: Where each servo is that answered last [tick], by joint; replaced whole.
+        driven: The joints whose servos drive them, as of then.
     """
 
     def __init__(
         self, port: str, baud: int, clock: Clock, *, ids: Mapping[str, int], patience: float
     ) -> None:
         self.positions: Mapping[str, Ticks] = {}
+        self.driven: frozenset[str] = frozenset()
         self._port, self._home_baud, self._clock, self._patience = port, baud, clock, patience
         self._joints = {servo_id: joint for joint, servo_id in ids.items()}
         self._due = clock.now()
@@ -105,12 +112,23 @@ class Onlooker:
         )
 
     def _positions(self, bus: Bus) -> dict[str, Ticks]:
-        row = reg.PRESENT_POSITION
         silent = [i for i, joint in self._joints.items() if joint not in self.positions]
-        found = bus.sync_read(tuple(self._joints), row.address, row.size, given_up=silent)
-        return {self._joints[i]: Ticks(row.decode(answer.data)) for i, answer in found.items()}
+        found = bus.sync_read(tuple(self._joints), _START, _END - _START, given_up=silent)
+        self.driven = frozenset(
+            self._joints[i] for i, answer in found.items() if _held(answer.data, reg.TORQUE_ENABLE)
+        )
+        return {
+            self._joints[i]: Ticks(_held(answer.data, reg.PRESENT_POSITION))
+            for i, answer in found.items()
+        }
 
     def _let_go(self, bus: Bus) -> None:
         for servo_id in bus.answering(self._joints):
             if bus.read(servo_id, reg.TORQUE_ENABLE):
                 bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+
+
+def _held(data: bytes, register: Register) -> int:
+    """What a register holds in what was read from ``_START`` on."""
+    begin = register.address - _START
+    return register.decode(data[begin : begin + register.size])

@@ -5,8 +5,10 @@ What makes a control loop of a hundred ticks a second late, and what helps:
 * other programs want the processor: a thread with a real-time priority goes before them all
   (``go_first``; needs the right to, which root has and ``LimitRTPRIO`` in a service file gives);
 * other threads of this program hold the interpreter lock, for up to 5 ms at a time by default;
+* a thread that holds that lock loses its processor to another program, and the loop waits until it
+  gets it back, whatever priority the loop has: 650 ms were seen beside a browser that draws;
 * the garbage collector looks at everything that was ever imported, 60,000 objects, once in a while,
-  and holds that lock for 10 to 20 ms (``steady_interpreter`` is for these two).
+  and holds that lock for 10 to 20 ms (``steady_interpreter`` is for these three).
 
 Measured with a client that asks 50 times a second and a planner that never rests, two processors
 shared with strangers: p99 3.5 ms late without, 1.3 ms with all of it.
@@ -26,6 +28,10 @@ _TURN = 0.0005
 """For how long a thread may keep the interpreter lock while another wants it [s]. Chosen: a
 twentieth of a tick; much less would cost more in turns taken than it gains."""
 
+_NICENESS = -11
+"""What an ordinary program is to this one as 12 is to 1, in processor time, if both want all of it.
+As sound servers have it."""
+
 
 def go_first() -> bool:
     """Let the calling thread run before all ordinary ones; whether that was allowed.
@@ -43,10 +49,27 @@ def go_first() -> bool:
 
 
 def steady_interpreter() -> None:
-    """Let no thread hold up another for long: shorter turns, and no looking at what was imported.
+    """Let no thread hold up another for long.
 
-    For a program that has imported what it needs and is about to begin its work.
+    Turns get shorter, this thread and those it starts get their processor before ordinary programs
+    (if that is allowed), and what was imported is not looked at any more. For a program that has
+    imported what it needs and is about to begin its work.
     """
     sys.setswitchinterval(_TURN)
+    _change_niceness(0, _NICENESS)
     gc.collect()
     gc.freeze()
+
+
+def be_ordinary() -> None:
+    """Be no more than other programs, if a steady one has started this one."""
+    _change_niceness(_NICENESS, 0)
+
+
+def _change_niceness(before: int, after: int) -> None:
+    """Unless somebody has chosen another one for us."""
+    try:
+        if os.getpriority(os.PRIO_PROCESS, 0) == before:
+            os.setpriority(os.PRIO_PROCESS, 0, after)
+    except (AttributeError, OSError) as error:  # not on this system, or not for us
+        _log.debug("no niceness of %d: %s", after, error)

@@ -35,6 +35,7 @@ from so101_motion.drivers.feetech_arm import FeetechArm
 from so101_motion.drivers.health import JointHealth
 from so101_motion.drivers.port import PortOpener
 from so101_motion.drivers.presence import not_there
+from so101_motion.drivers.tally import Tallies
 from so101_motion.drivers.ticks import JointMap, Ticks
 from so101_motion.errors import BusError, NotHolding, PortUnavailable
 from so101_motion.geometry import Array
@@ -94,6 +95,8 @@ class Servos:
         self.settings: ServoSettings = settings
         self.setups: Mapping[str, JointSetup] = {}
         self.notes: tuple[str, ...] = ()
+        self._tallies = Tallies()
+        self._losses = 0  # of arms before the present one
         self._alarms: Mapping[str, str] = {}
         self._look_due = self._retry_due = clock.now()
         self._opener = PortOpener(settings.port, settings.baudrate)
@@ -141,6 +144,7 @@ class Servos:
         """Let go of the port; the servos stay as they are."""
         arm, self._arm = self._arm, None
         onlooker, self._onlooker = self._onlooker, None
+        self._losses += arm.port_losses if arm is not None else 0
         for user in (arm, onlooker):
             if user is not None:
                 user.close()
@@ -244,6 +248,13 @@ class Servos:
         return self._arm is not None and self._arm.is_driving
 
     @property
+    def holds(self) -> bool | None:
+        """Whether any servo drives its joint, ours or not; None if nobody answers."""
+        if self._onlooker is None:
+            return self.is_driving if self.is_connected else None
+        return bool(self._onlooker.driven) if self._onlooker.positions else None
+
+    @property
     def positions(self) -> Mapping[str, int]:
         """Where each servo is that answers while we drive nothing [tick], by joint."""
         return self._onlooker.positions if self._onlooker is not None else {}
@@ -251,7 +262,7 @@ class Servos:
     @property
     def port_losses(self) -> int:
         """How often the port went away."""
-        return self._arm.port_losses if self._arm is not None else 0
+        return self._losses + (self._arm.port_losses if self._arm is not None else 0)
 
     @property
     def calibration(self) -> dict[str, JointCalibration]:
@@ -350,6 +361,7 @@ class Servos:
             speed=SPEED_CAP,
             acceleration=ACCELERATION_CAP,
             patience=self._patience,
+            tallies=self._tallies,
         )
         try:
             if GRIPPER_JOINT in found.setups:
@@ -361,9 +373,11 @@ class Servos:
         return arm
 
     def _take(self, settings: ServoSettings, found: Survey) -> None:
+        known = self.notes  # a motor setup gives the bus back again and again
         self.settings, self.setups, self.notes = settings, found.setups, found.notes
         for note in found.notes:
-            _log.warning("%s", note)
+            if note not in known:
+                _log.warning("%s", note)
 
     def _survey(self, settings: ServoSettings) -> Survey:
         """Look who is there and what is known of them, before the driver takes the port."""

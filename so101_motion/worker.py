@@ -29,6 +29,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 from so101_motion.errors import So101Error, WorkerError
 from so101_motion.planning.scene import Scene
+from so101_motion.realtime import be_ordinary
 
 if TYPE_CHECKING:
     from so101_motion.planning.plan import Plan, PlanRequest
@@ -198,6 +199,7 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 def main() -> None:
     """The child: answer requests from standard input until it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    be_ordinary()  # whoever streams goes before whoever plans
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a library's print must not garble answers
 

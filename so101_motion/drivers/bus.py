@@ -37,9 +37,10 @@ from so101_motion.drivers.protocol import (
 )
 from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBER, Fault, Register
 from so101_motion.drivers.sdk import Port, WaitingHandler, sync_read_packet
+from so101_motion.drivers.tally import Tallies
 from so101_motion.errors import CorruptReply, NoReply, ServoFault
 
-__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "Tally"]
+__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "patience_in"]
 
 _log = logging.getLogger(__name__)
 
@@ -51,9 +52,16 @@ PATIENCE = 0.007
 """How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
 leave room for a busy machine and so that a cycle in which nobody answers still fits into 10 ms."""
 
-_PERSISTENCE = (1, 1, 2, 4)
-"""How many times as long each try of a question to one servo waits. A lost answer is soon asked for
-again, and a computer that was busy elsewhere for 50 ms makes no servo silent. Chosen."""
+_SHARE = 0.7
+"""How much of a control period may be spent waiting. Chosen: the rest is for what is computed."""
+
+_PERSISTENCE = (1, 1, 4, 24)
+"""How many times as long each try of a question waits. A lost answer is soon asked for again, and a
+computer that was busy elsewhere for 0.2 s makes no servo silent. Chosen: such pauses were seen of a
+kernel that hands over what a port has received when it finds the time."""
+
+_LONGEST = 0.2
+"""But no longer than this [s]."""
 
 OVERDUE = 0.25
 """For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
@@ -65,27 +73,6 @@ the wire takes [s]: an adapter hands over every millisecond or two what it has. 
 
 _GAP = 3  # byte times between two answers to a sync read (FW)
 _PING_SLOT = packet_size(0) + _GAP
-
-
-@dataclass(slots=True)
-class Tally:
-    """What happened with one servo since the start.
-
-    Attributes:
-        answers: Right answers.
-        lost: Questions without any answer.
-        corrupt: Questions whose answer was garbled.
-        retries: Questions asked again.
-        faults: Its newest status byte, see ``Fault``.
-        latched: Every status bit it has ever shown.
-    """
-
-    answers: int = 0
-    lost: int = 0
-    corrupt: int = 0
-    retries: int = 0
-    faults: int = 0
-    latched: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +88,11 @@ class RollCall:
     garbled: bool
 
 
+def patience_in(period: float) -> float:
+    """For how much patience a control cycle of ``period`` [s] has room [s]."""
+    return min(PATIENCE, _SHARE * period)
+
+
 class Bus:
     """The servos on one port. Used by one thread at a time.
 
@@ -108,11 +100,12 @@ class Bus:
         port: The open port; the bus's own from now on.
         names: What the servos are called in messages, by id.
         tallies: Counters to go on with, by id; for a bus that comes back on a new port.
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        patience: How long to wait for an answer beyond the time on the wire [s]. The answers of
+            many servos to one question get no more than that with the wire, if it leaves room.
 
     Attributes:
         port: As given.
-        tallies: Counters by id; an entry appears when a servo is first asked.
+        tallies: Counters by id.
     """
 
     def __init__(
@@ -120,11 +113,11 @@ class Bus:
         port: Port,
         *,
         names: Mapping[int, str] | None = None,
-        tallies: dict[int, Tally] | None = None,
+        tallies: Tallies | None = None,
         patience: float = PATIENCE,
     ) -> None:
         self.port = port
-        self.tallies = {} if tallies is None else tallies
+        self.tallies = Tallies() if tallies is None else tallies
         self._names = names or {}
         self._patience = patience
         self._sdk = scservo_sdk.PacketHandler(0)
@@ -177,7 +170,7 @@ class Bus:
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
             self._lengths.miss(servo_id, length, time.monotonic())
-            self._tally(servo_id).retries += 1
+            self.tallies[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
@@ -198,8 +191,8 @@ class Bus:
             held = self.read(servo_id, register)
             if held == value:
                 return
-            self._tally(servo_id).retries += 1
-        faults = Fault(self._tally(servo_id).faults)
+            self.tallies[servo_id].retries += 1
+        faults = Fault(self.tallies[servo_id].faults)
         reports = f" and reports {', '.join(faults.names)}" if faults.names else ""
         raise ServoFault(
             f"{self.label(servo_id)} was told {register.name} = {value} but holds {held}{reports};"
@@ -281,10 +274,10 @@ class Bus:
         garbled = answers.skipped + len(answers.rest) > 0
         return RollCall(tuple(sorted(answers.found)), garbled)
 
-    def answering(self, servo_ids: Iterable[int]) -> list[int]:
-        """Which of ``servo_ids`` are there."""
+    def answering(self, servo_ids: Iterable[int], *, tries: int = 1 + RETRIES) -> list[int]:
+        """Which of ``servo_ids`` are there; ``tries`` as in ``sync_read``."""
         row = MODEL_NUMBER
-        found = self.sync_read(tuple(servo_ids), row.address, row.size, tries=1 + RETRIES)
+        found = self.sync_read(tuple(servo_ids), row.address, row.size, tries=tries)
         return sorted(found)
 
     def sync_read(
@@ -294,7 +287,6 @@ class Bus:
         count: int,
         *,
         tries: int = 1,
-        silence_tries: int | None = None,
         given_up: Collection[int] = (),
     ) -> dict[int, Answer]:
         """``count`` bytes from ``start`` of many servos, in one transaction.
@@ -306,9 +298,8 @@ class Bus:
             servo_ids: Whom to ask.
             start: The first address.
             count: How many bytes.
-            tries: How often to ask those who do not answer.
-            silence_tries: The same as long as nobody at all has answered; ``tries`` by default. A
-                control loop had better ask again in its next cycle.
+            tries: How often to ask those who do not answer, 1 to 4; the later tries wait longer. A
+                control loop has no time for more than one, and asks again in its next cycle.
             given_up: Of those, who is asked only once: servos known to be silent.
 
         Returns:
@@ -322,14 +313,12 @@ class Bus:
         if start != self._start:
             self._expect_copies()
         for attempt in range(tries):
-            if not found and silence_tries is not None and attempt >= silence_tries:
-                break
             if attempt:
                 for servo_id in asked:
-                    self._tally(servo_id).retries += 1
+                    self.tallies[servo_id].retries += 1
             begin, length = self._span(asked, start, count)
             skip = start - begin
-            for servo_id, answer in self._sync_read_once(asked, begin, length).items():
+            for servo_id, answer in self._sync_read_once(asked, begin, length, attempt).items():
                 found[servo_id] = (
                     answer
                     if length == count
@@ -353,7 +342,7 @@ class Bus:
             answer = self._once(servo_id, instruction, params, count, tried)
             if isinstance(answer, Answer):
                 return answer
-            self._tally(servo_id).retries += 1
+            self.tallies[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
     def _once(
@@ -365,39 +354,45 @@ class Bus:
         tried: int = 0,
     ) -> Answer | bytes:
         """One question to one servo: the answer, or the bytes that were none."""
-        handler, tally = self._handler, self._tally(servo_id)
+        handler, tally = self._handler, self.tallies[servo_id]
         handler.is_using = False  # the SDK forgets to after an exception
         packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
         self._sdk.txPacket(handler, packet)
-        handler.patience = self._patience * _PERSISTENCE[tried]
+        handler.patience = self._patience_for(tried)
         handler.setPacketTimeout(len(packet) + packet_size(count))
         while True:
             raw, result = self._sdk.rxPacket(handler)
             if result != scservo_sdk.COMM_SUCCESS:
                 handler.clearPort()
-                tally.lost += not raw
-                tally.corrupt += bool(raw)
+                tally.missed(garbled=bool(raw))
                 return bytes(raw)
             # Anything else that is well-formed is a straggler: look on.
             if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
-                self._note(tally, raw[4])
+                tally.heard(raw[4])
                 return Answer(bytes(raw[5:-1]), raw[4])
 
-    def _sync_read_once(self, asked: list[int], start: int, count: int) -> dict[int, Answer]:
-        answers = Answers(asked, count)
+    def _patience_for(self, tried: int) -> float:
+        """How long to wait for an answer that was asked for ``tried`` times before [s]."""
+        return min(self._patience * _PERSISTENCE[tried], max(self._patience, _LONGEST))
+
+    def _sync_read_once(
+        self, asked: list[int], start: int, count: int, tried: int
+    ) -> dict[int, Answer]:
+        answers, patience = Answers(asked, count), self._patience_for(tried)
         self.port.discard()
         self.port.write(sync_read_packet(tuple(asked), start, count))
         wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
-        until = time.monotonic() + wire + self._patience
+        rest = min(_REST, 0.5 * patience)
+        until = time.monotonic() + max(patience, wire + rest)
         while not answers.is_complete and asked[-1] not in answers.found:
             data = self.port.read(until)
             if not data:
                 break
             if not answers.found:
-                until = min(until, time.monotonic() + wire + _REST)
+                until = min(until, time.monotonic() + wire + rest)
             answers.feed(data)
         for servo_id, answer in answers.found.items():
-            self._note(self._tally(servo_id), answer.faults)
+            self.tallies[servo_id].heard(answer.faults)
         if not answers.is_complete:
             self._miss(answers, asked, count)
         return answers.found
@@ -409,9 +404,7 @@ class Bus:
         for servo_id in asked:
             if servo_id not in answers.found:
                 self._lengths.miss(servo_id, count, now)
-                tally = self._tally(servo_id)
-                tally.corrupt += garbled
-                tally.lost += not garbled
+                self.tallies[servo_id].missed(garbled=garbled)
 
     def _span(self, servo_ids: Collection[int], start: int, count: int) -> tuple[int, int]:
         """First address and length to ask for, so that the answer can be told from stragglers."""
@@ -429,19 +422,6 @@ class Bus:
         for (servo_id, length), when in self._answered_with.items():
             self._lengths.hit(servo_id, length, when)
         self._answered_with.clear()
-
-    def _tally(self, servo_id: int) -> Tally:
-        tally = self.tallies.get(servo_id)
-        if tally is None:
-            tally = self.tallies[servo_id] = Tally()
-        return tally
-
-    @staticmethod
-    def _note(tally: Tally, faults: int) -> None:
-        tally.answers += 1
-        tally.faults = faults
-        if faults:
-            tally.latched |= faults
 
     def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
         label, tries = self.label(servo_id), 1 + RETRIES

@@ -17,6 +17,7 @@ from so101_motion.drivers.presence import Presence, not_there
 from so101_motion.drivers.registers import Register
 from so101_motion.drivers.sdk import Port
 from so101_motion.drivers.servo_setup import ServoCondition, prepare
+from so101_motion.drivers.tally import Tallies
 from so101_motion.drivers.ticks import JointMap
 from so101_motion.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
 
@@ -31,7 +32,8 @@ class Chain:
         names: What the joints are called, by index.
         ram: What RAM registers must hold in every servo.
         met: Called with a joint and how its servo was found, after it was set up.
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        patience: See ``Bus``.
+        tallies: See ``Bus``.
 
     Attributes:
         index: The joint of each servo.
@@ -51,12 +53,15 @@ class Chain:
         ram: Mapping[Register, int],
         met: Callable[[int, ServoCondition], None],
         patience: float,
+        tallies: Tallies | None,
     ) -> None:
         self.index = {joint.servo_id: i for i, joint in maps.items()}
         self.ram = {servo_id: dict(ram) for servo_id in self.index}
         self.presence = Presence(tuple(self.index))
         labels = {servo_id: names[i] for servo_id, i in self.index.items()}
-        self.connection = Connection(open_port, clock, names=labels, patience=patience)
+        self.connection = Connection(
+            open_port, clock, names=labels, patience=patience, tallies=tallies
+        )
         self.is_met = False
         self._maps, self._met = maps, met
 

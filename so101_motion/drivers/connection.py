@@ -12,8 +12,9 @@ import logging
 from collections.abc import Callable, Mapping
 
 from so101_motion.clock import Clock
-from so101_motion.drivers.bus import PATIENCE, Bus, Tally
+from so101_motion.drivers.bus import PATIENCE, Bus
 from so101_motion.drivers.sdk import Port
+from so101_motion.drivers.tally import Tallies
 from so101_motion.errors import PortUnavailable
 
 _log = logging.getLogger(__name__)
@@ -33,6 +34,7 @@ class Connection:
         clock: What time it is.
         names: What the servos are called in messages, by id.
         patience: See ``Bus``.
+        tallies: Counters to go on with, by id.
 
     Attributes:
         tallies: The servos' counters, by id.
@@ -46,8 +48,9 @@ class Connection:
         *,
         names: Mapping[int, str],
         patience: float = PATIENCE,
+        tallies: Tallies | None = None,
     ) -> None:
-        self.tallies: dict[int, Tally] = {}
+        self.tallies = Tallies() if tallies is None else tallies
         self.losses = 0
         self._open_port, self._clock = open_port, clock
         self._names, self._patience = names, patience

@@ -13,11 +13,13 @@ stands a little off its goal under its load; the first goal keeps exactly that d
 outside its limits, where no goal can keep it, is left as it is until a goal inside comes
 (``strays.py``). What the goals are: see ``aim.py``, and while a hand guides the arm ``guiding.py``.
 
-*One silent servo costs nobody else anything.* For a quarter of a second its joint is taken to go
-where it is sent (``unseen.py``). Then ``read`` raises ``NoReply`` once, which ends what is under
-way; after that the others are read as before, and the silent one is asked along. When it answers
-again it is set up anew, and if it had restarted it is made to hold where it is and ``ServoFault``
-is raised once, because the joint may stand elsewhere now.
+*One silent servo costs nobody else anything*, and no answer is asked for twice in a cycle: there is
+no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
+is taken to go where it is sent (``unseen.py``), for half a second if none is. Then ``read`` raises
+``NoReply`` once, which ends what is under way; after that the others are read as before, and the
+silent one is asked along. When it answers again it is set up anew, and if it had restarted it is
+made to hold where it is and ``ServoFault`` is raised once, because the joint may stand elsewhere
+now.
 
 *The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
 tries to get it back (``chain.py``) and sets the servos up again. They hold meanwhile, and
@@ -44,6 +46,7 @@ from so101_motion.drivers.sdk import Port
 from so101_motion.drivers.servo_setup import ServoCondition, engage
 from so101_motion.drivers.slope import Slope
 from so101_motion.drivers.strays import Strays
+from so101_motion.drivers.tally import Tallies
 from so101_motion.drivers.ticks import JointMap, Ticks, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.unseen import Unseen
 from so101_motion.errors import BusError, ServoFault
@@ -81,6 +84,7 @@ class FeetechArm:
         acceleration: Acceleration cap kept by the servos themselves [rad/s^2]; well above what
             is planned, or the servos lag behind.
         patience: How long to wait for an answer beyond the time on the wire [s].
+        tallies: The servos' counters so far, by id, if there has been an arm on this port before.
 
     Raises:
         BusError: The port cannot be opened, or a servo cannot be reached or set up.
@@ -97,6 +101,7 @@ class FeetechArm:
         speed: float,
         acceleration: float,
         patience: float = PATIENCE,
+        tallies: Tallies | None = None,
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
@@ -111,6 +116,7 @@ class FeetechArm:
             },
             met=self._take_over,
             patience=patience,
+            tallies=tallies,
         )
         self._index, self._presence = self._chain.index, self._chain.presence
         if len(self._index) != len(maps):
@@ -329,8 +335,6 @@ class FeetechArm:
             tuple(self._index),
             VITALS_START,
             self._vitals.count(now),
-            tries=2,
-            silence_tries=1,
             given_up=self._presence.unanswering,
         )
         wanted = self._aim.q if self._aim.is_set and self._torque else None

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Tally
 from so101_motion.drivers.protocol import Answer
 from so101_motion.drivers.registers import Fault
+from so101_motion.drivers.tally import Tally
 
 VITALS_START = reg.PRESENT_POSITION.address
 VITALS_COUNT = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size - VITALS_START
@@ -61,26 +62,47 @@ def joint_health(
     joint: str, servo_id: int, t: float, block: bytes, tally: Tally, *, is_silent: bool
 ) -> JointHealth:
     """The snapshot that the measured block of a servo and its counters make."""
-
-    def si(register: reg.Register) -> float:
-        return register.scale * register.cut(block, VITALS_START)
-
+    volts, amps, temperature_c, load = _figures(block)
     return JointHealth(
         joint=joint,
         servo_id=servo_id,
         t=t,
         is_silent=is_silent,
-        volts=si(reg.PRESENT_VOLTAGE),
-        amps=si(reg.PRESENT_CURRENT),
-        temperature_c=reg.PRESENT_TEMPERATURE.cut(block, VITALS_START),
-        load=si(reg.PRESENT_LOAD),
-        faults=Fault(tally.faults).names,
-        latched=Fault(tally.latched).names,
+        volts=volts,
+        amps=amps,
+        temperature_c=temperature_c,
+        load=load,
+        faults=_words(tally.faults),
+        latched=_words(tally.latched),
         answers=tally.answers,
         lost=tally.lost,
         corrupt=tally.corrupt,
         retries=tally.retries,
     )
+
+
+# Both are asked in every cycle, and the answer changes ten times a second at most.
+
+
+@lru_cache(maxsize=256)
+def _figures(block: bytes) -> tuple[float, float, int, float]:
+    """Volts, amperes, degrees Celsius and drive in a measured block."""
+
+    def si(register: reg.Register) -> float:
+        return register.scale * register.cut(block, VITALS_START)
+
+    return (
+        si(reg.PRESENT_VOLTAGE),
+        si(reg.PRESENT_CURRENT),
+        reg.PRESENT_TEMPERATURE.cut(block, VITALS_START),
+        si(reg.PRESENT_LOAD),
+    )
+
+
+@lru_cache(maxsize=256)
+def _words(status: int) -> tuple[str, ...]:
+    """What the bits of a status byte mean."""
+    return Fault(status).names
 
 
 class Vitals:

@@ -10,13 +10,16 @@ from so101_motion.errors import NoReply
 
 SILENT_AFTER = 0.25
 """For how long a servo must not have answered to count as silent [s]. Chosen: meanwhile its joint
-goes on to its goals unseen. A busy computer was seen to keep all answers from us for 0.1 s and more
-(its kernel hands over what a port has received when it finds the time), and that is no reason to
-end a motion."""
+goes on to its goals unseen."""
 
-_FEWEST = 5
-"""And so many reads in a row. With 7 % of the answers spoiled and each read repeated once, that
-happens by chance once in 3e11 reads. Chosen."""
+ALL_SILENT_AFTER = 0.5
+"""The same while nobody answers [s]. A busy computer was seen to keep all answers from us for 0.3 s
+(its kernel hands over what a port has received when it finds the time), and that is no reason to
+end a motion; without power, which is the other cause, there is none to end. Chosen."""
+
+_FEWEST = 8
+"""And so many reads in a row. With 7 % of the answers spoiled, that happens by chance once in 2e9
+answers: to a resting arm, which is looked at every 50 ms, twice a year. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +73,11 @@ class Presence:
             if servo_id not in found:
                 count, since = before.get(servo_id, (0, now))
                 self._misses[servo_id] = (count + 1, since)
+        enough = SILENT_AFTER if found else ALL_SILENT_AFTER
         lost = {
             servo_id
             for servo_id, (count, since) in self._misses.items()
-            if count >= _FEWEST and now - since >= SILENT_AFTER - 1e-9
+            if count >= _FEWEST and now - since >= enough - 1e-9
         }
         change = Change(
             fallen=tuple(sorted(lost - self.silent)), back=tuple(sorted(self.silent & set(found)))

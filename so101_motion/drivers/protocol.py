@@ -28,6 +28,7 @@ _SYNC_WRITE = 0x83
 _HEADER = b"\xff\xff"
 _OVERHEAD = 6  # header 2, id, length, flags, checksum
 _COPIES = 4  # of how many answers a copy is reckoned with
+_CHOICE = 40  # lengths to choose from; chosen: as many questions as a control loop asks in 0.2 s
 
 
 def packet_size(count: int) -> int:
@@ -144,8 +145,8 @@ class Lengths:
     def choose(self, servo_ids: Iterable[int], count: int, now: float) -> int:
         """The smallest length from ``count`` up that no straggler of these servos can have.
 
-        Were all lengths taken, the one whose straggler is due soonest; that many stragglers need
-        a stream of questions that nobody waits for.
+        If all that still leave a cycle room are taken, the one whose straggler is due soonest;
+        that many stragglers need a stream of questions that nobody waits for.
         """
         if now >= self._until:
             return count
@@ -159,7 +160,8 @@ class Lengths:
                     taken[length] = max(until, taken.get(length, now))
         if count not in taken:
             return count
-        return min(range(count, max(count + 1, END)), key=lambda length: taken.get(length, now))
+        longest = max(count, min(count + _CHOICE, END) - 1)
+        return min(range(count, longest + 1), key=lambda length: taken.get(length, now))
 
     def miss(self, servo_id: int, count: int, now: float) -> None:
         """An answer of this length has not come in time [s]."""

@@ -204,5 +204,9 @@ REGISTERS: dict[str, Register] = {
 MULTI_TURN = 0x10
 """Bit of ``PHASE``: positions leave 0..4095 when the shaft turns on. LR clears it as well."""
 
+REVERSED = 0x81
+"""Bits of ``PHASE``: the motor or the encoder turns the other way. Never set in a new servo (FT);
+nothing here changes them, for a servo with one of them alone runs away."""
+
 STS3215_MODEL = 777
 """``MODEL_NUMBER`` of the arm's servos (LR)."""

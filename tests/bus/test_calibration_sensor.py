@@ -371,3 +371,28 @@ async def test_status_and_closing(bench):
     assert status["calibration_state"] == "idle"
     assert status["connected"] is True
     assert status["calibration_file"].endswith("so101_calibration.json")
+
+
+# The steps of a setup
+
+
+async def test_the_steps_of_a_setup_are_told_with_what_is_left_of_each(bench):
+    sensor = new_sensor(bench)
+    await bench.pass_time(0.3)
+    told = await do(sensor, "setup_steps", workflow="calibration")
+    assert told["title"] == "Calibration Only"
+    names = [step["name"] for step in told["steps"]]
+    assert names == ["connect", "chain", "pose", "record", "save", "test", "configure"]
+    assert told["next_step"] == "chain"
+
+    assert (await do(sensor, "motor_setup_verify"))["success"] is True
+    await record(bench, sensor)
+    verdicts = {
+        step["name"]: step["verdict"] for step in (await do(sensor, "setup_steps"))["steps"]
+    }
+    assert verdicts["chain"] == verdicts["pose"] == verdicts["record"] == "ok"
+    assert verdicts["save"] == "fail"
+
+    await do(sensor, "save_calibration")
+    assert "next_step" not in await do(sensor, "setup_steps")
+    assert 'did you mean "full"' in await refused(sensor, "setup_steps", workflow="ful")

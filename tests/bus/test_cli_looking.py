@@ -198,3 +198,46 @@ def test_a_file_is_compared_with_what_the_servos_hold(arm, file):
     assert result.exit_code == 6
     assert "elbow_flex: range_max is" in result.stdout
     assert "gripper: not known in the servos" in result.stdout
+
+
+# Looking at an arm, and at what would be done to it
+
+
+def test_the_status_of_a_limp_arm_is_told_and_it_stays_limp(arm, file):
+    before = memories(arm)
+    result = run("status", "--port", arm.port)
+    assert result.exit_code == 0, result.output
+    assert "limp" in result.stdout
+    assert "elbow_flex" in result.stdout
+    told = json.loads(run("status", "--port", arm.port, "--json").stdout)
+    assert told["joints_found"] == list(JOINTS)
+    assert told["q_deg"]["shoulder_pan"] == pytest.approx(0.0, abs=10.0)
+    assert memories(arm) == before
+
+
+def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(arm, tmp_path):
+    before = memories(arm)
+    result = run("calibrate", "--port", arm.port, "--dry-run", "--file", "new.json")
+    assert result.exit_code == 0, result.output
+    assert "would let go of" in result.stdout
+    told = run("calibrate", "--port", arm.port, "--dry-run", "--joint", "gripper", "--json").stdout
+    assert json.loads(told)["joints"] == ["gripper"]
+    result = run("setup", "--port", arm.port, "--dry-run", "--joint", "wrist_flex")
+    assert result.exit_code == 0, result.output
+    assert "the motor of wrist_flex: id 4" in result.stdout
+    told = json.loads(run("setup", "--port", arm.port, "--dry-run", "--json").stdout)
+    assert told["would_set_up"] == []
+    assert memories(arm) == before
+    assert not list((tmp_path / "work").iterdir())
+
+
+def test_a_port_is_measured_without_driving_the_arm(arm, planning_process):
+    before = memories(arm)
+    result = run("bench", "--port", arm.port, "--json")
+    assert result.exit_code == 0, result.output
+    figures = json.loads(result.stdout)["figures"]
+    assert set(figures) == {"start", "plan_joints", "plan_point", "loop", "bus"}
+    assert figures["plan_point"]["n"] == 40
+    assert figures["bus"]["remark"].endswith("garbled of 1200 answers")
+    assert 0.0 < figures["loop"]["median_ms"] <= figures["loop"]["worst_ms"]
+    assert memories(arm) == before

@@ -293,6 +293,24 @@ async def test_reinitialize_sets_everything_up_again(bench, client):
     assert "elbow_flex" in answer["error"]
 
 
+async def test_what_went_wrong_on_the_wire_is_still_told_after_setting_up_again(bench, client):
+    bench.emulator.bus.faults.loss = 0.05
+    await bench.pass_time(2.0)
+    bench.emulator.bus.faults.loss = 0.0
+    before = (await ask(client, bench, command="health"))["joints"]
+    assert sum(one["lost"] for one in before.values()) > 0
+    bench.emulator.unplug()
+    await bench.pass_time(1.0)
+    bench.emulator.plug()
+    await bench.pass_time(3.0)
+    assert (await ask(client, bench, command="reinitialize", retries=3))["success"]
+    after = await ask(client, bench, command="health")
+    assert after["port_losses"] == 1
+    for joint, one in before.items():
+        assert after["joints"][joint]["lost"] >= one["lost"]
+        assert after["joints"][joint]["answers"] > one["answers"]
+
+
 async def test_the_calibration_is_told_with_its_source(bench, client):
     answer = await ask(client, bench, command="get_calibration")
     pan = answer["calibration"]["shoulder_pan"]
@@ -368,6 +386,8 @@ async def test_a_torque_limit_reaches_the_servos(bench, client):
     ("request_", "says"),
     [
         ({"command": "diagnoze"}, 'did you mean "diagnose"'),
+        ({"set_torque": True}, '"set_torque" is a command, not a key: send {"command": "set_torq'),
+        ({"set_torqe": True}, 'did you mean "set_torque"?'),
         ({"command": "set_torque"}, "enable"),
         ({"command": "set_torque", "enable": "yes"}, "true or false"),
         ({"command": "reinitialize", "retries": 0}, "retries"),

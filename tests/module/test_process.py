@@ -25,6 +25,7 @@ from fake_parent import (
 )
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
+from hardware_port import emulated_port
 from viam.components.arm import JointPositions, Pose
 from viam.proto.common import (
     GeometriesInFrame,
@@ -188,17 +189,26 @@ class FakeMotion(Motion):
     stop_plan = get_plan = list_plan_statuses = None
 
 
-async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent():
-    service = FakeMotion()
+async def ask_a_named_motion_service(model, **attributes):
+    service, attributes = FakeMotion(), {"motion": "mine", **attributes}
     rpc = MotionRPCService(ResourceManager([service]))
     resources = [Motion.get_resource_name("mine")]
     async with running_module(services=[rpc], resources=resources) as (module, _, _):
-        answer = await module.validate(ARM, SIMULATED, {"motion": "mine"})
+        answer = await module.validate(ARM, model, attributes)
         assert list(answer.dependencies) == ["rdk:service:motion/mine"]
-        arm = await module.add(ARM, SIMULATED, {"motion": "mine"}, "arm", answer.dependencies)
+        arm = await module.add(ARM, model, attributes, "arm", answer.dependencies)
         await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
 
     assert service.asked == [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
+
+
+async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent():
+    await ask_a_named_motion_service(SIMULATED)
+
+
+async def test_a_real_arm_asks_a_named_motion_service_as_well(tmp_path):
+    async with emulated_port(tmp_path) as emulated:
+        await ask_a_named_motion_service(HARDWARE_ARM, port=emulated.port)
 
 
 async def test_our_motion_service_asks_the_machine_where_the_arm_stands():

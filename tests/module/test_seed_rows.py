@@ -119,6 +119,9 @@ async def test_an_arm_s_wrong_setting_is_refused_by_name(session, attributes, sa
         {"servo_ids": [1.0, 2.0, 3.0, 4.0, 5.0], "baudrate": 1000000.0},
         {"speed_degs_per_sec": 180.0, "acceleration_degs_per_sec_per_sec": 10.0},
         {"calibration_file": "mine.json", "visualize_ee_frame": True},
+        {"port": "/dev/serial/by-id/usb-1a86_USB_Single_Serial_58CD176705-if00"},
+        {"port": "/dev/tty.usbmodem58CD1767051"},
+        {"port": "COM3"},
     ],
 )
 async def test_an_arm_s_settings_are_understood(session, more):
@@ -179,6 +182,7 @@ async def test_a_move_says_that_it_is_moving_and_a_stop_ends_it(session):
 
 
 async def test_waypoints_are_passed_in_one_go_no_faster_than_asked(session):
+    """GoToInputs arrives as this call, for viam-server makes one of it."""
     start = await session.joints()
     way = [await session.near(1, 0, 0, 0, 0), await session.near(1, 0, 0, 0, 1), start]
     options = MoveOptions(max_vel_degs_per_sec=12.0, max_acc_degs_per_sec2=60.0)
@@ -205,7 +209,7 @@ async def test_the_number_of_joints_and_their_limits_are_checked(session):
     q = await session.joints()
     with pytest.raises(GRPCError) as caught:
         await session.arm.move_to_joint_positions(positions(q[:4]))
-    assert caught.value.status is Status.OUT_OF_RANGE
+    assert caught.value.status is Status.INVALID_ARGUMENT
     with pytest.raises(GRPCError) as caught:
         await session.arm.move_to_joint_positions(positions([*q[:2], 120.0, *q[3:]]))
     assert caught.value.status is Status.OUT_OF_RANGE
@@ -249,6 +253,23 @@ async def test_real_and_simulated_arms_have_the_same_kinematics(session):
         assert chains[0] == chains[1]
     finally:
         await session.module.remove(ARM, "simulated")
+
+
+@pytest.mark.emulator_only
+async def test_how_arm_and_gripper_look_can_be_chosen(session):
+    port, add = session.port.port, session.module.add
+    attributes = {"port": port, "acceleration_degs_per_sec_per_sec": 300.0}
+    shown = await add(ARM, HARDWARE_ARM, {**attributes, "visualize_ee_frame": True}, "shown")
+    handle = await add(
+        GRIPPER, HARDWARE_GRIPPER, {"port": port, "gripper_type": "leader"}, "handle"
+    )
+    try:
+        assert "tool" in await shown.get_3d_models()
+        assert "tool" not in await session.arm.get_3d_models()
+        assert "gripper_body_1" in [part.label for part in await handle.get_geometries()]
+    finally:
+        await session.module.remove(ARM, "shown")
+        await session.module.remove(GRIPPER, "handle")
 
 
 async def test_its_parts_are_shown(session):
@@ -376,3 +397,5 @@ async def test_the_gripper_s_jaw_is_shown_where_it_is(session):
     assert any("moving" in label for label in labels)
     _kind, data, *_ = await session.gripper.get_kinematics()
     assert json.loads(data)["joints"] == []
+    assert list(await session.gripper.get_current_inputs()) == []
+    await session.gripper.go_to_inputs([])

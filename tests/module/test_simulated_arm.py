@@ -141,8 +141,8 @@ async def test_a_pose_that_is_no_number_is_an_invalid_argument(client):
     [
         ([0, 0, 95, 0, 0], Status.OUT_OF_RANGE, ("elbow_flex", "95", "90.8")),
         ([-111, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("shoulder_pan", "-111", "-110")),
-        ([0, 0, 0, 0], Status.OUT_OF_RANGE, ("got 4 joint values",)),
-        ([0, 0, 0, 0, 0, 0], Status.OUT_OF_RANGE, ("got 6 joint values",)),
+        ([0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 4 joint values",)),
+        ([0, 0, 0, 0, 0, 0], Status.INVALID_ARGUMENT, ("got 6 joint values",)),
         ([0, math.nan, 0, 0, 0], Status.INVALID_ARGUMENT, ("shoulder_lift", "finite")),
     ],
 )
@@ -221,7 +221,7 @@ async def test_a_list_of_caps_for_the_wrong_number_of_joints_is_refused(client):
     with pytest.raises(GRPCError) as caught:
         await client.move_through_joint_positions([joints(*HOME)], options)
 
-    assert caught.value.status is Status.OUT_OF_RANGE
+    assert caught.value.status is Status.INVALID_ARGUMENT
 
 
 async def test_a_stop_ends_the_move_with_an_error_that_says_so(client):
@@ -478,6 +478,7 @@ async def test_a_refused_request_has_changed_nothing(client, request_, says):
         ({"command": "advance_time", "second": 1.0}, 'did you mean "seconds"?'),
         ({"command": 3.0}, "known: "),
         ({"set_sped": 3.0}, 'did you mean "set_speed"?'),
+        ({"advance_time": 3.0}, 'is a command, not a key: send {"command": "advance_time", ...}'),
         ({}, "known: "),
     ],
 )

@@ -75,6 +75,23 @@ def test_a_silent_servo_is_an_error_that_names_servo_joint_register_and_tries(po
     assert len(port.sent) == 1 + RETRIES
 
 
+def test_a_silent_servo_is_given_more_time_in_the_end(port):
+    limits = []
+    read = port.read
+
+    def noted(until):
+        if until not in limits:
+            limits.append(until)
+        return read(until)
+
+    port.read = noted
+    port.world.disconnect(3)
+    with pytest.raises(NoReply):
+        Bus(port, patience=0.001).read(3, POSITION)
+    assert len(limits) == 1 + RETRIES
+    assert limits[-1] - limits[-2] > 0.02
+
+
 def test_answers_that_stay_garbled_are_an_error_with_the_bytes(port, bus):
     port.faults.corrupt = 1.0
     with pytest.raises(CorruptReply, match="nonsense") as info:

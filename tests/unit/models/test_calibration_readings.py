@@ -52,6 +52,7 @@ def situation(state=State.RECORDING, joint=ELBOW, **changes):
         angles={},
         calibration_file=Path("/data/arm.json"),
         is_connected=True,
+        holds=False,
         notes=(),
     )
     return replace(now, **changes)

@@ -1,0 +1,121 @@
+"""Going back to an earlier calibration, and taking an arm in hand that no component asks for."""
+
+import math
+
+import pytest
+
+from so101_motion.calib import store
+from so101_motion.calibrator import Calibrator
+from so101_motion.clock import ManualClock
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.errors import CalibrationError
+from so101_motion.modes import Mode
+from so101_motion.rig import open_hardware
+from so101_motion.servos import ServoSettings
+
+PATIENCE = 0.2
+
+
+class Arm:
+    """A new arm on a port, and a calibrator on it; nothing has weight."""
+
+    def __init__(self, folder):
+        self.clock = ManualClock()
+        self.emulator = Emulator(
+            EmulatorOptions(link=folder / "port", calibrated=False), now=self.clock.now
+        )
+        settings = ServoSettings(
+            port=str(folder / "port"), timeout=None, fallback_file=folder / "arm.json"
+        )
+        self.rig = open_hardware(settings, clock=self.clock, patience=PATIENCE)
+        self.calibrator = Calibrator(self.rig)
+
+    def close(self):
+        self.calibrator.close()
+        self.emulator.close()
+
+    def put(self, share):
+        with self.emulator.world.lock:
+            for servo in self.emulator.world.servos:
+                shaft = servo.drive.shaft
+                shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+
+    def pass_time(self, seconds):
+        self.clock.advance(seconds)
+        self.emulator.advance()
+
+    def calibrate(self, homed_at=0.5):
+        self.put(homed_at)
+        self.calibrator.start()
+        self.calibrator.set_homing()
+        self.calibrator.start_recording()
+        for share in (0.5, 0.3, 0.1, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.5):
+            self.put(share)
+            self.pass_time(0.05)
+        self.calibrator.stop_recording()
+        return self.calibrator.save()
+
+    @property
+    def held(self):
+        rows = (emu.OFFSET, emu.MIN_POSITION, emu.MAX_POSITION)
+        return [[servo.memory.raw(row) for row in rows] for servo in self.emulator.world.servos]
+
+    @property
+    def driven(self):
+        return [servo.memory.raw(emu.TORQUE_ENABLE) == 1 for servo in self.emulator.world.servos]
+
+
+@pytest.fixture
+def arm(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    arm = Arm(tmp_path)
+    yield arm
+    arm.close()
+
+
+def test_going_back_brings_file_and_servos_to_what_they_held_and_the_arm_holds(arm, tmp_path):
+    first = arm.calibrate().stored
+    then = arm.held
+    second = arm.calibrate(homed_at=0.4).stored
+    assert arm.held != then
+    assert second.calibration != first.calibration
+
+    ended = arm.calibrator.restore()
+    assert ended.stored.calibration == store.read(tmp_path / "arm.json").calibration
+    assert ended.stored.calibration == first.calibration
+    assert ended.stored.zeros == first.zeros
+    assert arm.held == then
+    assert ended.holds
+    assert ended.trouble is None
+    assert all(arm.driven)
+
+    again = arm.calibrator.restore()  # and forth
+    assert again.stored.calibration == second.calibration
+
+
+def test_there_is_nothing_to_go_back_to_at_first_and_the_arm_stays_as_it_was(arm):
+    arm.calibrate()
+    with pytest.raises(CalibrationError, match="no earlier version"):
+        arm.calibrator.restore()
+    arm.pass_time(0.1)
+    assert all(arm.driven)
+    assert arm.rig.arm.state.mode is Mode.HOLDING
+
+
+def test_a_calibration_under_way_is_ended_first(arm):
+    arm.calibrator.start()
+    for call in (arm.calibrator.restore, arm.calibrator.hold):
+        with pytest.raises(CalibrationError, match="under way"):
+            call()
+    assert not any(arm.driven)
+
+
+def test_an_arm_that_nobody_asks_for_can_be_held_where_it_stands_and_moved(arm):
+    assert arm.rig.arm.state.mode is Mode.LIMP
+    assert arm.calibrator.hold().holds
+    assert all(arm.driven)
+    arm.pass_time(0.2)
+    before = arm.rig.arm.state.q
+    arm.pass_time(0.5)
+    assert arm.rig.arm.state.q == pytest.approx(before, abs=math.radians(3.0))  # it has weight

@@ -1,0 +1,91 @@
+"""The setup page's calibration of a machine's arm: through the sensor of a real module process."""
+
+import threading
+import time
+
+import pytest
+from emulated_kit import Kit
+from fake_parent import CALIBRATION, SENSOR
+from machine_harness import SIM, running_machine
+from so101_viewer.setup.machine import MachineCalibrator
+
+from so101_motion.calib.record import JOINTS
+from so101_motion.calib.steps import State
+from so101_motion.calib.verdict import Verdict
+from so101_motion.errors import MachineRefused, MachineUnavailable
+from so101_motion.machine import MachineRig
+
+PAUSE = threading.Event()
+
+
+def resources(port):
+    """What the machine has: the sensor is on the servos, and its arm is simulated."""
+    return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port}))
+
+
+def until(condition, seconds=20.0):
+    """Wait for ``condition``: the machine is another process, whose time is real."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not come true"
+        PAUSE.wait(0.02)
+
+
+@pytest.mark.slow
+def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path):
+    kit = Kit(tmp_path)
+    kit.put(0.5)
+    try:
+        with (
+            running_machine(resources=resources(kit.port)) as machine,
+            MachineRig.connect(machine.address) as rig,
+        ):
+            calibrator = MachineCalibrator(
+                lambda command: rig.do_command("calibration", command),
+                lambda: rig.readings("calibration"),
+                hold=lambda: rig.arm.set_torque(True),
+            )
+            try:
+                calibrate(calibrator, kit, machine)
+            finally:
+                calibrator.close()
+    finally:
+        kit.close()
+
+
+def calibrate(calibrator, kit, machine):
+    assert calibrator.situation.view.state is State.IDLE
+    with pytest.raises(MachineRefused, match="set_homing"):
+        calibrator.set_homing()
+
+    calibrator.start()
+    assert calibrator.situation.view.state is State.STARTED
+    assert not any(kit.driven)
+    calibrator.set_homing()
+    calibrator.start_recording()
+    kit.let_go()
+    for share in (0.5, 0.45, 0.4, 0.35, 0.3, 0.3, 0.3):
+        kit.put(share)
+        PAUSE.wait(0.03)
+    until(lambda: calibrator.situation.joints["elbow_flex"].verdict is Verdict.TOO_SHORT)
+    with pytest.raises(MachineRefused, match="elbow_flex"):
+        calibrator.stop_recording()
+
+    machine.cut()
+    until(lambda: not calibrator.situation.is_connected)
+    assert "127.0.0.1" in calibrator.situation.view.error
+    with pytest.raises(MachineUnavailable):
+        calibrator.save()
+    machine.mend()
+    until(lambda: calibrator.situation.is_connected)
+    assert calibrator.situation.view.state is State.RECORDING, "it went on over there"
+
+    wait = kit.sweep()
+    until(lambda: all(view.is_done for view in calibrator.situation.joints.values()), wait + 20.0)
+    calibrator.stop_recording()
+    ended = calibrator.save()
+    assert ended.holds
+    assert set(ended.stored.calibration) == set(JOINTS)
+    assert all(kit.driven)
+    assert calibrator.situation.view.state is State.IDLE
+    assert calibrator.situation.holds

@@ -1,0 +1,120 @@
+"""The command line on a running machine: the module's real process, over TCP."""
+
+import contextlib
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from machine_harness import running_machine
+
+from so101_motion.cli import main
+from so101_motion.errors import So101Error
+from so101_motion.machine import MachineRig
+from so101_motion.modes import Mode
+from so101_motion.planning.goals import JointGoal
+from so101_motion.state import ARM_JOINTS
+
+
+@pytest.fixture(scope="module")
+def machine():
+    with running_machine() as machine:
+        yield machine
+
+
+@pytest.fixture(autouse=True)
+def nothing_from_the_environment(monkeypatch):
+    for name in ("SO101_PORT", "SO101_MACHINE", "SO101_API_KEY", "SO101_API_KEY_ID"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, list(arguments))
+
+
+def test_a_machines_arm_is_moved_as_any_other(machine):
+    at = ("--machine", machine.address)
+    result = run("move", *at, "--joints", "10,-40,40,40,0", "--speed", "120", "--yes", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["arrived"]["off_deg"] < 0.1
+    told = json.loads(run("status", *at, "--json").stdout)
+    assert told["mode"] == "holding"
+    assert told["q_deg"]["shoulder_pan"] == pytest.approx(10.0, abs=0.1)
+    assert {each["name"] for each in told["resources"]} == {"arm", "gripper"}
+    planned = json.loads(run("plan", *at, "--xyz", "250,0,100", "--json").stdout)
+    assert planned["q_start_deg"] == pytest.approx([10, -40, 40, 40, 0], abs=0.1)
+    result = run("status", *at)
+    assert "shoulder_lift" in result.stdout
+
+
+def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
+    with MachineRig.connect(machine.address) as rig:
+        rig.arm.start_move(JointGoal(q=np.radians([0.0, -40.0, 40.0, 40.0, 0.0]))).result(20.0)
+        motion = rig.arm.start_move(JointGoal(q=np.radians([100.0, -40.0, 40.0, 40.0, 0.0])))
+        until(lambda: rig.arm.state.q[0] > np.radians(5.0))
+        result = run("stop", "--machine", machine.address)
+        assert result.exit_code == 0, result.output
+        assert "holding" in result.stdout
+        assert motion.future.exception(5.0) is not None
+        assert np.degrees(rig.refresh().q[0]) < 95.0
+
+
+def test_the_way_to_a_machine_is_measured(machine):
+    result = run("bench", "--machine", machine.address, "--json")
+    assert result.exit_code == 0, result.output
+    figures = json.loads(result.stdout)["figures"]
+    assert figures["machine"]["n"] == 100
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (("status", "--machine", "127.0.0.1:9"), 3, "nobody listens"),
+        (("move", "--machine", "127.0.0.1:9", "--pose", "home"), 3, "try: check that"),
+        (("stop",), 2, "which machine?"),
+        (("plan", "--machine", "m", "--from", "0,0,0,0,0", "--pose", "home"), 2, "belongs to"),
+        (("status", "--machine", "m", "--api-key", "k"), 2, "belong together"),
+    ],
+)
+def test_a_machine_that_cannot_be_asked_is_a_sentence_and_an_exit_code(arguments, code, says):
+    result = run(*arguments)
+    assert result.exit_code == code, result.output
+    assert says in result.stderr
+
+
+def test_an_arm_that_is_not_there_is_named(machine):
+    result = run("status", "--machine", machine.address, "--arm", "armm")
+    assert result.exit_code == 2
+    assert 'did you mean "arm"' in result.stderr
+
+
+def test_a_machine_on_servos_tells_how_they_are_and_that_a_cable_came_out():
+    with running_machine(emulated=True) as machine:
+        told = json.loads(run("doctor", "--machine", machine.address, "--json").stdout)
+        assert told["told"]["servos_found"] == [1, 2, 3, 4, 5, 6]
+        with MachineRig.connect(machine.address) as rig:
+            assert set(rig.status["health"]) == {*ARM_JOINTS, "gripper"}
+            assert rig.readings("calibration")["calibration_state"] == "idle"
+            until(lambda: is_held(rig))
+            machine.fault("unplug")
+            until(lambda: rig.arm.state.mode is Mode.FAULT)
+            assert rig.connection.is_up
+            assert rig.arm.state.fault
+            machine.fault("end unplug")
+            until(lambda: is_held(rig))
+
+
+def is_held(rig):
+    """Let the joints be held, as soon as the port is back."""
+    with contextlib.suppress(So101Error):
+        rig.arm.set_torque(True)
+    return rig.arm.state.mode is Mode.HOLDING
+
+
+def until(condition, patience=20.0):
+    begin = time.monotonic()
+    while not condition():
+        assert time.monotonic() - begin < patience, "it does not happen"
+        threading.Event().wait(0.05)
