@@ -42,21 +42,17 @@ def requests_of(model):
     return list(zip(asked, told, strict=True))
 
 
-def shape(answer):
-    """Keys and kinds; an empty list or object on the page stands for any."""
-    if isinstance(answer, dict):
-        return {key: shape(value) for key, value in answer.items()}
-    return type(answer).__name__
-
-
-def fits(told, answer):
-    if isinstance(told, dict) and told:
-        return (
-            isinstance(answer, dict)
-            and told.keys() == answer.keys()
-            and all(fits(told[key], answer[key]) for key in told)
-        )
-    return type(told) is type(answer)
+def differences(told, answer, where=""):
+    """Where the answer has other keys or kinds; an empty object on the page stands for any."""
+    if type(told) is not type(answer):
+        return [f"{where}: {type(told).__name__} is shown, {answer!r} was answered"]
+    if not isinstance(told, dict) or not told:
+        return []
+    return [f"{where}.{key} is shown only" for key in told.keys() - answer.keys()] + [
+        *(f"{where}.{key} is not shown" for key in answer.keys() - told.keys()),
+        *(d for key in told.keys() & answer.keys()
+          for d in differences(told[key], answer[key], f"{where}.{key}")),
+    ]  # fmt: skip
 
 
 def test_every_model_has_its_section():
@@ -121,6 +117,5 @@ async def test_the_answers_are_as_shown(tmp_path):
             assert shown, model
             for asked, told in shown:
                 answer = json.loads(json.dumps(dict(await resource.do_command(asked))))
-                if not fits(told, answer):
-                    differ.append((model, asked, shape(told), shape(answer)))
+                differ += differences(told, answer, f"{model} {json.dumps(asked)} ")
         assert differ == []
