@@ -19,6 +19,7 @@ from so101_motion.joint_driver import JointDriver
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import Scene
+from so101_motion.rig_like import Connection
 from so101_motion.units import to_rad
 from so101_motion.worker import PlanningWorker
 
@@ -71,7 +72,7 @@ class Rig:
             jaw_tolerances=jaw_tolerances,
             name=f"so101-io-{next(_numbers)}",
         )
-        self._worker = _acquire_worker()
+        self._worker = acquire_worker()
         self._closed = False
         try:
             self.arm = Arm(
@@ -86,8 +87,13 @@ class Rig:
             start(self.executor)
         except BaseException:
             driver.close()
-            _release_worker()
+            release_worker()
             raise
+
+    @property
+    def connection(self) -> Connection:
+        """Whether the joints can be reached: the simulated ones always."""
+        return Connection(to="simulated arm")
 
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly."""
@@ -100,7 +106,7 @@ class Rig:
         self._closed = True
         self.executor.close()  # first: it lets pass the time that its motions need to come to rest
         self.arm.close()
-        _release_worker()
+        release_worker()
 
     def __enter__(self) -> Rig:
         return self
@@ -119,7 +125,8 @@ _worker: PlanningWorker | None = None
 _worker_users = 0
 
 
-def _acquire_worker() -> PlanningWorker:
+def acquire_worker() -> PlanningWorker:
+    """The planning process that all rigs share; give it back with ``release_worker``."""
     global _worker, _worker_users
     with _worker_lock:
         if _worker is None:
@@ -128,7 +135,8 @@ def _acquire_worker() -> PlanningWorker:
         return _worker
 
 
-def _release_worker() -> None:
+def release_worker() -> None:
+    """One user less; the last one ends the planning process."""
     global _worker, _worker_users
     with _worker_lock:
         _worker_users -= 1

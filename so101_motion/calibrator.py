@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.calib import record
+from so101_motion.calib import record, store
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motor_setup import MotorSetup
 from so101_motion.calib.record import JOINTS
@@ -31,7 +31,7 @@ from so101_motion.calib.view import CalibrationView, JointView
 from so101_motion.calib.zero import expected_travel
 from so101_motion.drivers.registers import TICKS_PER_TURN
 from so101_motion.drivers.ticks import RAD_PER_TICK, Ticks
-from so101_motion.errors import So101Error
+from so101_motion.errors import CalibrationError, So101Error
 from so101_motion.loan import BusLoan
 from so101_motion.modes import Mode
 from so101_motion.rig import HardwareRig
@@ -67,6 +67,7 @@ class Situation:
             from the middle of the joint's limits, for no calibration is in force then.
         calibration_file: Where a calibration is saved, absolute.
         is_connected: Whether the port is there.
+        holds: Whether any joint is driven; None if no servo answers.
         notes: What a person should know besides.
     """
 
@@ -76,6 +77,7 @@ class Situation:
     angles: Mapping[str, float]
     calibration_file: Path
     is_connected: bool
+    holds: bool | None
     notes: tuple[str, ...]
 
 
@@ -104,6 +106,11 @@ class Calibrator:
     # Looking
 
     @property
+    def port(self) -> str:
+        """The serial port."""
+        return self._rig.settings.port
+
+    @property
     def situation(self) -> Situation:
         """Everything there is to know now; never waits."""
         session, servos = self._session, self._rig.servos
@@ -119,6 +126,7 @@ class Calibrator:
             angles=self._angles(joints, is_active and view.state is not State.STARTED),
             calibration_file=session.calibration_file if is_active else self._file(),
             is_connected=servos.is_connected,
+            holds=servos.holds,
             notes=notes,
         )
 
@@ -185,6 +193,39 @@ class Calibrator:
             self._session.reset()
             return self._give_back(hold=self._session.held_before)
 
+    def hold(self) -> Ended:
+        """Take the servos in hand, with the joints where they stand, even if no component asks.
+
+        Raises:
+            CalibrationError: A calibration is under way.
+            MotionError: Something moves, or the bus is lent to somebody else.
+        """
+        with self._lock:
+            self._refuse_active("hold the joints")
+            self._loan = self._rig.lend_bus("holding")
+            return self._give_back(hold=True)
+
+    def restore(self, number: int | None = None) -> Ended:
+        """Let the file say again what it said in a version, and the servos with it.
+
+        Args:
+            number: Which version; the last that says something else if not given.
+
+        Raises:
+            CalibrationError: A calibration is under way, or there is no such version.
+            MotionError: Something moves, or the bus is lent to somebody else.
+        """
+        with self._lock:
+            self._refuse_active("go back")
+            was_held = self._rig.arm.state.mode is Mode.HOLDING
+            self._loan = self._rig.lend_bus("an earlier calibration")
+            try:
+                stored = store.restore(self._file(), number)
+            except CalibrationError:
+                self._give_back(hold=was_held)
+                raise
+            return self._give_back(hold=was_held, stored=stored)
+
     def close(self) -> None:
         """Abort what is under way and give up the port; what is being done is finished first."""
         with self._lock:
@@ -199,6 +240,12 @@ class Calibrator:
         file = settings.calibration_file or settings.fallback_file
         assert file is not None  # who calibrates has said where to
         return file
+
+    def _refuse_active(self, then: str) -> None:
+        if self._session.is_active:
+            raise CalibrationError(
+                None, "a calibration is under way", f"save or abort it, then {then}"
+            )
 
     def _do(self, step: Callable[[Session], CalibrationView]) -> CalibrationView:
         with self._lock:

@@ -92,6 +92,9 @@ def _port(seen: Findings) -> Iterator[Check]:
     yield Check(name="port", verdict="ok", sentence=f"{seen.port} ({seen.adapter or 'no USB'})")
     for name, harm in seen.meddlers.items():
         yield Check(name=name, verdict="warn", sentence=harm, fix="so101 install-udev")
+    if seen.supply_trouble and seen.servos is None:
+        sentence, fix = seen.supply_trouble
+        yield Check(name="supply", verdict="warn", sentence=f"the first servo: {sentence}", fix=fix)
 
 
 def _planner(seen: Findings) -> Iterator[Check]:

@@ -25,6 +25,7 @@ from so101_motion.calib import places, recognise
 from so101_motion.calib.places import Found
 from so101_motion.calib.recognise import SERVO_IDS, Role, Seen
 from so101_motion.calib.servo_search import LIKELIEST_FIRST
+from so101_motion.calib.setup_view import supply_trouble
 from so101_motion.config import Attributes
 from so101_motion.drivers.bus import PATIENCE, Bus
 from so101_motion.drivers.port import SerialPort
@@ -160,7 +161,7 @@ def _ask(port: FoundPort, patience: float) -> Seen:
         if baud == BAUDRATE:
             continue
         with _opened(port, baud, patience) as bus:
-            if bus.answering(SERVO_IDS.values()):
+            if bus.answering(SERVO_IDS.values(), tries=2):
                 return recognise.look(bus)
     return seen
 
@@ -182,6 +183,14 @@ def _judge(port: FoundPort, seen: Seen, files: Sequence[Found]) -> PortReport:
         servo_ids=tuple(sorted((*seen.servos, *seen.shared))),
         baudrate=seen.baud,
     )
+    if seen.servos:
+        first = seen.servos[min(seen.servos)]
+        report = replace(
+            report,
+            volts=first.volts,
+            nominal_volts=first.nominal_volts,
+            supply_trouble=supply_trouble(first),
+        )
     if not seen.has_arm:
         return replace(report, sentence=_about_no_arm(seen))
     fitting = [found for found in files if recognise.fits(seen, found)]

@@ -64,6 +64,8 @@ class Findings:
         port_trouble: Why it cannot be used.
         meddlers: Programs that get between us and ports, and what they do.
         lost_adapters: Adapters that are plugged in but have no port, and why.
+        supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
+            long as not all servos were looked at.
         latency_timer: For how long the adapter holds bytes back [s].
         servos: How the six servos were found.
         hearing: How well they can be heard.
@@ -84,6 +86,7 @@ class Findings:
     port_trouble: str = ""
     meddlers: Mapping[str, str] = field(default_factory=dict)
     lost_adapters: tuple[str, ...] = ()
+    supply_trouble: tuple[str, str] | None = None
     latency_timer: float | None = None
     servos: Verification | None = None
     hearing: Hearing | None = None

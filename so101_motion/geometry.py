@@ -64,6 +64,20 @@ class SE3:
         roll, pitch, yaw = rpy
         return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
 
+    @classmethod
+    def from_quaternion(cls, wxyz: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
+        """From a quaternion (w, x, y, z) of any length but zero, and ``p``, shape (3,), [m]."""
+        values = tuple(wxyz)
+        w, x, y, z = np.asarray(values, dtype=np.float64) / math.hypot(*values)
+        R = np.array(
+            [
+                [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+                [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+                [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+            ]
+        )
+        return cls(R, np.asarray(p, dtype=np.float64))
+
     @property
     def rpy(self) -> Array:
         """Roll, pitch and yaw as ``from_rpy`` takes them, shape (3,), [rad].

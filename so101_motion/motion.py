@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from so101_motion.errors import Interrupted
 
 if TYPE_CHECKING:
+    from so101_motion.clock import Clock
     from so101_motion.planning.plan import Plan
 
 T = TypeVar("T")
@@ -72,6 +73,24 @@ class Motion:
         wait(either, return_when=FIRST_COMPLETED)
         self._raise_if_interrupted()
         return awaited.result()
+
+    def pause(self, clock: Clock, seconds: float) -> None:
+        """Let time pass, unless this motion is interrupted.
+
+        Args:
+            clock: Whose time.
+            seconds: How much of it [s].
+
+        Raises:
+            Interrupted: The motion was interrupted meanwhile.
+        """
+        wake = threading.Event()
+        self._interruption.add_done_callback(lambda _: wake.set())
+        with clock.attend():
+            until = clock.now() + seconds
+            while clock.now() < until and not self._interruption.done():
+                clock.wait(until, wake)
+        self._raise_if_interrupted()
 
     def begin(
         self,

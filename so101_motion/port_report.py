@@ -49,6 +49,9 @@ class PortReport:
         servo_ids: All servos that answer.
         baudrate: At which rate [bit/s].
         in_use: Whether a component of this process uses the port.
+        volts: What the first servo is fed with [V]; None if none answers.
+        nominal_volts: What it is made for [V]: 7.4 or 12; likewise.
+        supply_trouble: What is wrong with that and what to do about it; None if nothing is.
         role: Whether the arm leads or follows.
         because: What shows it.
         calibration: The calibration file to configure; None if there is none.
@@ -60,6 +63,9 @@ class PortReport:
     servo_ids: tuple[int, ...] = ()
     baudrate: int = BAUDRATE
     in_use: bool = False
+    volts: float | None = None
+    nominal_volts: float | None = None
+    supply_trouble: tuple[str, str] | None = None
     role: Role = "unknown"
     because: str = ""
     calibration: Path | None = None

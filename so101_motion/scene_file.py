@@ -100,12 +100,12 @@ def write_scene(scene: Scene, path: Path) -> None:
         raise ConfigError("scene", str(path), f"cannot be written: {error.strerror}") from error
 
 
-def scene_from(content: object, *, folder: Path = Path()) -> Scene:
+def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
     """The scene in what a file holds.
 
     Args:
         content: As ``json`` reads it.
-        folder: What mesh files are named from.
+        folder: What mesh files are named from; None to read none.
 
     Raises:
         ConfigError: Something in it cannot be meant.
@@ -143,12 +143,12 @@ def _margin(given: Attributes) -> float:
     return to_m(margin_mm)
 
 
-def obstacles_from(value: object, *, folder: Path = Path()) -> tuple[Obstacle, ...]:
+def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obstacle, ...]:
     """A list of obstacles.
 
     Args:
         value: The entries as ``json`` reads them.
-        folder: What mesh files are named from.
+        folder: What mesh files are named from; None to read none.
 
     Raises:
         ConfigError: An entry cannot be meant.
@@ -211,7 +211,7 @@ def _about(entry: Entry) -> Iterator[None]:
         raise ConfigError(f"{error.key}", error.value, f"({of}) {error.reason}") from None
 
 
-def _obstacle(entry: Entry, folder: Path) -> Obstacle:
+def _obstacle(entry: Entry, folder: Path | None) -> Obstacle:
     with _about(entry):
         given = Attributes(entry, (*_THING, "keep_out"), kind="key of an obstacle")
         return Obstacle(
@@ -222,7 +222,7 @@ def _obstacle(entry: Entry, folder: Path) -> Obstacle:
         )
 
 
-def _attached(entry: Entry, folder: Path) -> Attached:
+def _attached(entry: Entry, folder: Path | None) -> Attached:
     with _about(entry):
         known = (*_THING, "mass_kg", "may_touch")
         given = Attributes(entry, known, kind="key of something attached")
@@ -253,7 +253,7 @@ def _triple(given: Attributes, key: str, most: float) -> Array:
     return np.array(numbers)
 
 
-def _shape(given: Attributes, entry: Entry, folder: Path) -> Shape:
+def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
     forms = [key for key in _SHAPES if given.given(key)]
     if len(forms) != 1:
         raise ConfigError(
@@ -277,6 +277,8 @@ def _shape(given: Attributes, entry: Entry, folder: Path) -> Shape:
             )
         return Capsule(radius=radius, length=length)
     if form == "mesh_file":
+        if folder is None:
+            raise ConfigError(form, entry[form], "names a file, and none can be read from here")
         return _mesh(folder / given.text(form, ""))
     if form == "points_mm":
         resolution = _length(given, "resolution_mm") if given.given("resolution_mm") else 0.01

@@ -1,89 +1,72 @@
-"""The running preview: a guarded server, a page on it, and the thread that keeps the page true.
+"""The running preview: an arm, wherever it comes from, and the parts of the page that show it.
 
-The page is made of parts that share a desk. One thread, ``so101-viewer``, owns them all. Thirty
-times a second it runs the commands that browsers sent meanwhile, lets each part look at the arm,
-and shows what is new; an arm at rest costs next to nothing. Planning runs beside it. Stop waits
-for nobody: it drops every command that is still waiting and goes straight to the arm from a
-thread of viser's.
+The page is there at once; its arm may come later (``source.py``). What a part is, ``desk.py`` says;
+what runs them, ``host.py``.
 """
 
 from __future__ import annotations
 
-import logging
-import threading
-import time
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
-
-from so101_motion.errors import So101Error
 from so101_motion.planning.plan import Plan
-from so101_motion.rig import Rig
+from so101_motion.rig_like import RigLike
 
-from .commands import Commands
 from .desk import Desk, Part
+from .events import Witness
 from .guard import GuardedServer, start_guarded
+from .health_part import HealthPart
+from .host import Host
+from .keys import add_keys
 from .move import MovePart
-
-log = logging.getLogger(__name__)
-
-_PERIOD = 0.03
-"""Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
-
-_AMBER = (240, 165, 0)
-_RIGHT_WIDTH = 330
+from .program_part import ProgramPart
+from .setup.part import setup_parts
+from .share_part import SharePart
+from .source import Search, Source
+from .source_part import SourceLine, SourcePart, waiting
+from .world_part import WorldPart
 
 
 class Preview:
     """A preview that is being served. Use it in a ``with`` block or call ``close``.
 
     Args:
-        rig: The arm to show and move; it stays the caller's.
+        source: Where the arm to show and move comes from.
         server: Where the page is.
-        title: Which arm this is.
         plan: A plan to begin with.
     """
 
-    def __init__(
-        self, rig: Rig, server: GuardedServer, *, title: str, plan: Plan | None = None
-    ) -> None:
-        self.url = server.url
-        self._server, self._rig = server, rig
-        self._commands = Commands(self._failed)
-        self._closing = threading.Event()
-        self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
-        gui = server.viser.gui
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(_RIGHT_WIDTH)
-        desk = Desk(
-            server=server.viser,
-            rig=rig,
-            tabs=gui.add_tab_group(),
-            post=self._commands.post,
-            workers=self._workers,
-        )
-        move = MovePart(desk, title=title, stops=(self.stop, rig.gripper.stop), plan=plan)
-        self._say = move.page.report
-        self._parts: tuple[Part, ...] = (move,)
-        self._show(self._parts)
-        self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
-        self._thread.start()
+    def __init__(self, source: Source, server: GuardedServer, *, plan: Plan | None = None) -> None:
+        self.url, self._server = server.url, server
+        self._source, self._plan = source, plan
+        self._rig: RigLike | None = None
+        self._search: Search | None = None
+        self._host = Host(server)
+        self._host.say = self._missed
+        self._line = SourceLine(self._host.gui)
+        if source.lasts:
+            self._furnish(source.open())
+        else:
+            self._line.show(waiting(source.title))
+        self._host.start()
+        if not source.lasts:
+            self._search = Search(source, found=self._found, failed=self._missed)
 
     def stop(self) -> None:
         """Stop the arm and forget every command still waiting; returns when the arm is at rest."""
-        self._commands.drop()
-        self._rig.arm.stop()
+        self._host.drop_commands()
+        if self._rig is not None:
+            self._rig.arm.stop()
+
+    def url_for_once(self) -> str:
+        """A link that opens the page once; see ``GuardedServer.url_for_once``."""
+        return self._server.url_for_once()
 
     def close(self) -> None:
-        """Stop serving. What the arm is doing goes on; it is not ours. May be called twice."""
-        if self._closing.is_set():
-            return
-        self._closing.set()
-        self._thread.join()
-        for part in self._parts:
-            part.close()
-        self._workers.shutdown(wait=True)
-        self._server.close()
+        """Stop serving. An arm that was handed to the page goes on; one it opened is closed."""
+        if self._search is not None:
+            self._search.close()
+        self._host.close()
+        rig, self._rig = self._rig, None
+        if rig is not None and not self._source.lasts:
+            rig.close()
 
     def __enter__(self) -> Preview:
         return self
@@ -91,31 +74,47 @@ class Preview:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _failed(self, error: Exception) -> None:
-        if not isinstance(error, So101Error):
-            log.error("a command of the preview failed", exc_info=error)
-        self._say(error)
+    # Looking for the arm
 
-    def _run(self) -> None:
-        due = time.monotonic()
-        while not self._closing.wait(max(due - time.monotonic(), 0.0)):
-            due = max(due + _PERIOD, time.monotonic())
-            try:
-                acted = self._commands.run()
-                news = [part for part in self._parts if part.refresh() or acted]
-                if news:
-                    self._show(news)
-            except Exception:  # the page must outlive any one picture
-                log.exception("the preview could not be brought up to date")
+    def _missed(self, error: Exception) -> None:
+        self._host.post(lambda: self._line.show(waiting(self._source.title, error)))
 
-    def _show(self, parts: Iterable[Part]) -> None:
-        with self._server.viser.atomic():
-            for part in parts:
-                part.show()
+    def _found(self, rig: RigLike) -> None:
+        self._rig = rig
+        self._host.post(lambda: self._furnish(rig))
+
+    # The parts
+
+    def _furnish(self, rig: RigLike) -> None:
+        self._rig = rig
+        host, title = self._host, self._source.title
+        desk = host.desk(rig)
+        move = MovePart(desk, title=title, stops=(self.stop, rig.gripper.stop), plan=self._plan)
+        host.windows.leave_open_as_stop(*move.stop_widgets)
+        host.say = move.page.report
+        add_keys(desk, plan=move.page.plan)
+        host.take(
+            move,
+            ProgramPart(desk, move.page),
+            WorldPart(desk, file=self._source.scene_file),
+            SharePart(desk, move.page, title=title),
+            *self._about_the_arm(desk, move),
+            *setup_parts(desk, on_stage=move.set_visible),
+        )
+        host.events.tell(f"{title}: connected")
+
+    def _about_the_arm(self, desk: Desk, move: MovePart) -> tuple[Part, ...]:
+        health = HealthPart(desk)
+        health.panel.dock_below(move.state_panel)
+        return (
+            health,
+            SourcePart(desk, self._line, fade=move.fade),
+            Witness(desk.rig, desk.events.tell),
+        )
 
 
 def serve(
-    rig: Rig,
+    rig: RigLike,
     host: str = "127.0.0.1",
     port: int = 8080,
     *,
@@ -140,9 +139,25 @@ def serve(
         ConfigError: The host or port cannot be used.
         GuardError: The server let a stranger in; it is stopped again.
     """
+    source = Source.given(rig, title)
+    return serve_source(source, host, port, allow_remote=allow_remote, plan=plan)
+
+
+def serve_source(
+    source: Source,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    *,
+    allow_remote: bool = False,
+    plan: Plan | None = None,
+) -> Preview:
+    """Show the arm of ``source`` in browsers as soon as it is there; the page is there at once.
+
+    Arguments, result and errors are otherwise those of ``serve``.
+    """
     server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 motion")
     try:
-        return Preview(rig, server, title=title, plan=plan)
+        return Preview(source, server, plan=plan)
     except BaseException:
         server.close()
         raise

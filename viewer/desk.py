@@ -2,21 +2,23 @@
 
 A part (``Part``) owns some widgets and what they mean. viser calls handlers from threads of its
 own; nothing is done there. A handler made here puts a command into the queue, and the page's one
-thread runs it, so parts need no locks. Stop alone does not come this way.
+thread runs it, so parts need no locks. Stop alone does not come this way. Of several browser
+windows only the one in control gets as far as a handler; see ``turnstile.py``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import viser
 
-from so101_motion.rig import Rig
+from so101_motion.rig_like import RigLike
 
 from .commands import Command
+from .events import EventLog
 
 T = TypeVar("T")
 
@@ -38,22 +40,25 @@ class Part(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Desk:
-    """What a part needs.
+class Counter:
+    """What a part needs that has no arm, or not yet.
 
     Attributes:
         server: The page.
-        rig: The arm and the gripper; not ours to close.
         tabs: The tabs of the panel on the right, one a part.
         post: Brings a command to the page's thread.
         workers: Runs what takes a while, one after the other.
+        leave_open: Lets every window press the widgets it is given; all others are for the window
+            in control.
+        events: What happened, for people.
     """
 
     server: viser.ViserServer
-    rig: Rig
     tabs: viser.GuiTabGroupHandle
     post: Callable[[Command], None]
     workers: ThreadPoolExecutor
+    leave_open: Callable[..., None] = lambda *_: None
+    events: EventLog = field(default_factory=EventLog)
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -103,3 +108,59 @@ class Desk:
             self.post(lambda: command(handle))
 
         handle.on_update(handler)
+
+    def on_release(
+        self,
+        handle: viser.TransformControlsHandle,
+        command: Callable[[viser.TransformControlsHandle], None],
+    ) -> None:
+        """Run ``command`` with ``handle`` when somebody who dragged it lets go."""
+
+        async def handler(event: viser.TransformControlsEvent) -> None:
+            if event.phase == "end":
+                self.post(lambda: command(handle))
+
+        handle.on_update(handler)
+
+    def on_pick(self, node: Any, command: Command) -> None:
+        """Run ``command`` when somebody clicks on ``node`` of the scene."""
+
+        async def handler(_event: object) -> None:
+            self.post(command)
+
+        node.on_click(handler)
+
+    def on_file(
+        self, button: viser.GuiUploadButtonHandle, command: Callable[[viser.UploadedFile], None]
+    ) -> None:
+        """Run ``command`` with a file that somebody hands over by ``button``."""
+
+        async def handler(event: viser.GuiEvent[Any]) -> None:
+            file = event.target.value
+            self.post(lambda: command(file))
+
+        button.on_upload(handler)
+
+    def on_asked(self, button: Any, answer: Callable[[viser.ClientHandle], None]) -> None:
+        """Run ``answer`` with the browser that pressed ``button``.
+
+        For what a browser takes away, such as a download; it changes nothing here.
+        """
+
+        async def handler(event: viser.GuiEvent[Any]) -> None:
+            client = event.client
+            if client is not None:
+                self.post(lambda: answer(client))
+
+        button.on_click(handler)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Desk(Counter):
+    """What a part needs.
+
+    Attributes:
+        rig: The arm and the gripper; not ours to close.
+    """
+
+    rig: RigLike

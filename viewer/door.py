@@ -13,7 +13,8 @@ from __future__ import annotations
 import hmac
 import http.client
 import ipaddress
-from dataclasses import dataclass
+import secrets
+from dataclasses import dataclass, field
 from urllib.parse import parse_qs, urlsplit
 
 from websockets.datastructures import Headers
@@ -46,12 +47,20 @@ class Door:
         names: Host names by which it may be called, lower case, without port.
         any_address: Whether any IP address will do as a host. Needed when listening on all
             interfaces, and safe: rebinding takes a name.
+        tickets: Keys that open once, see ``ticket``.
     """
 
     key: str
     port: int
     names: frozenset[str]
     any_address: bool = False
+    tickets: set[str] = field(default_factory=set)
+
+    def ticket(self) -> str:
+        """A key that opens once; for a link that others may read, such as a program's argument."""
+        ticket = secrets.token_urlsafe(32)
+        self.tickets.add(ticket)
+        return ticket
 
     @property
     def cookie(self) -> str:
@@ -68,7 +77,7 @@ class Door:
             return _reply(403, "Requests from other pages are refused.\n")
         if self._holds_cookie(headers):
             return None
-        if "Upgrade" not in headers and self._fits(_key_in(request.path)):
+        if "Upgrade" not in headers and self._admits(_key_in(request.path)):
             return self._greet()
         return _reply(
             401, "Open the link that was printed when the preview started; it carries the key.\n"
@@ -91,6 +100,12 @@ class Door:
             for part in line.split(";")
         )
         return any(name == self.cookie and self._fits(value) for name, _, value in pairs)
+
+    def _admits(self, candidate: str) -> bool:
+        if candidate in self.tickets:  # 256 random bits; comparing them tells nobody anything
+            self.tickets.discard(candidate)
+            return True
+        return self._fits(candidate)
 
     def _fits(self, candidate: str) -> bool:
         return hmac.compare_digest(candidate.encode(), self.key.encode())

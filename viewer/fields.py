@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from .desk import Desk
+from .desk import Counter
 
 
 class Field:
@@ -26,7 +26,7 @@ class Field:
         self,
         widget: Any,
         command: Callable[[Any], None],
-        desk: Desk,
+        desk: Counter,
         *,
         shown: Callable[[Any], Any],
     ) -> None:

@@ -38,6 +38,7 @@ from websockets.http11 import Request, Response
 from so101_motion.errors import ConfigError, So101Error
 
 from .door import Door, harden
+from .head import dress
 
 _KNOCK_TIMEOUT = 10.0
 """How long the self-check waits for an answer [s]; generous, it comes within milliseconds."""
@@ -54,10 +55,19 @@ class GuardedServer:
     Attributes:
         viser: The server to build a page on.
         url: The link with the key; whoever has it may move the arm.
+        door: Who may talk to it.
     """
 
     viser: viser.ViserServer
     url: str
+    door: Door
+
+    def url_for_once(self) -> str:
+        """A link that opens the page once and is then worthless.
+
+        For handing to a browser's process, whose arguments others on this computer can read.
+        """
+        return f"{self.url.partition('?')[0]}?key={self.door.ticket()}"
 
     def close(self) -> None:
         """Stop serving; open pages lose the connection."""
@@ -83,16 +93,18 @@ def start_guarded(
     listener = _listen(host, port, allow_remote=allow_remote)
     address, bound_port = listener.getsockname()[:2]
     everywhere = ipaddress.ip_address(address).is_unspecified
-    name = socket.gethostname().lower() if everywhere else _bracketed(host)
+    hostname = socket.gethostname().lower()
+    name = (_reached_at() or hostname) if everywhere else _bracketed(host)
     door = Door(
         key=secrets.token_urlsafe(32),
         port=bound_port,
-        names=frozenset({name, _bracketed(address), "localhost"}),
+        names=frozenset({name, hostname, _bracketed(address), "localhost"}),
         any_address=everywhere,
     )
     with _quiet(), _served_through(door, listener):
         server = viser.ViserServer(host=host, port=bound_port, label=label, verbose=False)
-    guarded = GuardedServer(viser=server, url=f"http://{name}:{bound_port}/?key={door.key}")
+    url = f"http://{name}:{bound_port}/?key={door.key}"
+    guarded = GuardedServer(viser=server, url=url, door=door)
     try:
         _forbid_tunnel(server)
         knock(_loopback_like(address) if everywhere else address, bound_port)
@@ -185,7 +197,10 @@ def _served_through(door: Door, listener: socket.socket) -> Iterator[None]:
             if refusal is not None:
                 return refusal
             reply: Response | None = process_request(connection, request)
-            return None if reply is None else harden(reply, request)
+            if reply is None:
+                return None
+            dress(reply)
+            return harden(reply, request)
 
         return stock(handler, sock=listener, process_request=answer, logger=_log, **rest)
 
@@ -200,6 +215,17 @@ def _served_through(door: Door, listener: socket.socket) -> Iterator[None]:
 def _forbid_tunnel(server: viser.ViserServer) -> None:
     for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
         server._websock_server.unregister_handler(message)
+
+
+def _reached_at() -> str | None:
+    """The address by which others reach this computer, or None without a network."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # an address of no one; chooses a way, sends nothing
+        except OSError:
+            return None
+        address: str = probe.getsockname()[0]
+    return address
 
 
 def _bracketed(host: str) -> str:

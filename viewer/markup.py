@@ -10,9 +10,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
 
+from .events import Event
+from .health import Health, ServoFigures
 from .screen import Sentence, Tone
 
-_TONES = {Tone.PLAIN: "inherit", Tone.GOOD: "#2b8a3e", Tone.BAD: "#e03131"}
+_TONES = {
+    Tone.PLAIN: "inherit",
+    Tone.GOOD: "var(--so101-good)",
+    Tone.WARM: "var(--so101-warm)",
+    Tone.BAD: "var(--so101-bad)",
+}
+"""Legible on light and on dark; see ``head.py``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +83,119 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
     )
 
 
+def banner(said: Sentence) -> str:
+    """A sentence that is not to be overlooked."""
+    color = _TONES[said.tone]
+    return (
+        f'<div style="margin:.5em .6em;padding:.5em .7em;border-left:.3em solid {color};'
+        "background:#8882;border-radius:.2em;font-size:.9em;line-height:1.35;"
+        f'overflow-wrap:anywhere">{escape(said.text)}</div>'
+    )
+
+
+def small(text: str) -> str:
+    """Small print."""
+    return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
+
+
+def on_phones(title: str, subtitle: str) -> str:
+    """The headline beside a phone's Stop, in the corner that panels leave free; see ``head.py``."""
+    return f'<div class="so101-narrow">{headline(title, subtitle)}</div>'
+
+
+def health(told: Health) -> str:
+    """The figures of the servos and of their bus."""
+    if told.silence is not None:
+        servos = f'<div style="opacity:.8">{escape(told.silence)}</div>'
+    else:
+        head = "".join(f"<span>{name}</span>" for name in ("", "V", "A", "°C", "load %", "errors"))
+        rows = "".join(map(_servo, told.servos))
+        servos = (
+            '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
+            'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
+            f'<div style="display:contents;opacity:.6">{head}</div>{rows}</div>'
+        )
+    lines = []
+    if told.period is not None:
+        lines.append(("Control cycle", f"{1000.0 * told.period:.0f} ms"))
+    lines.append(("Late cycles", f"{told.late_ticks}"))
+    if told.servos:
+        retries, lost, corrupt = (
+            sum(getattr(servo, name) for servo in told.servos)
+            for name in ("retries", "lost", "corrupt")
+        )
+        lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
+    if told.port_losses is not None:
+        lines.append(("Port lost", f"{told.port_losses} times"))
+    return f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{facts(lines)}'
+
+
+def _servo(servo: ServoFigures) -> str:
+    errors = _figure(f"{servo.errors}", Tone.WARM if servo.errors else Tone.PLAIN)
+    if servo.is_silent:
+        figures = f'<b style="grid-column:span 4;color:{_TONES[Tone.BAD]}">does not answer</b>'
+    else:
+        tones = servo.tones()
+        figures = (
+            _figure(f"{servo.volts:.1f}", tones["volts"])
+            + _figure(f"{abs(servo.amps):.2f}", Tone.PLAIN)
+            + _figure(f"{servo.celsius:.0f}", tones["celsius"])
+            + _figure(f"{100.0 * abs(servo.load):.0f}", tones["load"])
+        )
+    name = f'<span style="text-align:left">{escape(servo.joint)}</span>'
+    reports = ""
+    if servo.faults:
+        reports = (
+            f'<b style="grid-column:span 6;text-align:left;color:{_TONES[Tone.BAD]}">'
+            f"reports: {escape(', '.join(servo.faults))}</b>"
+        )
+    return f"{name}{figures}{errors}{reports}"
+
+
+def _figure(text: str, tone: Tone) -> str:
+    weight = 400 if tone is Tone.PLAIN else 700
+    return f'<span style="color:{_TONES[tone]};font-weight:{weight}">{text}</span>'
+
+
+def events(items: Iterable[Event]) -> str:
+    """What happened, the newest first."""
+    rows = "".join(
+        f'<span style="opacity:.6">{event.at:%H:%M:%S}</span>'
+        f'<span style="color:{_TONES[event.tone]};overflow-wrap:anywhere">'
+        f"{escape(event.text)}</span>"
+        for event in items
+    )
+    return (
+        '<div style="display:grid;grid-template-columns:max-content 1fr;gap:.2em .7em;'
+        "padding:.5em .7em;font-size:.8em;line-height:1.3;max-height:15em;overflow-y:auto;"
+        f'font-variant-numeric:tabular-nums">{rows}</div>'
+    )
+
+
+def steps(rows: Iterable[tuple[str, str]], *, chosen: int | None, active: int | None) -> str:
+    """Things to do in their order: a name and small print each.
+
+    Args:
+        rows: Name and small print.
+        chosen: Index of the one that is edited, set in bold.
+        active: Index of the one that is being done, marked.
+    """
+    lines = []
+    for k, (name, rest) in enumerate(rows):
+        weight = 700 if k in (chosen, active) else 400
+        mark = "▶" if k == active else f"{k + 1}"
+        lines.append(
+            f'<span style="opacity:.6;text-align:right">{mark}</span>'
+            f'<span style="font-weight:{weight};overflow-wrap:anywhere">{escape(name)}</span>'
+            f'<span style="opacity:.7;text-align:right">{escape(rest)}</span>'
+        )
+    return (
+        '<div style="display:grid;grid-template-columns:1.6em 1fr max-content;gap:.15em .6em;'
+        "padding:0 .9em .3em .3em;font-size:.85em;max-height:11em;overflow-y:auto;"
+        f'font-variant-numeric:tabular-nums">{"".join(lines)}</div>'
+    )
+
+
 def bars(items: Iterable[Bar]) -> str:
     """Values between their limits, one below the other."""
     return f'<div style="padding:.3em .7em .5em">{"".join(map(_bar, items))}</div>'
@@ -84,13 +205,16 @@ def _bar(bar: Bar) -> str:
     near = bar.warns and min(bar.share, 1.0 - bar.share) < NEAR_LIMIT
     color = "#e03131" if near else "#f08c00"
     ends = f"{bar.lower:.0f} to {bar.upper:.0f} {bar.unit}"
+    limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;opacity:.55"
     return (
         f'<div title="{escape(bar.name)}: {escape(ends)}" style="display:grid;'
         "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"
-        f'line-height:1.9"><span>{escape(bar.name)}</span>'
+        f'line-height:2.3"><span>{escape(bar.name)}</span>'
         '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
         f'<i style="position:absolute;left:calc({100.0 * bar.share:.1f}% - .2em);top:-.2em;'
-        f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i></span>'
+        f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
+        f'<small style="{limit};left:0">{bar.lower:.0f}</small>'
+        f'<small style="{limit};right:0">{bar.upper:.0f}</small></span>'
         '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
         f"{_no_minus_zero(bar.value)} {escape(bar.unit)}</span></div>"
     )

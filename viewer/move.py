@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import viser
+
 from so101_motion.geometry import Array
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.plan import Plan
+from so101_motion.pose_book import PoseBook
 
 from .aim import Aimer
 from .desk import Desk
 from .panels import PlanPanel, StatePanel
+from .poses import PoseShelf
 from .stage import Stage
 from .view_model import ViewModel
 
@@ -36,27 +40,45 @@ class MovePart:
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
     ) -> None:
+        self._rig = desk.rig
         arm = desk.rig.arm
         model = RobotModel.load()
         self.page = ViewModel(
             arm=arm,
             gripper=desk.rig.gripper,
-            aimer=Aimer.load(scene=arm.scene),
+            load_aimer=Aimer.load,
             submit=desk.beside,
+            now=desk.rig.clock.now,
             welcome=f"{title}. Drag the arrows, then press Plan.",
         )
         if plan is not None:
             self.page.show(plan)
-        self._stage = Stage(desk, model=model, surroundings=arm.scene, on_drag=self._dragged)
-        self._state_panel = StatePanel(
-            desk.gui, title=title, lower=model.lower, upper=model.upper, stops=stops
-        )
-        self._plan_panel = PlanPanel(desk, self.page)
+        self._stage = Stage(desk, model=model, on_drag=self._dragged)
+        self._state_panel = StatePanel(desk.gui, title=title, stops=stops)
+        self._plan_panel = PlanPanel(desk, self.page, PoseShelf(PoseBook(), self.page))
         self._pictures = 0
 
     def _dragged(self, p_base: Array) -> None:
         self._stage.dragged_to(p_base)
         self.page.aim_at(p_base)
+
+    @property
+    def stop_widgets(self) -> tuple[viser.GuiButtonHandle | viser.CommandHandle, ...]:
+        """What stops the arm: a button and keys."""
+        return self._state_panel.stop_widgets
+
+    @property
+    def state_panel(self) -> viser.PanelHandle:
+        """The panel with Stop."""
+        return self._state_panel.panel
+
+    def set_visible(self, visible: bool) -> None:
+        """Show the arm and its target, or nothing of them."""
+        self._stage.set_visible(visible)
+
+    def fade(self, faded: bool) -> None:
+        """Show the arm in grey, or in its own colours."""
+        self._stage.fade(faded)
 
     def refresh(self) -> bool:
         """Look at the arm, the plan being made and the motion being carried out."""
@@ -68,7 +90,8 @@ class MovePart:
         self._pictures += 1
         self._stage.show(screen)
         if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:
-            self._state_panel.show(screen.state)
+            lost = self._rig.connection.problem is not None
+            self._state_panel.show(screen.state, screen.range, lost=lost)
             self._plan_panel.show(screen)
 
     def close(self) -> None:

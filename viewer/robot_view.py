@@ -36,17 +36,20 @@ class RobotView:
         color: Color | None = None,
         opacity: float | None = None,
     ) -> None:
-        scene.add_frame(root, show_axes=False)
+        self._root = scene.add_frame(root, show_axes=False)
         self._frames = {link: scene.add_frame(f"{root}/{link}", show_axes=False) for link in PARTS}
-        self._meshes: list[viser.MeshHandle] = []
+        self._meshes: dict[str, list[viser.MeshHandle]] = {link: [] for link in PARTS}
+        self._own: dict[str, list[Color]] = {link: [] for link in PARTS}
         for link, part in PARTS.items():
             for k, surface in enumerate(_surfaces(part)):
-                self._meshes.append(
+                own = color or _bytes(surface.color)
+                self._own[link].append(own)
+                self._meshes[link].append(
                     scene.add_mesh_simple(
                         f"{root}/{link}/{surface.name}_{k}",
                         surface.mesh.vertices,
                         surface.mesh.faces,
-                        color=color or _bytes(surface.color),
+                        color=own,
                         opacity=opacity,
                         cast_shadow=opacity is None,
                         receive_shadow=opacity is None,
@@ -65,10 +68,22 @@ class RobotView:
         for link, frame in self._frames.items():
             frame.visible = link in links
 
-    def paint(self, color: Color) -> None:
-        """Give all its parts one colour."""
-        for mesh in self._meshes:
-            mesh.color = color
+    def set_visible(self, visible: bool) -> None:
+        """Show it, as far as its links are shown, or hide it as a whole."""
+        self._root.visible = visible
+
+    def paint(self, color: Color, links: Container[str] = PARTS) -> None:
+        """Give all its parts one colour, or those of these links."""
+        for link, meshes in self._meshes.items():
+            if link in links:
+                for mesh in meshes:
+                    mesh.color = color
+
+    def repaint(self) -> None:
+        """Give all its parts the colours they had at first."""
+        for link, meshes in self._meshes.items():
+            for mesh, own in zip(meshes, self._own[link], strict=True):
+                mesh.color = own
 
 
 @cache

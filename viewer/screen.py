@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from enum import Enum
 
 from so101_motion.geometry import Array
+from so101_motion.planning.collision import Clearance
 from so101_motion.planning.plan import Plan
 from so101_motion.state import JointState
 
 from .aim import Aim
+from .tracking import Tracking
 
 
 class Tone(Enum):
@@ -17,6 +19,7 @@ class Tone(Enum):
 
     PLAIN = "plain"
     GOOD = "good"
+    WARM = "warm"
     BAD = "bad"
 
 
@@ -42,6 +45,25 @@ class Way:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanSight:
+    """A plan and what there is to see of it.
+
+    Attributes:
+        plan: The plan.
+        way: The line of the frame that was aimed with.
+        sweep: Postures on the way, both ends left out, shape (k, 5), [rad].
+        closest: How near bodies come to each other anywhere on the way.
+        t_closest: When they do [s].
+    """
+
+    plan: Plan
+    way: Way
+    sweep: Array
+    closest: Clearance
+    t_closest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screen:
     """The picture, the words and which buttons can be pressed.
 
@@ -50,25 +72,37 @@ class Screen:
         aim: The target.
         q_ghost: Where the ghost stands, shape (5,), [rad]; None when it is hidden.
         way: The line to the target, or None.
+        sweep: Postures on the way to be shown, shape (k, 5), [rad], or None.
+        sweeps: Whether they are shown when there is a plan.
         sentence: What to know or to do now.
-        plan: The newest plan, or None before the first.
+        plan: The newest plan and what there is to see of it, or None before the first.
         plan_is_current: Whether that plan can still be looked at and executed.
         can_plan: Whether Plan may be pressed.
         can_execute: Whether Execute may be pressed.
         preview_time: How far into the plan the ghost stands [s].
+        rate: How fast it is being played; None while it stands.
         progress: Share of the motion that is done, 0 to 1.
+        tracking: How well the newest motion that ended was followed; None before.
         speed: Speed cap of the next plan [rad/s].
+        acceleration: Acceleration cap of the next plan [rad/s^2].
+        range: The smallest and the largest joint angles, shapes (5,), [rad].
     """
 
     state: JointState
     aim: Aim
     q_ghost: Array | None
     way: Way | None
+    sweep: Array | None
+    sweeps: bool
     sentence: Sentence
-    plan: Plan | None
+    plan: PlanSight | None
     plan_is_current: bool
     can_plan: bool
     can_execute: bool
     preview_time: float
+    rate: float | None
     progress: float
+    tracking: Tracking | None
     speed: float
+    acceleration: float
+    range: tuple[Array, Array]

@@ -1,9 +1,9 @@
 """What the page's buttons do and what it shows, without the page.
 
 The life of a target: aim (drag, type, pick a pose), plan, execute, arrived. A plan lives only as
-long as the arm, the jaw, the speed and the target are those it was made for; whatever changes one
-of them drops it, and with it the right to execute. Nothing here waits: planning and moving are
-futures that ``refresh`` looks at.
+long as the arm, the jaw, the caps, the surroundings and the target are those it was made for;
+whatever changes one of them drops it, and with it the right to execute. Nothing here waits:
+planning, moving and taking up new surroundings are futures that ``refresh`` looks at.
 
 One thread owns a ``ViewModel``.
 """
@@ -12,21 +12,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from typing import Any
 
 import numpy as np
 
 from so101_motion.arm import START_TOLERANCE, Arm
+from so101_motion.errors import ConfigError
 from so101_motion.geometry import Array
-from so101_motion.gripper import Gripper
 from so101_motion.modes import Mode
 from so101_motion.motion import Motion
+from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.plan import Plan
+from so101_motion.rig_like import GripperLike
 from so101_motion.state import JointState
 from so101_motion.units import to_rad
 
 from . import words
-from .aim import Aim, Aimer
-from .screen import Screen, Sentence, Tone, Way
+from .aim import FRAMES, Aim, Aimer, Surroundings
+from .playback import Playback
+from .screen import PlanSight, Screen, Sentence, Tone, Way
+from .sight import sight
+from .tracking import Tracker, Tracking
 
 SAME_POSE = to_rad(0.5)
 """Ghost and arm nearer than this are one picture, so the ghost is hidden [rad]; chosen."""
@@ -37,13 +43,6 @@ SAME_PICTURE = to_rad(0.005)
 HINT_POINTS = 25
 """Points of the line that hints at the way before there is a plan; chosen, it looks smooth."""
 
-_FIRST_OFFSETS = tuple(
-    np.array([x, y, z])
-    for z in (-0.10, 0.05)
-    for x, y in ((-0.08, -0.16), (-0.08, 0.16), (0.05, 0.05), (-0.12, 0.0))
-)
-"""Where to look for a first target, seen from the tool [m]; chosen: aside, nearer and lower."""
-
 
 class ViewModel:
     """The page's memory and its commands.
@@ -51,8 +50,9 @@ class ViewModel:
     Args:
         arm: What is shown and moved.
         gripper: The jaw.
-        aimer: Inverse kinematics for the ghost.
+        load_aimer: Makes the inverse kinematics for the ghost, for some surroundings.
         submit: Runs a call that takes a while elsewhere.
+        now: What time it is, for what runs by itself [s].
         welcome: The first sentence.
     """
 
@@ -60,38 +60,69 @@ class ViewModel:
         self,
         *,
         arm: Arm,
-        gripper: Gripper,
-        aimer: Aimer,
-        submit: Callable[[Callable[[], Plan]], Future[Plan]],
+        gripper: GripperLike,
+        load_aimer: Callable[[Surroundings], Aimer],
+        submit: Callable[[Callable[[], Any]], Future[Any]],
+        now: Callable[[], float],
         welcome: str,
     ) -> None:
-        self._arm, self._gripper, self._aimer, self._submit = arm, gripper, aimer, submit
+        self._arm, self._gripper, self._submit, self._now = arm, gripper, submit, now
+        self._load_aimer = load_aimer
+        self._around = Surroundings(arm.scene, arm.range)
+        self._aimer = load_aimer(self._around)
+        self._loading: Future[Aimer] | None = None
         self._state = self._shown = arm.state
         self._sentence = Sentence(text=welcome)
-        self._plan: Plan | None = None
+        self._plan: PlanSight | None = None
         self._plan_is_current = False
         self._planning: Future[Plan] | None = None
         self._motion: Motion | None = None
-        self._t_begin: float | None = None
-        self._preview_time = 0.0
-        self._aim = self._first_aim()
+        self._sweeps = True
+        self._playback = Playback()
+        self._tracker = Tracker()
+        self._tracking: Tracking | None = None
+        self._aim = self._aimer.aside(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
         self._way = self._hint()
 
     # Commands
 
     def aim_at(self, p_base: Array) -> None:
         """Take a new target point, shape (3,), [m]."""
-        state = self._state
-        self._take(self._aimer.at_point(p_base, q_seed=state.q_ref, q_jaw=state.q_jaw_ref))
+        self._take(self._at_point(p_base, self._aim.frame))
 
     def aim_at_joints(self, q: Array) -> None:
         """Take joint angles as the target, shape (5,), [rad]."""
-        self._take(self._aimer.at_joints(q, q_jaw=self._state.q_jaw_ref))
+        self._take(self._at_joints(q, self._aim.frame))
+
+    def aim_at_joint(self, i: int, angle: float) -> None:
+        """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
+        q = np.array(self._aim.q)
+        q[i] = angle
+        self.aim_at_joints(q)
+
+    def aim_here(self) -> None:
+        """Take where the arm is as the target, to go on from there."""
+        self.aim_at_joints(self._state.q_ref)
+
+    def aim_with(self, frame: str) -> None:
+        """Bring this frame to targets from now on; the ghost stays where it is.
+
+        Raises:
+            ConfigError: There is no such frame.
+        """
+        if frame not in FRAMES:
+            raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
+        self._take(self._at_joints(self._aim.q, frame))
 
     def set_speed(self, speed: float) -> None:
         """Set the speed cap of the next plan [rad/s]."""
         self._arm.set_speed(speed)
-        self._drop_plan(words.SPEED_CHANGED if self._plan_is_current else words.PRESS_PLAN)
+        self._caps_changed()
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """Set the acceleration cap of the next plan [rad/s^2]."""
+        self._arm.set_acceleration(acceleration)
+        self._caps_changed()
 
     def plan(self) -> None:
         """Plan to the target; the arm stays where it is."""
@@ -102,20 +133,29 @@ class ViewModel:
 
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere, as if it had been made here."""
-        self._aim = self._aimer.at_joints(plan.q_goal, q_jaw=self._state.q_jaw_ref)
+        self._aim = self._at_joints(plan.q_goal, self._aim.frame)
         self._take_plan(plan)
 
     def preview(self, t: float) -> None:
         """Show the ghost ``t`` seconds into the plan."""
-        if self._plan is not None and self._plan_is_current:
-            self._preview_time = min(max(t, 0.0), self._plan.trajectory.duration)
+        if self._plan_is_current:
+            self._playback.seek(t)
+
+    def play(self, rate: float) -> None:
+        """Let the ghost go along the plan at ``rate`` times the arm's pace, or stand again."""
+        if self._plan_is_current:
+            self._playback.play(rate)
+
+    def show_sweep(self, shown: bool) -> None:
+        """Show postures on the way beside the ghost, or do not."""
+        self._sweeps = shown
 
     def execute(self) -> None:
         """Move the arm along the plan that is shown."""
         if self._plan is not None and self._can_execute():
-            self._motion = self._arm.start_execute(self._plan)
-            self._t_begin = None
-            self._preview_time = self._plan.trajectory.duration
+            self._motion = self._arm.start_execute(self._plan.plan)
+            self._tracker = Tracker()
+            self._playback.seek(self._plan.plan.duration)
             self._sentence = words.MOVING
 
     def move_jaw(self, aperture: float) -> None:
@@ -124,9 +164,34 @@ class ViewModel:
         if self._plan_is_current and self._motion is None:
             self._drop_plan(words.JAW_MOVED)
 
-    def report(self, error: Exception) -> None:
+    def report(self, error: BaseException) -> None:
         """Say that a command failed."""
         self._sentence = words.ended(error)
+
+    def tell(self, sentence: Sentence) -> None:
+        """Say what somebody else has done."""
+        self._sentence = sentence
+
+    @property
+    def aim(self) -> Aim:
+        """The target."""
+        return self._aim
+
+    @property
+    def q_arm(self) -> Array:
+        """Where the arm is, shape (5,), [rad]: as it is held, or as a hand has left it."""
+        state = self._arm.state
+        return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self._arm.range)
+
+    @property
+    def seen(self) -> PlanSight | None:
+        """The newest plan and what there is to see of it."""
+        return self._plan
+
+    @property
+    def tracking(self) -> Tracking | None:
+        """How well the newest motion that ended was followed."""
+        return self._tracking
 
     # What time brings
 
@@ -137,9 +202,15 @@ class ViewModel:
             Whether there is anything new to show.
         """
         self._state = self._arm.state
-        if self._motion is not None and self._t_begin is None and self._state.arm_moving:
-            self._t_begin = self._state.t
-        events = (self._collect_plan(), self._collect_motion(), self._notice_departure())
+        if self._motion is not None:
+            self._tracker.take(self._state)
+        events = (
+            self._follow_surroundings(),
+            self._collect_plan(),
+            self._collect_motion(),
+            self._notice_departure(),
+            self._playback.advance(self._now()),
+        )
         if not any(events) and not _looks_different(self._state, self._shown):
             return False
         self._shown = self._state
@@ -153,38 +224,44 @@ class ViewModel:
         sentence = self._sentence
         if self._aim.problem is not None and self._motion is None:
             sentence = Sentence(text=self._aim.problem, tone=Tone.BAD)
+        plan = self._plan if self._plan_is_current else None
         return Screen(
             state=self._state,
             aim=self._aim,
             q_ghost=None if _apart(q_ghost, self._state.q) < SAME_POSE else q_ghost,
             way=self._way,
+            sweep=plan.sweep if plan is not None and self._sweeps else None,
+            sweeps=self._sweeps,
             sentence=words.blocked(self._state) or sentence,
             plan=self._plan,
             plan_is_current=self._plan_is_current,
             can_plan=self._can_plan(),
             can_execute=self._can_execute(),
-            preview_time=self._preview_time,
+            preview_time=self._playback.t,
+            rate=self._playback.rate,
             progress=self._progress(),
+            tracking=self._tracking,
             speed=self._arm.speed,
+            acceleration=self._arm.acceleration,
+            range=self._arm.range,
         )
 
     # How
 
-    def _first_aim(self) -> Aim:
-        """A target beside the arm, so that the first picture already shows a way to go."""
+    def _at_point(self, p_base: Array, frame: str) -> Aim:
         state = self._state
-        p_now = self._aimer.tool_point(state.q_ref)
-        aims = (
-            self._aimer.at_point(p_now + offset, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
-            for offset in _FIRST_OFFSETS
-        )
-        here = self._aimer.at_joints(state.q_ref, q_jaw=state.q_jaw_ref)
-        return next((aim for aim in aims if aim.problem is None), here)
+        return self._aimer.at_point(p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
+
+    def _at_joints(self, q: Array, frame: str) -> Aim:
+        return self._aimer.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
 
     def _take(self, aim: Aim) -> None:
         self._aim = aim
         there = _apart(aim.q, self._state.q_ref) <= START_TOLERANCE
         self._drop_plan(words.ALREADY_THERE if there else words.PRESS_PLAN)
+
+    def _caps_changed(self) -> None:
+        self._drop_plan(words.CAPS_CHANGED if self._plan_is_current else words.PRESS_PLAN)
 
     def _drop_plan(self, sentence: Sentence) -> None:
         self._planning = None
@@ -198,7 +275,31 @@ class ViewModel:
         if self._aim.problem is not None or _apart(goal, start) < SAME_POSE:
             return None
         steps = np.linspace(start, goal, HINT_POINTS)
-        return Way(points=np.array([self._aimer.tool_point(q) for q in steps]), planned=False)
+        points = np.array([self._aimer.point(q, self._aim.frame) for q in steps])
+        return Way(points=points, planned=False)
+
+    def _follow_surroundings(self) -> bool:
+        """Take up another scene, or another range of the joints, beside the page."""
+        around = Surroundings(self._arm.scene, self._arm.range)
+        if self._loading is None and not around.same_as(self._around):
+            self._around = around
+            self._loading = self._submit(lambda: self._load_aimer(around))
+            if self._plan_is_current or self._planning is not None:
+                self._drop_plan(words.SURROUNDINGS_CHANGED)
+            return True
+        if self._loading is None or not self._loading.done():
+            return False
+        loading, self._loading = self._loading, None
+        error = loading.exception()
+        if error is not None:
+            self.report(error)
+            return True
+        self._aimer, aim = loading.result(), self._aim
+        at_point = isinstance(aim.goal, PoseGoal)
+        self._aim = (
+            self._at_point(aim.p_base, aim.frame) if at_point else self._at_joints(aim.q, aim.frame)
+        )
+        return True
 
     def _collect_plan(self) -> bool:
         if self._planning is None or not self._planning.done():
@@ -212,9 +313,10 @@ class ViewModel:
         return True
 
     def _take_plan(self, plan: Plan) -> None:
-        self._plan, self._plan_is_current = plan, True
-        self._way = Way(points=plan.tool_path, planned=True)
-        self._preview_time = plan.trajectory.duration
+        seen = sight(plan, self._aimer, self._aim.frame, self._state.q_jaw_ref)
+        self._plan, self._plan_is_current = seen, True
+        self._way = seen.way
+        self._playback.load(plan.duration)
         self._sentence = words.PLANNED
 
     def _collect_motion(self) -> bool:
@@ -222,12 +324,14 @@ class ViewModel:
             return False
         motion, self._motion = self._motion, None
         self._plan_is_current = False
+        self._tracking = self._tracker.tracking() or self._tracking
         error = motion.future.exception()
         if error is not None:
             self._sentence = words.ended(error)
         elif self._plan is not None:
-            p_goal = self._aimer.tool_point(self._plan.q_goal)
-            off = self._aimer.tool_point(self._state.q) - p_goal
+            frame = self._aim.frame
+            p_goal = self._aimer.point(self._plan.plan.q_goal, frame)
+            off = self._aimer.point(self._state.q, frame) - p_goal
             self._sentence = words.arrived(float(np.linalg.norm(off)))
         return True
 
@@ -235,14 +339,14 @@ class ViewModel:
         """Drop a plan whose start the arm has left, whoever moved it."""
         if self._plan is None or not self._plan_is_current or self._motion is not None:
             return False
-        if _apart(self._plan.q_start, self._state.q_ref) <= START_TOLERANCE:
+        if _apart(self._plan.plan.q_start, self._state.q_ref) <= START_TOLERANCE:
             return False
         self._drop_plan(words.ARM_MOVED)
         return True
 
     def _q_ghost(self) -> Array:
         if self._plan is not None and self._plan_is_current:
-            return self._plan.trajectory.sample(self._preview_time).q
+            return self._plan.plan.trajectory.sample(self._playback.t).q
         return self._aim.q
 
     def _can_plan(self) -> bool:
@@ -255,13 +359,18 @@ class ViewModel:
         )
 
     def _can_execute(self) -> bool:
-        return self._plan_is_current and self._motion is None and self._state.mode is Mode.HOLDING
+        return (
+            self._plan_is_current
+            and self._motion is None
+            and self._state.mode is Mode.HOLDING
+            and Surroundings(self._arm.scene, self._arm.range).same_as(self._around)
+        )
 
     def _progress(self) -> float:
-        if self._motion is None or self._plan is None or self._t_begin is None:
+        t_begin = self._tracker.t_begin
+        if self._motion is None or self._plan is None or t_begin is None:
             return 0.0
-        elapsed = self._state.t - self._t_begin
-        return min(elapsed / max(self._plan.trajectory.duration, 1e-9), 1.0)
+        return min((self._state.t - t_begin) / max(self._plan.plan.duration, 1e-9), 1.0)
 
 
 def _apart(q: Array, other: Array) -> float:

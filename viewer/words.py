@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.errors import Interrupted, So101Error
+from so101_motion.geometry import Array
 from so101_motion.modes import Mode
 from so101_motion.planning.plan import Plan
 from so101_motion.state import ARM_JOINTS, JointState
 from so101_motion.units import to_deg, to_mm
 
-from .screen import Sentence, Tone
+from .screen import PlanSight, Sentence, Tone
+from .tracking import Tracking
 
 PRESS_PLAN = Sentence(text="Reachable. Press Plan.")
 PLANNING = Sentence(text="Planning …")
@@ -21,7 +23,8 @@ MOVING = Sentence(text="Moving. Space or Stop ends it.")
 ALREADY_THERE = Sentence(text="The arm is there already.")
 ARM_MOVED = Sentence(text="The arm has moved since. Press Plan again.")
 JAW_MOVED = Sentence(text="The gripper has moved since. Press Plan again.")
-SPEED_CHANGED = Sentence(text="New speed. Press Plan again.")
+CAPS_CHANGED = Sentence(text="New caps. Press Plan again.")
+SURROUNDINGS_CHANGED = Sentence(text="The surroundings have changed. Press Plan again.")
 
 _MODES = {
     Mode.LIMP: "Limp",
@@ -34,10 +37,9 @@ _MODES = {
 }
 
 
-def mode(state: JointState) -> str:
-    """What the arm is doing."""
-    name = _MODES[state.mode]
-    return f"{name}: {state.fault}" if state.fault else name
+def mode(state: JointState, *, lost: bool = False) -> str:
+    """What the arm is doing, in a word or two; why a fault is one is said elsewhere."""
+    return "Out of reach of this page" if lost else _MODES[state.mode]
 
 
 def blocked(state: JointState) -> Sentence | None:
@@ -45,11 +47,26 @@ def blocked(state: JointState) -> Sentence | None:
     reasons = {
         Mode.LIMP: "The arm is limp. It has to hold before it can move.",
         Mode.GUIDING: "The arm is guided by hand. It has to hold before it can move.",
-        Mode.FAULT: f"The arm is in a fault: {state.fault}.",
+        Mode.FAULT: "The arm is in a fault; what to do is said at the top.",
         Mode.CALIBRATING: "The arm is being calibrated.",
     }
     reason = reasons.get(state.mode)
     return None if reason is None else Sentence(text=reason, tone=Tone.BAD)
+
+
+def saved(name: str) -> Sentence:
+    """Something was kept under a name."""
+    return Sentence(text=f"Saved as {name}.", tone=Tone.GOOD)
+
+
+def renamed(name: str, new: str) -> Sentence:
+    """Something is called otherwise now."""
+    return Sentence(text=f"{name} is now called {new}.", tone=Tone.GOOD)
+
+
+def deleted(name: str) -> Sentence:
+    """Something is no longer kept."""
+    return Sentence(text=f"Deleted {name}.")
 
 
 def arrived(distance: float) -> Sentence:
@@ -70,22 +87,40 @@ def ended(error: BaseException) -> Sentence:
     return Sentence(text=f"Something broke inside: {error!r}. See the log.", tone=Tone.BAD)
 
 
-def plan_facts(plan: Plan) -> tuple[tuple[str, str], ...]:
+def plan_facts(seen: PlanSight) -> tuple[tuple[str, str], ...]:
     """The figures of a plan as pairs of name and value."""
-    trajectory, report = plan.trajectory, plan.report
-    speeds = np.max(np.abs(trajectory.qd), axis=0)
-    fastest = int(np.argmax(speeds))
+    plan = seen.plan
+    trajectory = plan.trajectory
     return (
         ("Duration", f"{trajectory.duration:.2f} s"),
-        ("Peak speed", f"{to_deg(float(speeds[fastest])):.0f} °/s, {ARM_JOINTS[fastest]}"),
-        ("Samples", f"{len(trajectory)}, one every {1000 * trajectory.dt:.0f} ms"),
+        ("Peak speed", _peak(trajectory.qd, "°/s")),
+        ("Peak accel.", _peak(trajectory.qdd, "°/s²")),
         ("Tool travel", f"{to_mm(_length(plan)):.0f} mm"),
-        (
-            "Clearance",
-            f"{to_mm(report.clearance):.0f} mm at the goal, {' to '.join(report.closest)}",
-        ),
-        ("Planned in", f"{report.stages_ms['total']:.0f} ms"),
+        ("Clearance", clearance(seen)),
+        ("Planned in", f"{plan.report.stages_ms['total']:.0f} ms"),
     )
+
+
+def clearance(seen: PlanSight) -> str:
+    """How near bodies come on the way, which, and when."""
+    closest, end = seen.closest, seen.plan.trajectory.duration
+    when = "at the goal" if seen.t_closest >= end else f"at {seen.t_closest:.1f} s"
+    return f"{to_mm(closest.distance):.0f} mm, {closest.first} to {closest.second}, {when}"
+
+
+def followed(tracking: Tracking) -> str:
+    """How well a motion was followed, in one line."""
+    worst, rms = to_deg(tracking.worst), to_deg(tracking.rms)
+    i = int(np.argmax(worst))
+    late = "" if tracking.lag is None else f", {1000.0 * tracking.lag:.0f} ms behind the plan"
+    mean = float(np.sqrt(np.mean(rms**2)))
+    return f"RMS {mean:.2f}°, largest {worst[i]:.2f}° ({ARM_JOINTS[i]}){late}"
+
+
+def _peak(values: Array, unit: str) -> str:
+    peaks = np.max(np.abs(values), axis=0)
+    i = int(np.argmax(peaks))
+    return f"{to_deg(float(peaks[i])):.0f} {unit}, {ARM_JOINTS[i]}"
 
 
 def _length(plan: Plan) -> float:

@@ -58,10 +58,15 @@ def root() -> Path:
     Raises:
         OSError: This user has no home.
     """
-    return _user_data() / "so101_motion" / "calibrations"
+    return user_data() / "so101_motion" / "calibrations"
 
 
-def _user_data() -> Path:
+def user_data() -> Path:
+    """The folder for what programs keep for this user.
+
+    Raises:
+        OSError: This user has no home.
+    """
     given = os.environ.get("XDG_DATA_HOME", "")
     if os.path.isabs(given):
         return Path(given)

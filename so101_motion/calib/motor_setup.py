@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 
@@ -57,9 +57,13 @@ class MotorSetup:
     Args:
         borrow: Lends the bus they are on until its block ends. Giving back should not raise because
             servos are missing: during a setup they are.
+
+    Attributes:
+        checked: What the last ``verify`` has found; None before, and once a servo was changed.
     """
 
     def __init__(self, borrow: Callable[[], AbstractContextManager[BusAccess]]) -> None:
+        self.checked: Verification | None = None
         self._borrow = borrow
         self._view = SetupView()
         self._busy = threading.Lock()
@@ -125,6 +129,7 @@ class MotorSetup:
             facts = find_alone(tuner, joint, hint=hint, tell=self._tell_rate)
             self._admit(joint, facts.servo_id, current_id)
             see_that_nobody_else_is_there(tuner, joint)
+            self.checked = None
             done = self._carry_out(tuner, joint, facts)
             now = read_back(tuner, joint)
             motor = replace(motor.with_facts(now, tuner.baud), state="configured")
@@ -143,6 +148,19 @@ class MotorSetup:
             self._show(skipped)
         return skipped
 
+    def recall(self, joints: Collection[str]) -> None:
+        """Take the servos of these joints for set up, because an earlier setup did it.
+
+        Raises:
+            ConfigError: There is no such joint.
+        """
+        for joint in joints:
+            motor = self._motor(joint)
+            if motor.state == "todo":
+                known = replace(motor, state="configured", found_id=motor.target_id)
+                with self._busy:
+                    self._show(replace(known, sentence=f"{joint} was set up before"))
+
     # All of them
 
     def verify(self) -> Verification:
@@ -152,7 +170,7 @@ class MotorSetup:
             BusError: The port is gone.
         """
         with self._attempt(None, "verifying all servos") as tuner:
-            found = chain_check.verify(tuner)
+            self.checked = found = chain_check.verify(tuner)
             for check in found.motors.values():
                 motor = self._view.motors[check.joint]
                 if check.facts is not None:
@@ -189,7 +207,7 @@ class MotorSetup:
     def reset(self) -> None:
         """Forget how far the setup was; the servos stay as they are."""
         with self._busy:
-            self._view = SetupView()
+            self._view, self.checked = SetupView(), None
 
     # How
 

@@ -16,6 +16,16 @@ from so101_motion.calib.record import JOINTS
 SETUP_ORDER = tuple(reversed(JOINTS))
 """Gripper to shoulder_pan. New servos all have id 1; shoulder_pan, which keeps it, comes last."""
 
+MOVES: Mapping[str, str] = {
+    "shoulder_pan": "turns the arm on its base",
+    "shoulder_lift": "lifts the upper arm",
+    "elbow_flex": "bends the elbow",
+    "wrist_flex": "tilts the wrist",
+    "wrist_roll": "turns the gripper",
+    "gripper": "opens and closes the jaw",
+}
+"""What each motor does, for people who have not met the joints' names."""
+
 State = Literal["todo", "found", "configured", "verified", "failed", "skipped"]
 
 READY = "Motor setup ready"

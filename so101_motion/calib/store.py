@@ -34,7 +34,7 @@ from so101_motion.calib.record import JOINTS, Calibration, JointCalibration
 from so101_motion.calib.zero import Zero
 from so101_motion.errors import CalibrationError
 
-__all__ = ["Stored", "Version", "load", "read", "resolve", "restore", "save", "versions"]
+__all__ = ["Stored", "Version", "earlier", "load", "read", "resolve", "restore", "save", "versions"]
 
 NO_ZEROS: Mapping[str, Zero] = MappingProxyType({})
 
@@ -211,9 +211,17 @@ def restore(path: Path, number: int | None = None) -> Stored:
         CalibrationError: There is no such version, or it cannot be true of this arm.
     """
     with _writing(path):
-        before = _salvaged(path)
-        wanted = _version(path, number) if number is not None else _last_other(before)
-        return _put(before, wanted.calibration, wanted.zeros)
+        wanted = earlier(path, number)
+        return _put(_salvaged(path), wanted.calibration, wanted.zeros)
+
+
+def earlier(path: Path, number: int | None = None) -> Stored:
+    """What ``restore`` would take; nothing is written.
+
+    Raises:
+        CalibrationError: There is no such version, or it cannot be true of this arm.
+    """
+    return _version(path, number) if number is not None else _last_other(_salvaged(path))
 
 
 def _version(path: Path, number: int) -> Stored:

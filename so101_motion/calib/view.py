@@ -171,11 +171,18 @@ def show(progress: Progress, seen: Seen | None, now: float) -> CalibrationView:
         instruction=_instruction(progress.state, joints),
         joints=joints,
         commands=OFFERED[progress.state],
-        error=progress.error or (None if seen is None else _trouble(seen, now)),
+        error=_error(progress, None if seen is None else _trouble(seen, now)),
         note=progress.note,
         recording_time=now - progress.started_at if recorded_for is None else recorded_for,
         samples=0 if seen is None else seen.samples,
     )
+
+
+def _error(progress: Progress, trouble: str | None) -> str | None:
+    """What is wrong: while joints are recorded, rather what is now than what went wrong last."""
+    if progress.state is State.RECORDING:
+        return trouble or progress.error
+    return progress.error or trouble
 
 
 def _show_joint(known: JointProgress, seen: Seen, *, is_recording: bool) -> JointView:

@@ -80,7 +80,7 @@ def view(source: AnySource, scene_file: Path | None, page: Page) -> None:
     so101 view --machine my-arm.local:8080
 
     The page opens even if the arm is not there yet, and finds it again when it was away.
-    """
+    """  # noqa: D301
     show(source, page, scene_file=scene_file)
 
 

@@ -34,13 +34,21 @@ class Guest:
     asked: list[str]
 
     def open(self, url: str) -> None:
+        """Open the page and wait for its arm."""
         self.page.goto(url)
+        self.see_the_arm()
+
+    def see_the_arm(self) -> None:
         self.page.wait_for_function(
             "() => window.__viserSceneTree && '/live/gripper_link' in "
             "window.__viserSceneTree.getState()",
             timeout=60_000,
         )
         self.until(lambda: self.button("Plan").count() == 1)
+
+    def leave(self) -> None:
+        """Close the window."""
+        self.page.context.close()
 
     def button(self, name: str) -> Locator:
         return self.page.get_by_role("button", name=name, exact=True)
@@ -58,6 +66,17 @@ class Guest:
                 return
             self.page.wait_for_timeout(50)
         pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
+
+    def color_of(self, part: str) -> int:
+        """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
+        color: list[int] = self.page.evaluate(
+            "part => { const nodes = window.__viserSceneTree.getState();"
+            " const name = Object.keys(nodes).find((name) => name.startsWith(part));"
+            " return [...nodes[name].message.props.color]; }",
+            part,
+        )
+        red, green, blue = color
+        return (red << 16) + (green << 8) + blue
 
     def words(self) -> str:
         return self.page.inner_text("body")

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pytest
@@ -22,7 +23,18 @@ from so101_motion.units import to_mm, to_rad
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")
-VIEWPORT = {"width": 1280, "height": 720}
+LAPTOP, PHONE = (1280, 720), (400, 800)
+EIGHT_PICTURES_A_SECOND = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 125);
+window.cancelAnimationFrame = clearTimeout;
+"""
+"""Enough to look at; drawn without a GPU, each picture costs a quarter of a second of processor."""
+
+
+class Visit(Protocol):
+    """Opens a window on nothing yet."""
+
+    def __call__(self, size: tuple[int, int] = ..., *, dark: bool = ...) -> Guest: ...
 
 
 @pytest.fixture(autouse=True)
@@ -63,6 +75,15 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         browser.close()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def own_files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the page keeps the user's files: never in the home of whoever runs the tests."""
+    folder = tmp_path_factory.mktemp("data")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_DATA_HOME", str(folder))
+        yield folder / "so101_motion"
+
+
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
     with open_simulated(speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
@@ -76,15 +97,18 @@ def preview(rig: Rig) -> Iterator[Preview]:
 
 
 @pytest.fixture(scope="module")
-def visit(browser: Browser) -> Iterator[Callable[[], Guest]]:
+def visit(browser: Browser) -> Iterator[Visit]:
     """Opens windows of a browser that knows no key yet."""
     contexts: list[BrowserContext] = []
 
-    def new() -> Guest:
+    def new(size: tuple[int, int] = LAPTOP, *, dark: bool = False) -> Guest:
+        width, height = size
         context = browser.new_context(
-            viewport=VIEWPORT,  # type: ignore[arg-type]
+            viewport={"width": width, "height": height},
             device_scale_factor=0.5,  # drawn without a GPU: a quarter of the pixels
+            color_scheme="dark" if dark else "light",
         )
+        context.add_init_script(EIGHT_PICTURES_A_SECOND)
         contexts.append(context)
         guest = Guest(page=context.new_page(), problems=[], asked=[])
         guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
@@ -97,7 +121,7 @@ def visit(browser: Browser) -> Iterator[Callable[[], Guest]]:
 
 
 @pytest.fixture(scope="module")
-def opened(visit: Callable[[], Guest], preview: Preview) -> Guest:
+def opened(visit: Visit, preview: Preview) -> Guest:
     guest = visit()
     guest.open(preview.url)
     return guest

@@ -13,6 +13,8 @@ from viser import _messages
 
 from so101_motion.modes import Mode
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import Scene
+from so101_motion.pose_book import PoseBook
 from so101_motion.rig import Rig
 from so101_motion.units import to_mm, to_rad
 
@@ -48,6 +50,16 @@ def stands_on_the_way(rig: Rig) -> bool:
 def expect_stopped_on_the_way(guest: Guest, rig: Rig) -> None:
     guest.until(lambda: guest.says("Stopped. The arm holds where it is."))
     assert stands_on_the_way(rig)
+
+
+def curves(guest: Guest, tab: str) -> int:
+    """Over how many rows of the plot in a tab the joints' colours go; few when all is flat."""
+    guest.page.get_by_role("tab", name=tab).click()
+    guest.page.wait_for_timeout(300)
+    plot = guest.page.locator(".uplot canvas").filter(visible=True).first
+    picture = Image.open(io.BytesIO(plot.screenshot())).convert("HSV")
+    _, saturation, value = (np.asarray(band, dtype=int) for band in picture.split())
+    return int(np.any((saturation > 120) & (value > 120), axis=1).sum())
 
 
 def test_the_link_opens_the_page_and_shows_the_arm(guest: Guest) -> None:
@@ -187,6 +199,84 @@ def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
     assert " mm" in guest.page.get_by_text("Out of reach by").inner_text()
     assert guest.button("Plan").is_disabled()
     assert guest.button("Execute").is_disabled()
+
+
+def test_the_joint_sliders_and_the_jaw_tip_aim_as_well(guest: Guest, rig: Rig) -> None:
+    tool_mm = guest.target_mm()
+    guest.page.get_by_text("Joints (°)").click()
+    slider = guest.page.get_by_role("slider").nth(4)
+    slider.press("End")
+    guest.until(lambda: slider.get_attribute("aria-valuenow") == "162.7")
+    guest.page.get_by_text("Joints (°)").click()
+
+    guest.fields("Target for").first.click()
+    guest.page.get_by_role("option", name="jaw tip").click()
+    q = READY.copy()
+    q[4] = to_rad(162.7)
+    tip_mm = to_mm(rig.arm.model.frame(q, "jaw_tip").p)
+    guest.until(lambda: np.allclose(guest.target_mm(), tip_mm, atol=0.2))
+    assert not np.allclose(tip_mm, tool_mm, atol=5.0)
+    guest.fields("Target for").first.click()
+    guest.page.get_by_role("option", name="tool").click()
+    guest.until(lambda: np.allclose(guest.target_mm(), tool_mm, atol=0.2))
+    assert not far_from(HOME, rig)
+
+
+def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) -> None:
+    guest.page.get_by_text("My poses").click()
+    guest.fields("Name").filter(visible=True).first.fill("<i>mine</i>")
+    guest.page.wait_for_timeout(200)
+    guest.press("target")
+    guest.until(lambda: guest.says("Saved as <i>mine</i>."))
+    ready_mm = guest.target_mm()
+    guest.press("home")
+    guest.until(lambda: guest.says("The arm is there already."))
+    guest.press("aim")
+    guest.until(lambda: guest.target_mm() == ready_mm)
+    assert [pose.name for pose in PoseBook().own()] == ["<i>mine</i>"]
+    guest.press("delete")
+    guest.until(lambda: guest.says("Deleted <i>mine</i>."))
+    guest.page.get_by_text("My poses").click()
+    assert not far_from(HOME, rig)
+
+
+def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, rig: Rig) -> None:
+    plan(guest)
+    assert guest.says("Clearance")
+    assert {"/sweep/gripper_link", "/sweep/shoulder_link"} <= guest.nodes()
+    at_goal = guest.pose_of("/ghost/gripper_link")["position"]
+    guest.press("0.25×")
+    guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != at_goal)
+    seen = {tuple(guest.pose_of("/ghost/gripper_link")["position"])}
+    guest.until(
+        lambda: seen.add(tuple(guest.pose_of("/ghost/gripper_link")["position"])) or len(seen) > 3
+    )
+    guest.press("0.25×")
+    assert curves(guest, "Velocity") > 10
+    assert at_rest(rig)
+    assert not far_from(HOME, rig)
+
+
+def test_after_a_motion_there_is_a_curve_of_how_well_it_was_followed(
+    guest: Guest, rig: Rig
+) -> None:
+    plan(guest)
+    guest.press("Execute")
+    guest.until(lambda: guest.says("Arrived"))
+    guest.page.get_by_role("tab", name="Tracking").click()
+    guest.until(lambda: guest.says("RMS"))
+    assert curves(guest, "Tracking") > 10
+    guest.page.get_by_role("tab", name="Velocity").click()
+    assert at_rest(rig)
+
+
+def test_new_surroundings_drop_the_plan(guest: Guest, rig: Rig) -> None:
+    plan(guest)
+    before = rig.arm.scene
+    rig.arm.scene = Scene(floor_z=before.floor_z)
+    guest.until(lambda: guest.says("The surroundings have changed. Press Plan again."))
+    assert guest.button("Execute").is_disabled()
+    rig.arm.scene = before
 
 
 def test_a_reload_moves_nothing_and_keeps_the_plan(guest: Guest, rig: Rig) -> None:

@@ -1,7 +1,7 @@
 import pytest
 
 from so101_motion.diagnosis import Examination, explain
-from so101_motion.drivers.bus import Tally
+from so101_motion.drivers.tally import Tally
 
 JOINTS = {
     1: "shoulder_pan", 2: "shoulder_lift", 3: "elbow_flex", 4: "wrist_flex", 5: "wrist_roll",
@@ -50,6 +50,8 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"operating_mode": 1}), ["mode 1"]),
         (seen(elbow_flex={"torque_limit": 0}), ["ignores its goal"]),
         (seen(elbow_flex={"phase": 28}), ["more than one turn"]),
+        (seen(elbow_flex={"phase": 13}), ["backwards", "13, as new 12"]),
+        (seen(elbow_flex={"phase": 140}), ["backwards", "140"]),
         (seen(elbow_flex={"homing_offset": 2114}), ["2114", "calibrate"]),
         (seen(elbow_flex={"present_position": -20}), ["-20", "0 to 4095"]),
         (seen(elbow_flex={"firmware_minor": 9}), ["different firmware", "3.9"]),
@@ -58,7 +60,14 @@ def test_nothing_is_wrong_with_a_healthy_arm():
             seen(tallies={3: Tally(answers=900, corrupt=100)}),
             ["elbow_flex", "10.0 %", "same id"],
         ),
-        (seen(tallies={3: Tally(answers=900, lost=100)}), ["10.0 %", "no answer"]),
+        (
+            seen(tallies={3: Tally(answers=900, lost=100)}),
+            ["elbow_flex", "10.0 %", "no answer", "cable"],
+        ),
+        (
+            seen(tallies={i: Tally(answers=900, lost=100 + i) for i in JOINTS}),
+            ["10.1 %", "whichever servo", "too busy"],
+        ),
     ],
 )  # fmt: skip
 def test_each_symptom_is_named_with_its_figure_and_what_to_do(examination, words):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from so101_motion.errors import ConfigError
-from so101_motion.export import export
+from so101_motion.export import LeRobot, Run, export
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.online import point_to_point
 from so101_motion.state import ARM_JOINTS
@@ -68,3 +68,70 @@ def test_without_the_mcap_package_the_command_to_install_it_is_given(
     monkeypatch.setitem(sys.modules, "mcap_ros2.writer", None)
     with pytest.raises(ConfigError, match="pip install"):
         export(trajectory, tmp_path / "move.mcap")
+
+
+@pytest.fixture(scope="module")
+def run():
+    q_ref = np.linspace(np.zeros(5), np.full(5, 0.5), 4)
+    return Run(t=np.array([0.0, 0.03, 0.06, 0.09]), q_ref=q_ref, q=q_ref - 0.01)
+
+
+def test_a_run_is_written_as_wanted_and_as_measured(run, tmp_path):
+    export(run, tmp_path / "run.csv")
+    rows = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))
+    assert len(rows) == 4
+    off = float(rows[2]["elbow_flex_measured_deg"]) - float(rows[2]["elbow_flex_deg"])
+    assert off == pytest.approx(np.degrees(-0.01), abs=1e-5)
+    export(run, tmp_path / "run.json")
+    content = json.loads((tmp_path / "run.json").read_text())
+    assert content["schema"] == "so101/run/1"
+    np.testing.assert_allclose(content["q_measured_deg"], np.degrees(run.q), atol=1e-9)
+
+
+def test_a_run_in_mcap_has_commands_and_states(run, tmp_path):
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    path = tmp_path / "run.mcap"
+    export(run, path)
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        read = [(entry[1].topic, entry[3]) for entry in reader.iter_decoded_messages()]
+    states = [message for topic, message in read if topic == "/joint_states"]
+    assert len(states) == len(read) / 2 == 4
+    np.testing.assert_allclose(states[-1].position, run.q[-1])
+
+
+def test_lerobots_columns_have_its_names_units_and_zero(trajectory, tmp_path):
+    middles = np.array([0.1, 0.0, -0.2, 0.0, 0.0])
+    lerobot = LeRobot(middles=middles, aperture=0.4)
+    export(trajectory, tmp_path / "move.csv", lerobot=lerobot)
+    rows = list(csv.DictReader((tmp_path / "move.csv").read_text().splitlines()))
+    names = [f"{joint}.pos" for joint in (*ARM_JOINTS, "gripper")]
+    assert list(rows[0]) == ["timestamp", "frame_index", *names]
+    assert [float(row["gripper.pos"]) for row in rows] == [40.0] * len(rows)
+    end = [float(rows[-1][f"{joint}.pos"]) for joint in ARM_JOINTS]
+    np.testing.assert_allclose(end, np.degrees(trajectory.q[-1] - middles), atol=1e-4)
+    export(trajectory, tmp_path / "move.json", lerobot=lerobot)
+    content = json.loads((tmp_path / "move.json").read_text())
+    assert content["elbow_flex.pos"] == [float(row["elbow_flex.pos"]) for row in rows]
+
+
+def test_a_run_for_lerobot_is_an_action_and_an_observation(run, tmp_path):
+    export(run, tmp_path / "run.csv", lerobot=LeRobot())
+    row = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))[3]
+    action = float(row["action.wrist_roll.pos"])
+    assert action == pytest.approx(np.degrees(0.5), abs=1e-3)
+    assert float(row["observation.state.wrist_roll.pos"]) == pytest.approx(
+        action - np.degrees(0.01), abs=1e-3
+    )
+
+
+def test_lerobots_names_do_not_go_into_mcap(trajectory, tmp_path):
+    with pytest.raises(ConfigError, match=r"\.csv or \.json to hold LeRobot's names"):
+        export(trajectory, tmp_path / "move.mcap", lerobot=LeRobot())
+
+
+def test_a_run_whose_rows_do_not_match_is_no_run():
+    with pytest.raises(ValueError, match="shape"):
+        Run(t=np.zeros(3), q_ref=np.zeros((3, 5)), q=np.zeros((2, 5)))

@@ -49,6 +49,13 @@ def test_quaternion_gives_the_rotation_back(R):
     np.testing.assert_allclose(rebuilt, R, atol=1e-9)
 
 
+@given(rotations, points, st.floats(0.1, 10.0))
+def test_a_quaternion_of_any_length_makes_the_rotation_it_came_from(R, p, length):
+    T = SE3.from_quaternion(length * quaternion_wxyz(R), p)
+    np.testing.assert_allclose(T.R, R, atol=1e-9)
+    np.testing.assert_array_equal(T.p, p)
+
+
 @given(st.floats(0.0, math.pi), rotations)
 def test_rotation_angle_does_not_depend_on_the_axis(angle, R):
     assert math.isclose(rotation_angle(R @ rot_z(angle) @ R.T), angle, abs_tol=1e-7)

@@ -1,7 +1,9 @@
+import threading
 from concurrent.futures import Future
 
 import pytest
 
+from so101_motion.clock import ManualClock
 from so101_motion.errors import Interrupted
 from so101_motion.motion import Motion
 
@@ -48,3 +50,27 @@ def test_outcome_is_taken_over():
     bad.take_outcome(failed)
     with pytest.raises(Interrupted):
         bad.result()
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
+    clock, motion, ended = ManualClock(), Motion(), Future()
+
+    def pause():
+        try:
+            motion.pause(clock, 3.0)
+        except Interrupted as error:
+            ended.set_result(error.by)
+        else:
+            ended.set_result(clock.now())
+
+    thread = threading.Thread(target=pause)
+    thread.start()
+    if interrupted:
+        motion.interrupt("stop")
+        assert ended.result(10.0) == "stop"
+    else:
+        while not ended.done():
+            clock.advance(0.5)
+        assert ended.result() >= 3.0
+    thread.join()

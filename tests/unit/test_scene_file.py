@@ -137,6 +137,12 @@ def test_a_file_that_is_not_there_or_not_json_is_named(tmp_path):
         read_scene(tmp_path / "deep.json")
 
 
+def test_mesh_files_are_not_read_where_there_is_no_folder_to_read_them_from():
+    thing = {"name": "part", "mesh_file": "/etc/hostname"}
+    with pytest.raises(ConfigError, match=r"mesh_file.*of \"part\".*none can be read from here"):
+        scene_from({"obstacles": [thing]}, folder=None)
+
+
 def test_a_mesh_file_that_holds_no_triangles_is_named(tmp_path):
     (tmp_path / "empty.stl").write_text("not a mesh")
     thing = {"name": "part", "mesh_file": "empty.stl"}

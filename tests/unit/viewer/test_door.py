@@ -116,3 +116,15 @@ def test_refusals_are_confined_too() -> None:
     response = DOOR.answer(Request("/", Headers([("Host", "evil.example")])))
     assert response is not None
     assert "connect-src 'none'" in response.headers["Content-Security-Policy"]
+
+
+def test_a_ticket_opens_once_and_brings_the_cookie() -> None:
+    door = Door(key="s3cret", port=8080, names=frozenset({"127.0.0.1"}))
+    path = f"/?key={door.ticket()}"
+    first = door.answer(Request(path, Headers([HOST])))
+    assert first is not None
+    assert first.status_code == 200
+    assert "s3cret" in first.headers["Set-Cookie"]
+    second = door.answer(Request(path, Headers([HOST])))
+    assert second is not None
+    assert second.status_code == 401

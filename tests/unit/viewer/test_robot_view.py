@@ -40,13 +40,17 @@ def test_links_can_be_hidden_one_by_one(scene: viser.SceneApi) -> None:
 def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene: viser.SceneApi) -> None:
     view = RobotView(scene, "/other", color=(60, 130, 246), opacity=0.35)
     view.paint((224, 49, 49))
-    assert {tuple(mesh.color) for mesh in view._meshes} == {(224, 49, 49)}
-    assert {mesh.opacity for mesh in view._meshes} == {0.35}
+    assert {tuple(mesh.color) for meshes in view._meshes.values() for mesh in meshes} == {
+        (224, 49, 49)
+    }
+    assert {mesh.opacity for meshes in view._meshes.values() for mesh in meshes} == {0.35}
 
 
 def test_the_arm_is_orange_white_and_black(scene: viser.SceneApi) -> None:
     view = RobotView(scene, "/colours")
-    colours = np.array([mesh.color for mesh in view._meshes], dtype=int)
+    colours = np.array(
+        [mesh.color for meshes in view._meshes.values() for mesh in meshes], dtype=int
+    )
     red, _green, blue = colours.T
     assert np.any((red > 180) & (blue < 100))
     assert np.any(colours.min(axis=1) > 200)
@@ -55,4 +59,4 @@ def test_the_arm_is_orange_white_and_black(scene: viser.SceneApi) -> None:
 
 def test_the_meshes_are_light_enough_to_be_drawn_without_a_gpu(scene: viser.SceneApi) -> None:
     view = RobotView(scene, "/light")
-    assert sum(len(mesh.faces) for mesh in view._meshes) < 40_000
+    assert sum(len(mesh.faces) for meshes in view._meshes.values() for mesh in meshes) < 40_000

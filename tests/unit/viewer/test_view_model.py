@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from so101_viewer.aim import Aimer
+from so101_viewer.aim import Aimer, Surroundings
 from so101_viewer.screen import Screen, Tone
 from so101_viewer.view_model import ViewModel
 
-from so101_motion.errors import Interrupted, NoPath, Unreachable
+from so101_motion.errors import ConfigError, Interrupted, NoPath, OutsideLimits, Unreachable
 from so101_motion.geometry import Array
 from so101_motion.modes import Mode
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.trajectory import Trajectory
-from so101_motion.state import JointReading, JointState
+from so101_motion.state import ARM_JOINTS, JointReading, JointState
 from so101_motion.units import to_rad
 
 REACH = 0.5
@@ -27,8 +27,19 @@ REACH = 0.5
 WELCOME = "Welcome."
 
 
-def tool_point(q: Array) -> Array:
-    return q[:3]
+def point(q: Array, frame: str) -> Array:
+    return q[:3] if frame == "tool" else q[:3] + np.array([0.0, 0.0, 0.1])
+
+
+def clearance(q: Array, _q_jaw: float) -> Any:
+    """How far the pretended arm is from the floor that it touches at -0.2 m."""
+    return SimpleNamespace(distance=q[2] + 0.2, first="gripper", second="floor")
+
+
+def check_limits(q: Array) -> None:
+    i = int(np.argmax(np.abs(q)))
+    if abs(q[i]) > 2.0:
+        raise OutsideLimits("far", joint=ARM_JOINTS[i], value=q[i], lower=-2.0, upper=2.0)
 
 
 def candidates(goal: PoseGoal, q_seed: Array) -> list[Any]:
@@ -59,6 +70,10 @@ class PretendedPlan:
     limits: MotionLimits
     report: Any
 
+    @property
+    def duration(self) -> float:
+        return self.trajectory.duration
+
 
 def straight(q_start: Array, q_goal: Array) -> PretendedPlan:
     q = np.linspace(q_start, q_goal, 101)
@@ -77,7 +92,9 @@ class PretendedArm:
     """An arm that is where it is told to be, and whose motions end when the test says so."""
 
     def __init__(self) -> None:
-        self.speed = 1.0
+        self.speed = self.acceleration = 1.0
+        self.scene: object = object()
+        self.range = (np.full(5, -2.0), np.full(5, 2.0))
         self.failure: Exception | None = None
         self.executed: list[PretendedPlan] = []
         self.motion = SimpleNamespace(future=Future())
@@ -107,6 +124,9 @@ class PretendedArm:
 
     def set_speed(self, speed: float) -> None:
         self.speed = speed
+
+    def set_acceleration(self, acceleration: float) -> None:
+        self.acceleration = acceleration
 
     def plan(self, goal: PoseGoal | JointGoal) -> PretendedPlan:
         if self.failure is not None:
@@ -147,13 +167,43 @@ def gripper() -> PretendedGripper:
     return PretendedGripper()
 
 
+class Desk:
+    """What the page is given: a clock that the test drives, and aimers for some surroundings."""
+
+    def __init__(self) -> None:
+        self.t = 0.0
+        self.loaded: list[Surroundings] = []
+        self.failure: Exception | None = None
+
+    def now(self) -> float:
+        return self.t
+
+    def load_aimer(self, around: Surroundings) -> Aimer:
+        self.loaded.append(around)
+        if self.failure is not None:
+            raise self.failure
+        return Aimer(
+            point=point,
+            candidates=candidates,
+            clearance=clearance,
+            contact=contact,
+            check_limits=check_limits,
+        )
+
+
 @pytest.fixture
-def page(arm: PretendedArm, gripper: PretendedGripper) -> ViewModel:
+def desk() -> Desk:
+    return Desk()
+
+
+@pytest.fixture
+def page(arm: PretendedArm, gripper: PretendedGripper, desk: Desk) -> ViewModel:
     return ViewModel(
         arm=arm,  # type: ignore[arg-type]
         gripper=gripper,  # type: ignore[arg-type]
-        aimer=Aimer(tool_point=tool_point, candidates=candidates, contact=contact),
+        load_aimer=desk.load_aimer,
         submit=run_at_once,
+        now=desk.now,
         welcome=WELCOME,
     )
 
@@ -230,10 +280,13 @@ def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> No
     [
         lambda page: page.aim_at(np.array([0.1, 0.1, 0.1])),
         lambda page: page.aim_at_joints(np.full(5, 0.2)),
+        lambda page: page.aim_at_joint(3, 0.4),
+        lambda page: page.aim_with("jaw_tip"),
         lambda page: page.set_speed(to_rad(30.0)),
+        lambda page: page.set_acceleration(to_rad(30.0)),
         lambda page: page.move_jaw(1.0),
     ],
-    ids=["target", "pose", "speed", "jaw"],
+    ids=["target", "pose", "joint", "frame", "speed", "acceleration", "jaw"],
 )
 def test_whatever_a_plan_was_made_for_changes_drops_it(
     page: ViewModel, arm: PretendedArm, change: Callable[[ViewModel], None]
@@ -309,7 +362,7 @@ def test_a_mistake_inside_is_told_and_does_not_stop_the_page(
 
 @pytest.mark.parametrize(
     ("mode", "words"),
-    [(Mode.LIMP, "limp"), (Mode.FAULT, "servo 3 is hot"), (Mode.CALIBRATING, "calibrated")],
+    [(Mode.LIMP, "limp"), (Mode.FAULT, "fault"), (Mode.CALIBRATING, "calibrated")],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
     page: ViewModel, arm: PretendedArm, mode: Mode, words: str
@@ -361,3 +414,113 @@ def test_at_the_target_there_is_nothing_to_plan(page: ViewModel) -> None:
     screen = page.screen()
     assert screen.sentence.text == "The arm is there already."
     assert not screen.can_plan
+
+
+def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> None:
+    page.aim_at_joints(np.full(5, 0.1))
+    page.aim_at_joint(3, 0.5)
+    np.testing.assert_allclose(page.aim.q, [0.1, 0.1, 0.1, 0.5, 0.1])
+    page.aim_at_joint(4, 2.1)
+    assert page.screen().sentence.text == "wrist_roll at 120.3° is outside its -114.6° to 114.6°."
+    assert not page.screen().can_plan
+
+
+def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel) -> None:
+    page.aim_at(np.array([0.2, 0.1, 0.1]))
+    q = page.aim.q
+    page.aim_with("jaw_tip")
+    np.testing.assert_array_equal(page.aim.q, q)
+    np.testing.assert_allclose(page.aim.p_base, [0.2, 0.1, 0.2])
+    page.aim_at(np.array([0.2, 0.1, 0.1]))
+    assert isinstance(page.aim.goal, PoseGoal)
+    assert page.aim.goal.frame == "jaw_tip"
+    with pytest.raises(ConfigError, match="must be one of"):
+        page.aim_with("elbow")
+
+
+def test_here_is_where_the_arm_is(page: ViewModel, arm: PretendedArm) -> None:
+    arm.be(np.full(5, 0.3))
+    page.refresh()
+    page.aim_here()
+    np.testing.assert_allclose(page.aim.q, 0.3)
+    assert page.screen().sentence.text == "The arm is there already."
+
+
+def test_a_plan_shows_postures_on_its_way_and_where_it_comes_close(page: ViewModel) -> None:
+    page.aim_at(np.array([0.3, 0.0, -0.1]))
+    screen = planned(page)
+    assert screen.sweep is not None
+    assert len(screen.sweep) >= 3
+    assert 0.0 < screen.sweep[0][0] < screen.sweep[-1][0] < 0.3
+    assert screen.plan is not None
+    assert screen.plan.closest.distance == pytest.approx(0.1)
+    assert screen.plan.t_closest == pytest.approx(1.0)
+    page.show_sweep(False)
+    assert page.screen().sweep is None
+
+
+def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page: ViewModel, desk: Desk) -> None:
+    planned(page)
+    page.play(0.5)
+    assert page.refresh()
+    desk.t += 0.8
+    assert page.refresh()
+    assert page.screen().preview_time == pytest.approx(0.4)
+    page.play(0.5)  # once more: it stands
+    desk.t += 0.8
+    assert not page.refresh()
+    page.play(2.0)
+    page.refresh()
+    desk.t += 5.0
+    page.refresh()
+    screen = page.screen()
+    assert screen.preview_time == 1.0
+    assert screen.rate is None
+
+
+def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
+    page: ViewModel, arm: PretendedArm, desk: Desk
+) -> None:
+    assert planned(page).can_execute
+    arm.scene = object()
+    assert not page.screen().can_execute  # not even before the page has taken note
+    assert page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text == "The surroundings have changed. Press Plan again."
+    assert not screen.can_execute
+    page.refresh()
+    assert desk.loaded[-1].scene is arm.scene
+    arm.range = (np.full(5, -1.0), np.full(5, 1.0))
+    page.refresh()
+    assert desk.loaded[-1].range is arm.range
+    page.refresh()
+    assert not page.refresh()
+
+
+def test_surroundings_that_cannot_be_taken_up_are_told(
+    page: ViewModel, arm: PretendedArm, desk: Desk
+) -> None:
+    desk.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
+    arm.range = (np.full(5, 1.0), np.full(5, 1.0))
+    page.refresh()
+    page.refresh()
+    assert "leaves no angle" in page.screen().sentence.text
+
+
+def test_after_a_motion_it_is_told_how_well_the_arm_followed(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    assert planned(page).tracking is None
+    page.execute()
+    for k in range(5):
+        q = np.full(5, 0.02 * k)
+        arm.be(q - 0.01, t=0.1 * k, mode=Mode.MOVING)
+        arm.state = replace(arm.state, q_ref=q, qd_ref=np.full(5, 0.2))
+        page.refresh()
+    arm.be(arm.executed[0].q_goal, t=1.0)
+    arm.motion.future.set_result(None)
+    page.refresh()
+    tracking = page.screen().tracking
+    assert tracking is not None
+    np.testing.assert_allclose(tracking.worst, 0.01)
+    assert tracking.lag == pytest.approx(0.05)

@@ -1,0 +1,12 @@
+"""A program: waypoints with a name, gone to one after the other, once, so often, or until stopped.
+
+``waypoints.py`` is the program as a value and how it is edited, ``files.py`` keeps it,
+``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. A path that a hand
+has shown, with all its points, is something else: see ``guided``.
+"""
+
+from so101_motion.program.rehearsal import Rehearsal, rehearse
+from so101_motion.program.run import ProgramRun, Where, start_program
+from so101_motion.program.waypoints import Program, Waypoint
+
+__all__ = ["Program", "ProgramRun", "Rehearsal", "Waypoint", "Where", "rehearse", "start_program"]

@@ -1,0 +1,88 @@
+"""Somebody who presses the page's buttons and reads it without a browser: quick, and blind.
+
+viser keeps all widgets on the server. Whoever has them there can read what a browser would show and
+call what a browser's press would call. What only a browser can tell, the tests with one tell.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import html
+import re
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import viser
+
+
+class Hand:
+    """A hand on a page.
+
+    Args:
+        server: The page.
+    """
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._gui: Any = server.gui
+
+    def words(self) -> str:
+        """What the page says, without its buttons."""
+        told = (handle.content for handle in self._seen() if hasattr(handle, "content"))
+        return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)) for text in told)
+
+    def says(self, words: str) -> bool:
+        return words in re.sub(r"\s+", " ", self.words())
+
+    def has(self, label: str) -> bool:
+        """Whether there is such a button to be seen."""
+        return any(True for _ in self._buttons(label))
+
+    def can(self, label: str) -> bool:
+        """Whether it can be pressed."""
+        return any(not button.disabled for button in self._buttons(label))
+
+    def press(self, label: str) -> None:
+        """Press a button as soon as that is possible."""
+        self.until(lambda: self.can(label), f"pressing {label!r}")
+        button = next(self._buttons(label))
+        for callback in button._impl.update_cb:
+            with contextlib.suppress(StopIteration):  # it ends at once: it only posts a command
+                callback(None).send(None)
+
+    def expect(self, words: str) -> None:
+        self.until(lambda: self.says(words), f"reading {words!r}")
+
+    def until(self, condition: Callable[[], bool], what: str, *, seconds: float = 30.0) -> None:
+        ends = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > ends:
+                pytest.fail(f"{what} was not possible within {seconds:g} s: {self.words()!r}")
+            time.sleep(0.02)
+
+    def _buttons(self, label: str) -> Iterator[Any]:
+        for handle in self._seen():
+            if isinstance(handle, viser.GuiButtonHandle) and handle.label == label:
+                yield handle
+
+    def _seen(self) -> Iterator[Any]:
+        containers = self._gui._container_handle_from_uuid
+        for handle in [
+            child for parent in list(containers.values()) for child in _children(parent)
+        ]:
+            if self._is_seen(handle):
+                yield handle
+
+    def _is_seen(self, handle: Any) -> bool:
+        while handle is not None:
+            if getattr(handle, "visible", True) is False:
+                return False
+            inside = getattr(handle, "_impl", None)
+            uuid = getattr(inside, "parent_container_id", None)
+            handle = self._gui._container_handle_from_uuid.get(uuid)
+        return True
+
+
+def _children(container: Any) -> list[Any]:
+    return list(getattr(container, "_children", {}).values())

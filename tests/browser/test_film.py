@@ -1,0 +1,85 @@
+"""A recording as somebody opens it who has nothing else: from a file, without a network."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from browser_guest import HOME, READY, Guest
+from PIL import Image
+from playwright.sync_api import Browser
+from so101_viewer import film_of_plan, write_recording
+
+from so101_motion.geometry import SE3
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.plan import PlanRequest
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.scene import Box, Obstacle, Scene
+
+pytestmark = pytest.mark.browser
+
+HOSTILE = "<img src=x onerror=window.PWNED=1>"
+
+
+@pytest.fixture(scope="module")
+def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guest]:
+    shape, place = Box(size=np.full(3, 0.06)), SE3.from_translation((0.1, 0.25, 0.03))
+    scene = Scene(obstacles=(Obstacle(name=HOSTILE, shape=shape, T_base_obstacle=place),))
+    limits = MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=80.0)
+    request = PlanRequest(q_start=HOME, goal=JointGoal(q=READY), limits=limits, scene=scene)
+    plan = Planner(RobotModel.load()).plan(request)
+    path = tmp_path_factory.mktemp("film") / "film.html"
+    write_recording(film_of_plan(plan, scene, title=HOSTILE, q_jaw=0.0), path)
+
+    context = browser.new_context(
+        viewport={"width": 800, "height": 560}, device_scale_factor=0.5, offline=True
+    )
+    guest = Guest(page=context.new_page(), problems=[], asked=[])
+    guest.page.set_default_timeout(90_000)
+    guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
+    guest.page.on("request", lambda request: guest.asked.append(request.url))
+    guest.page.goto(path.as_uri())
+    guest.page.wait_for_function(
+        "() => window.__viserSceneTree && '/arm/gripper_link' in window.__viserSceneTree.getState()"
+    )
+    yield guest
+    context.close()
+
+
+def test_it_shows_arm_ghost_way_and_obstacle_in_motion(film: Guest) -> None:
+    assert {"/ghost/gripper_link", "/way", "/world/0"} <= film.nodes()
+    before = film.pose_of("/arm/gripper_link")["position"]
+    film.until(lambda: film.pose_of("/arm/gripper_link")["position"] != before)
+
+
+def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
+    film.until(lambda: orange(film.page.screenshot()) > 200, seconds=60.0)
+    first = grey(film.page.screenshot())
+    film.until(
+        lambda: int((np.abs(grey(film.page.screenshot()) - first) > 40).sum()) > 100,
+        seconds=60.0,
+    )
+
+
+def test_it_tells_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:
+    for words in ("Duration", "Peak speed", "Clearance", HOSTILE):
+        assert film.page.get_by_text(words, exact=True).count() == 1
+    own = ("file:", "blob:", "data:")
+    assert [url for url in film.asked if not url.startswith(own)] == []
+    assert film.page.evaluate("window.PWNED") is None
+    assert film.problems == []
+
+
+def grey(png: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("L"), dtype=int)
+
+
+def orange(png: bytes) -> int:
+    """How many pixels have the colour of the arm."""
+    bands = Image.open(io.BytesIO(png)).convert("HSV").split()
+    hue, saturation, value = (np.asarray(band, dtype=int) for band in bands)
+    return int(((saturation > 120) & (value > 80) & (hue > 12) & (hue < 34)).sum())

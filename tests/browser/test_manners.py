@@ -1,0 +1,172 @@
+"""Several windows, phones, the dark, keys and hostile names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from browser_guest import HOME, READY, Guest
+from conftest import PHONE, Visit
+from so101_viewer import Preview, serve
+
+from so101_motion.modes import Mode
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig import Rig
+from so101_motion.units import to_rad
+
+pytestmark = pytest.mark.browser
+
+SMALL = (1024, 700)
+
+
+@pytest.fixture
+def second(guest: Guest, visit: Visit, preview: Preview) -> Iterator[Guest]:
+    """Another window; ``guest`` has control."""
+    second = visit(SMALL)
+    second.open(preview.url)
+    second.until(lambda: second.says("has control. You see everything"))
+    yield second
+    second.leave()
+    guest.until(lambda: not guest.says("has control. You see everything"))
+
+
+@pytest.fixture
+def slow_move(guest: Guest, rig: Rig) -> Iterator[None]:
+    rig.arm.set_speed(to_rad(6.0))
+    rig.arm.start_move(JointGoal(q=READY))
+    guest.until(lambda: rig.arm.is_moving)
+    yield
+    rig.arm.stop()
+
+
+def at_rest(rig: Rig) -> bool:
+    return rig.arm.state.mode is Mode.HOLDING and not rig.arm.is_moving
+
+
+def test_a_window_without_control_changes_nothing_and_is_told_so(
+    guest: Guest, second: Guest, rig: Rig
+) -> None:
+    guest.press("Plan")
+    second.until(lambda: second.button("Execute").is_enabled())  # it sees all that happens
+    before = guest.target_mm()
+    field = second.fields("Target (mm)").first
+    field.fill("17")
+    field.press("Enter")
+    second.until(lambda: second.target_mm() == before)
+    assert guest.target_mm() == before
+    assert guest.button("Execute").is_enabled()
+    second.press("Execute")
+    second.until(lambda: second.says("Nothing was changed."))
+    assert at_rest(rig)
+    np.testing.assert_allclose(rig.arm.state.q, HOME, atol=to_rad(0.5))
+
+
+@pytest.mark.usefixtures("slow_move")
+def test_stop_works_in_every_window(second: Guest, rig: Rig) -> None:
+    second.press("STOP")
+    second.until(lambda: at_rest(rig))
+    second.page.get_by_role("tab", name="Events").click()
+    second.until(lambda: second.says("Stop pressed in window 2"))
+
+
+def test_control_goes_over_only_when_it_is_let_go(guest: Guest, second: Guest) -> None:
+    second.press("Ask for control")
+    guest.until(lambda: guest.button("Keep control").count() == 1)
+    guest.press("Keep control")
+    second.until(lambda: second.button("Ask for control").count() == 1)
+    second.press("Ask for control")
+    guest.until(lambda: guest.button("Let go").count() == 1)
+    guest.press("Let go")
+    guest.until(lambda: guest.says("Window 2 has control. You see everything"))
+    second.press("Plan")
+    second.until(lambda: second.button("Execute").is_enabled())
+    guest.press("home")  # refused: the plan stays
+    guest.until(lambda: guest.says("Nothing was changed."))
+    assert guest.button("Execute").is_enabled()
+
+
+@pytest.mark.usefixtures("slow_move")
+def test_on_a_phone_stop_is_in_sight_without_opening_anything(
+    guest: Guest, visit: Visit, preview: Preview, rig: Rig
+) -> None:
+    phone = visit(PHONE)
+    phone.open(preview.url)
+    width, height = PHONE
+    stop = phone.page.locator("#so101-stop")
+    place = stop.bounding_box()
+    assert place is not None
+    assert place["x"] >= 0
+    assert place["x"] + place["width"] <= width
+    assert place["y"] + place["height"] < 0.2 * height
+    assert min(place["width"], place["height"]) >= 48  # a thumb hits it
+    assert phone.page.locator(".so101-narrow").inner_text().startswith("Moving")
+    for panel in ("Arm", "Health"):
+        assert phone.page.get_by_text(panel).first.is_visible()
+    sheet = phone.button("Plan").bounding_box()
+    assert sheet is not None
+    assert sheet["x"] < 20
+    assert sheet["x"] + sheet["width"] > width - 20
+    stop.click()
+    phone.until(lambda: at_rest(rig))
+    assert not guest.page.locator("#so101-stop").is_visible()
+    phone.leave()
+
+
+def test_the_page_is_dark_where_the_browser_prefers_it(
+    guest: Guest, visit: Visit, preview: Preview
+) -> None:
+    def scheme(window: Guest) -> list[str]:
+        told: list[str] = window.page.evaluate(
+            "() => { const root = document.documentElement; return ["
+            "root.getAttribute('data-mantine-color-scheme'),"
+            "getComputedStyle(root).getPropertyValue('--so101-bad').trim()]; }"
+        )
+        return told
+
+    dark = visit(SMALL, dark=True)
+    dark.open(preview.url)
+    assert scheme(dark) == ["dark", "#ff8787"]
+    assert scheme(guest) == ["light", "#c92a2a"]
+    dark.leave()
+
+
+def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None:
+    guest.page.keyboard.press("p")
+    guest.until(lambda: guest.button("Execute").is_enabled())
+    for key in ("Enter", "e", "x", "g", "ArrowUp"):
+        guest.page.keyboard.press(key)
+    guest.page.wait_for_timeout(300)
+    assert at_rest(rig)
+    assert guest.button("Execute").is_enabled()
+
+
+@pytest.mark.usefixtures("slow_move")
+def test_escape_stops_even_while_a_field_has_the_focus(guest: Guest, rig: Rig) -> None:
+    guest.fields("Target (mm)").first.click()
+    guest.page.keyboard.press("Escape")
+    guest.until(lambda: at_rest(rig))
+
+
+def test_names_never_become_part_of_the_page(rig: Rig, visit: Visit) -> None:
+    name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
+    with serve(rig, port=0, title=name) as preview:
+        window = visit(SMALL)
+        window.open(preview.url)
+        window.until(lambda: window.says("<b id=bold>"))
+        window.page.get_by_role("tab", name="Events").click()
+        window.until(lambda: window.says("connected"))
+        assert window.page.locator("#bold").count() == 0
+        assert window.page.evaluate("window.PWNED") is None
+        window.leave()
+
+
+def test_opening_a_window_moves_nothing(
+    visit: Visit, guest: Guest, preview: Preview, rig: Rig
+) -> None:
+    before = rig.arm.state.q_ref
+    window = visit(SMALL)
+    window.open(preview.url)
+    window.leave()
+    np.testing.assert_array_equal(rig.arm.state.q_ref, before)
+    assert guest.problems == []

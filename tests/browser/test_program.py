@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser_guest import HOME, READY, Guest
+from so101_viewer import Preview
+from so101_viewer.program_part import ProgramPart
+
+from so101_motion.modes import Mode
+from so101_motion.rig import Rig
+from so101_motion.units import to_rad
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def program(guest: Guest, preview: Preview) -> Iterator[Guest]:
+    """A window on the Program tab with two waypoints: where the target is, and the arm."""
+    guest.page.get_by_role("tab", name="Program").click()
+    guest.press("target")
+    guest.until(lambda: guest.says("Recorded waypoint 1."))
+    guest.page.wait_for_timeout(100)
+    guest.press("arm")
+    guest.until(lambda: guest.says("Recorded waypoint 2."))
+    yield guest
+    part = next(part for part in preview._host._parts if isinstance(part, ProgramPart))
+    preview._host.post(part.model.clear)
+    guest.until(lambda: "/program/dots" not in guest.nodes())
+    guest.page.get_by_role("tab", name="Move").click()
+
+
+def at(q: np.ndarray, rig: Rig) -> bool:
+    return float(np.max(np.abs(rig.arm.state.q - q))) < to_rad(0.5)
+
+
+def planned(guest: Guest) -> None:
+    guest.press("Plan program")
+    guest.until(lambda: guest.button("Run program").is_enabled())
+
+
+def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None:
+    assert {"/program/dots", "/program/number0", "/program/number1"} <= program.nodes()
+    planned(program)
+    assert "/program/way" in program.nodes()
+    assert program.says("One round")
+    assert at(HOME, rig)  # planning moves nothing
+    program.press("Run program")
+    program.until(lambda: at(READY, rig))
+    program.until(lambda: program.says("Done."))
+    assert at(HOME, rig)
+    assert program.button("Run program").is_disabled()
+    assert program.problems == []
+
+
+def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig) -> None:
+    program.fields("Until stopped").first.check()
+    rig.arm.set_speed(to_rad(30.0))
+    planned(program)
+    program.press("Run program")
+    program.until(lambda: rig.arm.is_moving and not at(HOME, rig))
+    program.press("STOP")
+    program.until(lambda: program.says("the rest was not run"))
+    assert rig.arm.state.mode is Mode.HOLDING
+    assert not at(HOME, rig)
+    assert not at(READY, rig)
+
+
+def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(
+    program: Guest, own_files: Path
+) -> None:
+    name = "<img src=x onerror='window.PWNED=1'>"
+    field = program.fields("Name").filter(visible=True).first
+    field.fill(name)
+    program.until(lambda: program.says(name))
+    assert program.page.evaluate("window.PWNED") is None
+    program.page.get_by_text("Save and load").click()
+    program.fields("Program name").fill("wave")
+    program.page.wait_for_timeout(200)
+    program.press("save")
+    program.until(lambda: (own_files / "programs" / "wave.json").exists())
+    program.press("new")
+    program.until(lambda: program.says("Record where the arm is"))
+    program.press("load")
+    program.until(lambda: program.says("Loaded wave, 2 waypoints."))
+    assert program.says(name)
+    program.page.get_by_text("Save and load").click()
+
+
+def test_an_arm_guided_by_hand_is_recorded_where_the_hand_leaves_it(
+    program: Guest, rig: Rig
+) -> None:
+    program.press("Guide by hand")
+    program.until(lambda: program.says("The arm yields to your hand."))
+    assert program.button("Plan program").is_disabled()
+    q = np.radians([15.0, -10.0, 10.0, 5.0, 0.0])
+    rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]
+    program.until(lambda: at(q, rig))
+    program.press("arm")
+    program.until(lambda: "/program/number2" in program.nodes())
+    program.press("STOP")
+    program.until(lambda: rig.arm.state.mode is Mode.HOLDING)

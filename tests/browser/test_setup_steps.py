@@ -1,0 +1,234 @@
+"""Motor Setup Only from end to end, on a kit out of the box: on a port and through a machine.
+
+The pages, their threads, the bus and the module are real; the browser is left to
+``test_setup_motors.py``.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from page_hand import Hand
+from setup_kit import PATIENCE, FreshKit, fresh_kit
+from so101_viewer import SetupApp, serve_setup
+from so101_viewer import serve as serve_preview
+
+from so101_motion.calib.setup_view import SETUP_ORDER
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.hardware_config import SERVO_IDS
+from so101_motion.modes import Mode
+from so101_motion.rig import open_hardware
+from so101_motion.servos import ServoSettings
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "module"))
+from fake_parent import CALIBRATION, SENSOR  # the machine's own helpers
+from machine_harness import running_machine
+
+pytestmark = pytest.mark.emulator_only
+
+TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
+
+
+@pytest.fixture
+def kit(tmp_path: Path) -> Iterator[FreshKit]:
+    with fresh_kit(tmp_path) as kit:
+        yield kit
+
+
+def serve(kit: FreshKit, tmp_path: Path) -> SetupApp:
+    progress = tmp_path / "setup.json"
+    return serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=progress)
+
+
+def hand_on(app: SetupApp) -> Hand:
+    return Hand(app.host.counter().server)
+
+
+def set_up(hand: Hand, kit: FreshKit, joint: str) -> None:
+    """Plug one motor in, and press the button once it is found."""
+    button = f"Write id {TARGETS[joint]} to this motor"
+
+    def is_done() -> bool:
+        if hand.can(button):  # again, if a busy computer has lost an answer
+            hand.press(button)
+        return kit.ids[joint] == TARGETS[joint] and not hand.has(button)
+
+    kit.connect_only(joint)
+    hand.until(is_done, f"setting {joint} up", seconds=60.0)
+
+
+def finish(hand: Hand) -> None:
+    """Verify until all is as it must be, then end the workflow."""
+
+    def is_ended() -> bool:
+        for button in ("Finish", "Verify again"):
+            if hand.can(button):
+                hand.press(button)
+                break
+        return hand.says("All done.")
+
+    hand.until(is_ended, "finishing", seconds=60.0)
+
+
+def test_a_kit_out_of_the_box_gets_its_ids_and_is_verified(kit: FreshKit, tmp_path: Path) -> None:
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.expect("Step 1 of 3, about 9 min left")
+        hand.expect("no servo answers")  # and that is no obstacle yet
+        hand.press("Next")
+
+        hand.expect("Connect only the motor of gripper, which opens and closes the jaw")
+        assert not hand.can("Write id 6 to this motor")
+        assert not hand.can("Next")
+        for joint in SETUP_ORDER:
+            set_up(hand, kit, joint)
+        assert kit.ids == TARGETS
+        hand.expect("All motors are settled. Press Next.")
+        hand.press("Next")
+
+        kit.connect_only(*SETUP_ORDER)
+        finish(hand)
+        assert not (tmp_path / "setup.json").exists()
+
+
+def test_what_is_wrong_is_named_with_what_to_do_and_is_looked_at_again(
+    kit: FreshKit, tmp_path: Path
+) -> None:
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+
+        kit.connect_only("gripper", "wrist_roll")
+        hand.expect("Several servos answer as servo 1 at once")
+        hand.expect("Do this: Connect only the servo of gripper, unplug the others")
+        assert not hand.can("Write id 6 to this motor")
+        assert hand.can("Look again")
+
+        kit.world.power(15.5)
+        kit.connect_only("gripper")
+        hand.expect("it gets 15.5 V but is made for at most")
+        hand.expect("Switch the power off now")
+        kit.world.power(12.0)
+        set_up(hand, kit, "gripper")
+        hand.expect("Unplug the motor of gripper, then connect only the motor of wrist_roll")
+        assert not hand.can("Write id 5 to this motor")  # the finished one is still connected
+
+        hand.press("Skip wrist_roll")
+        hand.expect("connect only the motor of wrist_flex")
+
+
+def test_the_chain_says_which_motor_is_missing_and_which_supply_is_wrong(
+    kit: FreshKit, tmp_path: Path
+) -> None:
+    for joint, servo_id in TARGETS.items():
+        kit.set_id(joint, servo_id)
+    kit.connect_only(*SETUP_ORDER)
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Calibration Only")
+        hand.expect("12.0 V for a 12 V arm")
+        hand.press("Next")
+        hand.until(lambda: hand.can("Next"), "going on")
+
+        kit.connect_only(*(joint for joint in SETUP_ORDER if joint != "gripper"))
+        hand.press("Verify again")
+        hand.expect("Check the cable between servos 5 and 6")
+        assert not hand.can("Next")
+
+        kit.connect_only(*SETUP_ORDER)
+        kit.world.power(15.5)
+        hand.press("Verify again")
+        hand.expect("wrong voltage")
+        assert not hand.can("Next")
+
+        kit.world.power(12.0)
+        hand.press("Verify again")
+        hand.until(lambda: hand.can("Next"), "going on")
+
+
+def test_what_was_done_before_a_crash_is_done_and_abort_says_how_it_leaves_the_arm(
+    kit: FreshKit, tmp_path: Path
+) -> None:
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+        set_up(hand, kit, "gripper")
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.expect("Step 2 of 3, about 8 min left, once the arm is connected again")
+        hand.press("Next")
+        hand.expect("connect only the motor of wrist_roll")
+        hand.press("Abort the setup")
+        hand.expect("Aborted: nothing was moved")
+        assert hand.can("Motor Setup Only")
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+        hand.expect("connect only the motor of wrist_roll")
+        hand.press("Back")
+        hand.press("Back")
+        hand.expect("What do you need?")
+
+
+def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
+    with serve_setup(
+        port=0, ports=[str(tmp_path / "arm")], progress_file=tmp_path / "setup.json"
+    ) as app:
+        hand = hand_on(app)
+        hand.press("Full Setup")
+        hand.expect("there is no such port")
+        assert not hand.can("Next")
+        with fresh_kit(tmp_path):
+            hand.until(lambda: hand.can("Next"), "going on")
+        hand.expect("there is no such port")
+        assert not hand.can("Next")
+
+
+def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -> None:
+    settings = ServoSettings(port=str(tmp_path / "arm")).with_arm(SERVO_IDS)
+    with (
+        Emulator(EmulatorOptions(link=tmp_path / "arm")),
+        open_hardware(settings, patience=PATIENCE) as rig,
+        serve_preview(rig, port=0) as preview,
+    ):
+        hand = Hand(preview._host.counter().server)
+        hand.press("Calibration Only")
+        hand.expect("Step 1 of 7")
+        hand.expect("Torque: not connected yet")
+        hand.press("Next")
+        hand.expect("Torque on: the joints are held")
+        hand.until(lambda: hand.can("Next"), "going on")
+        hand.press("Abort the setup")
+        hand.expect("Aborted: nothing was changed, and nothing was moved")
+        assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
+    kit: FreshKit, tmp_path: Path
+) -> None:
+    from so101_motion.machine import MachineSensor
+
+    has = ((SENSOR, CALIBRATION, "calibration", {"port": kit.port}),)  # no arm yet
+    with (
+        running_machine(resources=has) as machine,
+        closing(MachineSensor.connect(machine.address)) as sensor,
+        serve_setup(port=0, sensor=sensor, progress_file=tmp_path / "setup.json") as app,
+    ):
+        hand = hand_on(app)
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+        kit.connect_only("gripper", "wrist_roll")
+        hand.expect("Several servos answer")
+        set_up(hand, kit, "gripper")
+        for joint in SETUP_ORDER[1:]:
+            hand.press(f"Skip {joint}")
+            kit.set_id(joint, TARGETS[joint])
+        hand.press("Next")
+        kit.connect_only(*SETUP_ORDER)
+        finish(hand)

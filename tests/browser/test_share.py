@@ -1,0 +1,77 @@
+"""The Share tab: what a press of Download brings to the browser's downloads."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser_guest import Guest
+from playwright.sync_api import Download
+
+from so101_motion.planning.scene import Scene
+from so101_motion.rig import Rig
+from so101_motion.state import ARM_JOINTS
+
+pytestmark = pytest.mark.browser
+
+
+def take(guest: Guest, kind: str = "", motion: str = "") -> Download:
+    guest.page.get_by_role("tab", name="Share").click()
+    for label, wanted in (("Motion", motion), ("File", kind)):
+        if wanted:
+            guest.fields(label).filter(visible=True).first.click()
+            guest.page.get_by_role("option", name=wanted).click()
+            guest.page.wait_for_timeout(100)  # the page sends one message per panel every 50 ms
+    with guest.page.expect_download(timeout=60_000) as download:
+        guest.press("Download")
+    guest.until(lambda: guest.says(download.value.suggested_filename))
+    guest.page.get_by_role("tab", name="Move").click()  # where the next test begins
+    return download.value
+
+
+def plan(guest: Guest) -> None:
+    guest.page.get_by_role("tab", name="Move").click()
+    guest.press("Plan")
+    guest.until(lambda: guest.button("Execute").is_enabled())
+
+
+def test_without_a_plan_there_is_nothing_to_download(opened: Guest) -> None:
+    opened.page.get_by_role("tab", name="Share").click(timeout=90_000)  # the first picture is slow
+    opened.until(lambda: opened.says("Nothing to share yet"))
+    assert opened.button("Download").is_disabled()
+    opened.page.get_by_role("tab", name="Move").click()
+
+
+def test_the_plan_is_downloaded_as_a_film(guest: Guest, tmp_path: Path) -> None:
+    plan(guest)
+    download = take(guest)
+    assert download.suggested_filename.startswith("so101-plan-")
+    assert download.suggested_filename.endswith(".html")
+    download.save_as(tmp_path / "film.html")
+    page = (tmp_path / "film.html").read_text()
+    assert "Peak speed" in page
+    assert len(page) < 2_000_000
+
+
+def test_the_last_run_is_downloaded_as_wanted_and_as_measured(
+    guest: Guest, rig: Rig, tmp_path: Path
+) -> None:
+    rig.arm.scene = Scene()
+    guest.until(lambda: guest.button("Plan").is_enabled())
+    plan(guest)
+    guest.press("Execute")
+    guest.until(lambda: guest.says("Arrived"))
+    guest.page.get_by_role("tab", name="Share").click()
+    guest.until(lambda: guest.fields("Motion").filter(visible=True).count() >= 1)
+    download = take(guest, "Table, degrees (CSV)", "The last run")
+    download.save_as(tmp_path / "run.csv")
+    assert download.suggested_filename.startswith("so101-run-")
+    rows = list(csv.DictReader((tmp_path / "run.csv").read_text().splitlines()))
+    end = np.radians([float(rows[-1][f"{joint}_measured_deg"]) for joint in ARM_JOINTS])
+    np.testing.assert_allclose(end, rig.arm.state.q, atol=0.02)
+
+    download = take(guest, "LeRobot names (CSV)", "The plan")
+    download.save_as(tmp_path / "plan.csv")
+    assert "shoulder_pan.pos" in (tmp_path / "plan.csv").read_text().splitlines()[0]

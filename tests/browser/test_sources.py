@@ -1,0 +1,139 @@
+"""Where the page's arm comes from, and what the page says when it is not there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Visit
+from so101_viewer import Preview, Source, serve_source
+
+from so101_motion.hardware_config import SERVO_IDS
+from so101_motion.rig import open_hardware
+from so101_motion.rig_like import RigLike
+from so101_motion.servos import ServoSettings
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "module"))
+from machine_harness import running_machine  # it lives with the tests of the machine
+
+pytestmark = pytest.mark.browser
+
+SMALL = (1024, 700)
+BASE = "/live/base_link/"
+
+
+class Cable:
+    """A page on a port with an emulated arm, which can be pulled out and put in."""
+
+    def __init__(self, port: Path) -> None:
+        self.port = str(port)
+        self.rigs: list[RigLike] = []
+        self._servos = subprocess.Popen(
+            [sys.executable, "-m", "so101_motion.cli", "emulate", "--link", self.port],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._servos.stdout is not None
+        self._servos.stdout.readline()
+        self.type("pose")  # somebody holds it up until it holds itself
+        self.type("unplug")
+        while port.exists():
+            threading.Event().wait(0.01)
+        source = Source(title=f"Arm on {self.port}", open=self._open)
+        self.preview: Preview = serve_source(source, port=0)
+
+    def type(self, line: str) -> None:
+        assert self._servos.stdin is not None
+        self._servos.stdin.write(f"{line}\n")
+        self._servos.stdin.flush()
+
+    def _open(self) -> RigLike:
+        rig = open_hardware(
+            ServoSettings(port=self.port).with_arm(SERVO_IDS),
+            patience=0.3,  # this computer has a browser to run as well
+        )
+        self.rigs.append(rig)
+        return rig
+
+    @property
+    def q(self) -> np.ndarray:
+        return self.rigs[-1].arm.state.q
+
+    def close(self) -> None:
+        self.preview.close()
+        self._servos.terminate()
+        self._servos.wait(10.0)
+        for pipe in (self._servos.stdin, self._servos.stdout):
+            assert pipe is not None
+            pipe.close()
+
+
+@pytest.fixture(scope="module")
+def cable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cable]:
+    cable = Cable(tmp_path_factory.mktemp("port") / "arm")
+    yield cable
+    cable.close()
+
+
+def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
+    visit: Visit, cable: Cable
+) -> None:
+    guest = visit(SMALL)
+    guest.page.goto(cable.preview.url)
+    guest.until(lambda: guest.says("goes on looking"))
+    assert guest.says(f"Arm on {cable.port}")
+    assert guest.button("Plan").count() == 0
+
+    cable.type("end unplug")
+    guest.see_the_arm()
+    guest.until(lambda: guest.says("12.0"))  # volts
+    assert not guest.says("goes on looking")
+    in_color = guest.color_of(BASE)
+    cable.type("end pose")
+    before = cable.q
+
+    cable.type("unplug")
+    guest.until(lambda: guest.says("Lost the arm on"))
+    assert guest.color_of(BASE) != in_color
+    assert guest.button("Plan").is_disabled()
+
+    cable.type("end unplug")
+    guest.until(lambda: guest.says("See to it, then press Hold."))
+    guest.until(lambda: guest.color_of(BASE) == in_color)
+    assert guest.button("Plan").is_disabled()
+    guest.press("Hold")
+    guest.until(lambda: guest.says("Idle, holding"))
+    guest.until(lambda: not guest.says("press Hold"))
+    np.testing.assert_allclose(cable.q, before, atol=0.06)  # an arm held anew sags a little
+    guest.page.get_by_role("tab", name="Events").click()
+    guest.until(lambda: guest.says("is back; nothing moves by itself"))
+    assert guest.problems == []
+
+
+def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:
+    from so101_motion.machine import MachineRig
+
+    with running_machine() as machine:
+        source = Source(
+            title=f"Arm of machine {machine.address}",
+            open=lambda: MachineRig.connect(machine.address),
+        )
+        with serve_source(source, port=0) as preview:
+            guest = visit(SMALL)
+            guest.open(preview.url)
+            guest.until(lambda: guest.says("does not tell how its servos are"))
+            in_color = guest.color_of(BASE)
+            machine.cut()
+            guest.until(lambda: guest.says("Lost the machine"))
+            assert guest.color_of(BASE) != in_color
+            machine.mend()
+            guest.until(lambda: not guest.says("Lost the machine"))
+            guest.until(lambda: guest.says("Idle, holding"))
+            assert guest.color_of(BASE) == in_color
+            guest.leave()

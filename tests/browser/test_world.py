@@ -1,0 +1,247 @@
+"""The World tab: what is edited in the browser is what plans are made with."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from browser_guest import Guest
+from click.testing import CliRunner
+from PIL import Image
+from playwright.sync_api import Locator
+from so101_viewer import Preview, Source, serve_source
+
+from so101_motion.cli import main
+from so101_motion.planning.scene import Mesh, Scene
+from so101_motion.rig import Rig
+from so101_motion.scene_file import read_scene, scene_to
+
+pytestmark = pytest.mark.browser
+
+HOSTILE = "<img src=x onerror=window.PWNED=1>"
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scene") / "table.json"
+
+
+@pytest.fixture(scope="module")
+def preview(rig: Rig, scene_file: Path) -> Iterator[Preview]:
+    source = Source(title="Arm", open=lambda: rig, lasts=True, scene_file=scene_file)
+    with serve_source(source, port=0) as preview:
+        yield preview
+
+
+@pytest.fixture
+def world(opened: Guest, rig: Rig) -> Guest:
+    """The World tab of an arm at home with nothing around it."""
+    rig.arm.scene = Scene()
+    opened.page.get_by_role("tab", name="World").click(timeout=90_000)  # the first picture is slow
+    opened.until(lambda: things(opened) == [])
+    return opened
+
+
+def things(guest: Guest) -> list[str]:
+    """The nodes of things in the scene, the newest last."""
+    nodes = [name for name in guest.nodes() if name.startswith("/world/")]
+    return sorted((n for n in nodes if n[7:].isdigit()), key=lambda name: int(name[7:]))
+
+
+def add(guest: Guest, kind: str) -> str:
+    """Add a thing and return its node."""
+    before = things(guest)
+    guest.press(kind)
+    guest.until(lambda: len(things(guest)) == len(before) + 1)
+    guest.until(lambda: guest.says(f"Added {kind}"))
+    return things(guest)[-1]
+
+
+def shown(guest: Guest, label: str) -> Locator:
+    """The fields behind a label of this tab; other tabs may have the same label."""
+    return guest.fields(label).filter(visible=True)
+
+
+def fill(guest: Guest, label: str, *values: str) -> None:
+    fields = shown(guest, label)
+    for k, value in enumerate(values):
+        fields.nth(k).fill(value)
+        fields.nth(k).press("Enter")
+        guest.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
+
+
+def on_canvas(guest: Guest, node: str, p: tuple[float, float, float]) -> tuple[float, float]:
+    """Where a point of a node is on the screen."""
+    x, y = guest.page.evaluate(
+        """([node, p]) => {
+            const there = window.__viserMutable.nodeRefFromName[node];
+            const canvas = window.__viserMutable.canvas.getBoundingClientRect();
+            const at = there.position.clone().set(...p);
+            there.localToWorld(at).project(window.__viserMutable.camera);
+            return [canvas.left + (at.x + 1) / 2 * canvas.width,
+                    canvas.top + (1 - at.y) / 2 * canvas.height];
+        }""",
+        [node, list(p)],
+    )
+    return x, y
+
+
+def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
+    """How many pixels of the scene have a clear colour of that hue, 0 to 255."""
+    picture = Image.open(io.BytesIO(guest.page.screenshot())).convert("HSV")
+    width, height = picture.size
+    scene = picture.crop((width // 4, height // 10, 3 * width // 4, height))
+    hue, saturation, value = (np.asarray(band, dtype=int) for band in scene.split())
+    clear = (saturation > 60) & (value > 60)
+    return int((clear & (hue >= hue_from) & (hue <= hue_to)).sum())
+
+
+def test_what_is_added_is_drawn_in_the_scene_of_plans_and_moves_nothing(
+    world: Guest, rig: Rig
+) -> None:
+    q = rig.arm.state.q
+    teal = pixels(world, 105, 125)
+    add(world, "box")
+    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+    world.until(lambda: pixels(world, 105, 125) > teal + 200)
+    assert "/world-handles" in world.nodes()
+    fill(world, "Size (mm)", "40", "50", "70")
+    fill(world, "Position (mm)", "250", "-100", "32.6")
+    world.until(
+        lambda: np.allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, [0.25, -0.1, 0.0326])
+    )
+    np.testing.assert_allclose(rig.arm.scene.obstacles[0].shape.size, [0.04, 0.05, 0.07])
+    np.testing.assert_allclose(world.pose_of(things(world)[-1])["position"], [0.25, -0.1, 0.0326])
+    np.testing.assert_allclose(rig.arm.state.q, q, atol=1e-3)
+    assert world.problems == []
+
+
+def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(world: Guest, rig: Rig) -> None:
+    node = add(world, "sphere")
+    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+    before = rig.arm.scene.obstacles[0].T_base_obstacle.p
+    x, y = on_canvas(world, "/world-handles", (0.0, 0.0, 0.07))
+    mouse = world.page.mouse
+    mouse.move(x, y)
+    world.page.wait_for_timeout(200)
+    mouse.down()
+    for step in range(1, 9):
+        mouse.move(x, y - 6 * step)
+        world.page.wait_for_timeout(60)
+    seen_meanwhile = world.pose_of(node)["position"][2]
+    mouse.up()
+    world.until(lambda: rig.arm.scene.obstacles[0].T_base_obstacle.p[2] > before[2] + 0.01)
+    assert seen_meanwhile > before[2] + 0.005
+    world.until(
+        lambda: np.allclose(
+            world.pose_of(node)["position"], rig.arm.scene.obstacles[0].T_base_obstacle.p, atol=1e-4
+        )
+    )
+    world.press("undo")
+    world.until(lambda: np.allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, before))
+    world.until(lambda: np.allclose(world.pose_of("/world-handles")["position"], before))
+
+
+def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
+    first = add(world, "box")
+    add(world, "capsule")
+    world.page.wait_for_timeout(300)
+    world.page.mouse.click(*on_canvas(world, first, (0.0, -0.03, -0.01)))
+    world.until(lambda: shown(world, "Name").first.input_value() == "box 1")
+    assert shown(world, "Selected").first.input_value() == "box 1"
+    assert shown(world, "Size (mm)").count() >= 3
+
+
+def test_a_zone_is_red_and_seen_through(world: Guest, rig: Rig) -> None:
+    add(world, "box")
+    red = pixels(world, 248, 255)
+    world.page.get_by_role("checkbox").nth(0).click()
+    world.until(lambda: rig.arm.scene.obstacles[0].keep_out)
+    world.until(lambda: pixels(world, 248, 255) > red + 100)
+    assert world.button("attach").count() == 0
+
+
+def test_the_gripper_takes_a_thing_along_and_leaves_it(world: Guest, rig: Rig) -> None:
+    add(world, "sphere")
+    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+    there = rig.arm.scene.obstacles[0].T_base_obstacle.p
+    world.press("attach")
+    world.until(lambda: len(rig.arm.scene.attached) == 1 and not rig.arm.scene.obstacles)
+    world.until(lambda: shown(world, "Mass (g)").count() == 1)
+    fill(world, "Mass (g)", "20")
+    world.until(lambda: rig.arm.scene.attached[0].mass == 0.02)
+    np.testing.assert_allclose(world.pose_of(things(world)[-1])["position"], there, atol=1e-3)
+    world.press("detach")
+    world.until(lambda: len(rig.arm.scene.obstacles) == 1 and not rig.arm.scene.attached)
+    np.testing.assert_allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, there, atol=1e-3)
+
+
+def test_an_obstacle_where_the_arm_stands_is_drawn_and_told(world: Guest, rig: Rig) -> None:
+    node = add(world, "box")
+    p_mm = 1000.0 * rig.arm.model.frame(rig.arm.state.q, "gripper_link").p
+    fill(world, "Position (mm)", *(f"{x:.0f}" for x in p_mm))
+    world.until(lambda: world.says("is inside 'box 1'") or world.says("'box 1' is inside"))
+    assert node in things(world)
+    world.press("delete")
+    world.until(lambda: world.says("Removed box 1."))
+    assert things(world) == []
+
+
+def test_the_floor_can_be_taken_away(world: Guest, rig: Rig) -> None:
+    world.page.get_by_role("checkbox").last.click()
+    world.until(lambda: rig.arm.scene.floor_z is None)
+    world.page.get_by_role("checkbox").last.click()
+    world.until(lambda: rig.arm.scene.floor_z is not None)
+
+
+def test_a_saved_scene_is_planned_with_and_comes_back_by_load(
+    world: Guest, rig: Rig, scene_file: Path, tmp_path: Path
+) -> None:
+    add(world, "box")
+    fill(world, "Name", HOSTILE)
+    world.until(lambda: [o.name for o in rig.arm.scene.obstacles] == [HOSTILE])
+    world.press("save")
+    world.until(lambda: world.says(str(scene_file)))
+    saved = read_scene(scene_file)
+    assert scene_to(saved) == scene_to(rig.arm.scene)
+    plan = CliRunner().invoke(
+        main, ["plan", "--sim", "--pose", "ready", "--scene", str(scene_file), "--json"]
+    )
+    assert plan.exit_code == 0, plan.output
+    with world.page.expect_download() as download:
+        world.press("download")
+    download.value.save_as(tmp_path / "again.json")
+    assert json.loads((tmp_path / "again.json").read_text()) == scene_to(saved)
+
+    world.press("delete")
+    world.until(lambda: rig.arm.scene.obstacles == ())
+    load(world, tmp_path / "again.json")
+    world.until(lambda: rig.arm.scene == saved)
+    assert world.page.evaluate("window.PWNED") is None
+    assert world.page.locator("img[src=x]").count() == 0
+    assert not any("img" in node for node in world.nodes())
+
+
+def test_a_mesh_can_be_loaded_and_what_is_none_is_refused(
+    world: Guest, rig: Rig, tmp_path: Path
+) -> None:
+    trimesh.creation.cone(20.0, 60.0).export(tmp_path / "cone.stl")
+    load(world, tmp_path / "cone.stl")
+    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+    assert isinstance(rig.arm.scene.obstacles[0].shape, Mesh)
+    (tmp_path / "bad.json").write_text("{")
+    load(world, tmp_path / "bad.json")
+    world.until(lambda: world.says("is not JSON"))
+    assert len(rig.arm.scene.obstacles) == 1
+    assert world.problems == []
+
+
+def load(guest: Guest, path: Path) -> None:
+    with guest.page.expect_file_chooser() as chooser:
+        guest.press("Load")
+    chooser.value.set_files(path)

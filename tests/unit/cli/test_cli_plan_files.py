@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+from click.testing import CliRunner, Result
+
+from so101_motion.cli import main
+
+
+def plan(*options: str) -> Result:
+    return CliRunner().invoke(main, ["plan", "--sim", "--pose", "ready", *options])
+
+
+def test_a_plan_is_saved_under_lerobots_names_and_as_a_film(tmp_path: Path) -> None:
+    table, film = tmp_path / "move.csv", tmp_path / "move.html"
+    outcome = plan("--out", str(table), "--lerobot", "--html", str(film))
+    assert outcome.exit_code == 0, outcome.output
+    header, *rows = table.read_text().splitlines()
+    assert header.startswith("timestamp,frame_index,shoulder_pan.pos,")
+    assert header.endswith(",gripper.pos")
+    assert len(rows) > 10
+    page = film.read_text()
+    assert "Simulated arm" in page
+    assert "Peak speed" in page
+
+
+def test_lerobots_names_without_a_file_are_a_wrong_usage() -> None:
+    outcome = plan("--lerobot")
+    assert outcome.exit_code == 2
+    assert "--lerobot belongs to --out" in outcome.output
+
+
+def test_a_film_that_is_no_html_file_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    outcome = plan("--html", str(tmp_path / "move.mp4"))
+    assert outcome.exit_code == 2
+    assert "must end with .html" in outcome.output

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from so101_viewer.setup.bench import Bench
+from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
+
+
+def bench(*, connected: bool = True, holds: bool | None = False) -> Bench:
+    situation = SimpleNamespace(is_connected=connected, holds=holds)
+    calibrator = cast(Any, SimpleNamespace(situation=situation))
+    return Bench(where="/dev/ttyACM0", calibrator=calibrator)
+
+
+def test_limp_held_and_unknown_are_three_different_sentences() -> None:
+    told = [
+        torque(None),
+        torque(bench(connected=False)),
+        torque(bench(holds=None)),
+        torque(bench(holds=True)),
+        torque(bench(holds=False)),
+    ]
+    assert len({each.text for each in told}) == len(told)
+    assert [each.is_on for each in told] == [None, None, None, True, False]
+
+
+def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    limp, lost = bench(), bench(connected=False)
+    watch.look(limp, is_blind=False)
+    now[0] += SETTLED
+    assert watch.look(limp, is_blind=False)
+    assert not watch.look(lost, is_blind=True)
+    assert not watch.look(lost, is_blind=False)
+    now[0] += 0.9 * SETTLED
+    assert not watch.look(lost, is_blind=False)
+    assert not watch.look(limp, is_blind=False)
+    now[0] += 10.0
+    assert not watch.look(lost, is_blind=False)
+    assert watch.told == torque(limp)
+    now[0] += SETTLED
+    assert watch.look(lost, is_blind=False)
+    assert watch.told == torque(lost)
+
+
+def test_a_bench_that_was_put_away_is_told_at_once() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    watch.look(bench(), is_blind=False)
+    now[0] += SETTLED
+    watch.look(bench(), is_blind=False)
+    assert watch.look(None, is_blind=False)
+    assert watch.told == torque(None)

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import threading
+from datetime import datetime
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from so101_viewer import source
+from so101_viewer.screen import Tone
+from so101_viewer.source import Search, Source
+from so101_viewer.source_part import notice, waiting
+
+from so101_motion.errors import PortUnavailable
+from so101_motion.modes import Mode
+from so101_motion.rig_like import Connection
+from so101_motion.state import JointReading, JointState
+
+AT = datetime(2026, 5, 4, 12, 30, 15)
+
+
+def state(mode: Mode, fault: str | None = None) -> JointState:
+    return JointState(
+        t=0.0,
+        mode=mode,
+        reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
+        q_ref=np.zeros(5),
+        qd_ref=np.zeros(5),
+        q_jaw_ref=0.0,
+        arm_moving=False,
+        jaw_moving=False,
+        late_ticks=0,
+        fault=fault,
+    )
+
+
+class Finder:
+    """A source that is not there the first so many times, and who looks for it."""
+
+    def __init__(self, failures: int) -> None:
+        self.failures = failures
+        self.errors: list[Exception] = []
+        self.found = threading.Event()
+        self.closed = threading.Event()
+        self.may_open = threading.Event()
+        self.may_open.set()
+        self.opening = threading.Event()
+
+    def open(self) -> Any:
+        self.opening.set()
+        assert self.may_open.wait(5.0)
+        if len(self.errors) < self.failures:
+            raise PortUnavailable("/dev/ttyACM0", "there is no such port")
+        return SimpleNamespace(close=self.closed.set)
+
+    def search(self) -> Search:
+        return Search(
+            Source(title="Arm", open=self.open),
+            found=lambda _rig: self.found.set(),
+            failed=self.errors.append,
+        )
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(source, "LOOK_AGAIN", 0.01)
+
+
+def test_an_arm_is_looked_for_until_it_is_there() -> None:
+    finder = Finder(3)
+    search = finder.search()
+    assert finder.found.wait(5.0)
+    search.close()
+    assert len(finder.errors) == 3
+    assert not finder.closed.is_set()
+
+
+def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None:
+    finder = Finder(0)
+    finder.may_open.clear()
+    search = finder.search()
+    assert finder.opening.wait(5.0)
+    ending = threading.Thread(target=search.close)
+    ending.start()
+    while not search._over.is_set():
+        pass
+    finder.may_open.set()
+    ending.join(5.0)
+    assert finder.closed.is_set()
+    assert not finder.found.is_set()
+
+
+def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() -> None:
+    told = waiting("Arm on /dev/ttyACM0", PortUnavailable("/dev/ttyACM0", "there is no such port"))
+    assert told.title == "Arm on /dev/ttyACM0"
+    assert told.said is not None
+    assert "there is no such port" in told.said.text
+    assert told.said.text.endswith("The page goes on looking for it.")
+    assert told.said.tone is Tone.BAD
+
+
+def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
+    lost = Connection(to="arm on /dev/ttyACM0", problem="the port went away")
+    told = notice(lost, state(Mode.FAULT, "the port went away"), AT)
+    assert told.said is not None
+    assert told.said.text.startswith(
+        "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
+    )
+    assert "nothing moves then" in told.said.text
+    assert not told.can_hold, "there is nothing to hold"
+
+
+@pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING, Mode.FAULT])
+def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
+    assert notice(Connection(to="arm"), state(mode), AT).can_hold
+
+
+@pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
+def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
+    assert notice(Connection(to="arm"), state(mode), AT).said is None

@@ -1,0 +1,208 @@
+"""The Program tab: record waypoints, order them, plan all of them, run them, keep them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+import viser
+
+from so101_motion.errors import So101Error
+from so101_motion.planning.model import RobotModel
+from so101_motion.program import Waypoint
+from so101_motion.program.waypoints import LONGEST_PAUSE, MOST_ROUNDS
+
+from . import markup
+from . import program_words as words
+from .desk import Desk
+from .fields import Field, put
+from .program_model import ProgramModel, ProgramScreen
+from .program_view import ProgramView
+from .view_model import ViewModel
+
+_NONE = "none"
+_QUIET: Final = "gray"
+
+
+class ProgramPart:
+    """Waypoints, one after the other.
+
+    Args:
+        desk: Where it works.
+        page: Has the target and the ghost.
+    """
+
+    def __init__(self, desk: Desk, page: ViewModel) -> None:
+        rig = desk.rig
+        self._desk = desk
+        self.model = ProgramModel(
+            arm=rig.arm,
+            gripper=rig.gripper,
+            clock=rig.clock,
+            submit=desk.beside,
+            q_arm=lambda: page.q_arm,
+            q_target=lambda: page.aim.q,
+            aim_at=page.aim_at_joints,
+        )
+        self._view = ProgramView(desk.server.scene, RobotModel.load())
+        with desk.tabs.add_tab("Program", viser.Icon.LIST_NUMBERS):
+            self._add_recording(desk.gui)
+            self._add_waypoint(desk.gui)
+            self._add_run(desk.gui)
+            self._add_files(desk.gui)
+
+    # Widgets
+
+    def _add_recording(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._sentence = gui.add_html("")
+        self._waypoints = gui.add_html("")
+        record = gui.add_button_group(
+            "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
+        )
+        self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
+        self._guide = gui.add_button("Guide by hand", icon=viser.Icon.HAND_MOVE, color=_QUIET)
+        self._desk.on_press(self._guide, self._does(model.guide))
+
+    def _add_waypoint(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._list = gui.add_dropdown("Waypoint", (_NONE,), visible=False)
+        self._chosen = self._field(self._list, lambda name: model.choose(_index(name)), str)
+        self._name_text = gui.add_text("Name", "", visible=False)
+        self._name = self._field(self._name_text, model.rename, str)
+        self._pause_box = gui.add_number(
+            "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
+        )
+        self._pause = self._field(self._pause_box, model.set_pause, lambda s: round(s, 1))
+        self._jaw_box = gui.add_checkbox("Set gripper", False, visible=False)
+        self._jaw = self._field(
+            self._jaw_box, lambda on: model.set_aperture(1.0 if on else None), bool
+        )
+        self._opening_slider = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
+        self._opening = self._field(
+            self._opening_slider, lambda percent: model.set_aperture(percent / 100.0), round
+        )
+        self._order = gui.add_button_group("Order", ("up", "down", "delete"), visible=False)
+        self._on_choice(
+            self._order,
+            {
+                "up": partial(model.move, -1),
+                "down": partial(model.move, 1),
+                "delete": model.remove,
+            },
+        )
+
+    def _add_run(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_ROUNDS, step=1)
+        self._rounds = self._field(self._rounds_box, lambda n: model.set_rounds(int(n)), int)
+        self._endless = self._field(
+            gui.add_checkbox("Until stopped", False),
+            lambda on: model.set_rounds(None if on else int(self._rounds_box.value)),
+            bool,
+        )
+        self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
+        self._desk.on_press(self._plan, self._does(model.plan))
+        self._facts = gui.add_html("", visible=False)
+        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._desk.on_press(self._run, self._does(model.run))
+        self._progress = gui.add_progress_bar(0.0, color="green")
+
+    def _add_files(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        with gui.add_folder("Save and load", expand_by_default=False):
+            self._called = self._field(gui.add_text("Program name", ""), model.call, str)
+            write = gui.add_button_group("Program", ("save", "new"))
+            self._saved = gui.add_dropdown("Saved", (_NONE,))
+            self._use = gui.add_button_group("Saved one", ("load", "delete"))
+        self._on_choice(write, {"save": model.save, "new": model.clear})
+        self._on_choice(
+            self._use,
+            {
+                "load": lambda: model.load(self._saved.value),
+                "delete": lambda: model.delete(self._saved.value),
+            },
+        )
+
+    def _field(self, widget: Any, command: Callable[[Any], None], shown: Any) -> Field:
+        return Field(
+            widget, lambda value: self._does(partial(command, value))(), self._desk, shown=shown
+        )
+
+    def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
+        self._desk.on_choice(group, lambda name: self._does(commands[name])())
+
+    def _does(self, command: Callable[[], None]) -> Callable[[], None]:
+        """``command``, whose refusals are said in this tab."""
+
+        def run() -> None:
+            try:
+                command()
+            except So101Error as error:
+                self.model.report(error)
+
+        return run
+
+    # The page
+
+    def refresh(self) -> bool:
+        """Look at the arm, the plan being made and the program being run."""
+        return self.model.refresh()
+
+    def show(self) -> None:
+        """Bring tab and stage up to date; viser sends only what differs."""
+        screen = self.model.screen()
+        program, run = screen.program, screen.run
+        self._view.show(program, screen.rehearsal)
+        self._sentence.content = markup.sentence(screen.sentence)
+        active = None if run is None else run.where.index
+        rows = [(waypoint.name, words.line(waypoint)) for waypoint in program.waypoints]
+        self._waypoints.content = markup.steps(rows, chosen=screen.chosen, active=active)
+        self._guide.disabled = not screen.can_guide
+        self._show_waypoint(screen)
+        self._rounds_box.visible = program.rounds is not None
+        if program.rounds is not None:
+            self._rounds.show(program.rounds)
+        self._endless.show(program.rounds is None)
+        self._plan.disabled = not screen.can_plan
+        self._run.disabled = not screen.can_run
+        self._facts.visible = screen.rehearsal is not None
+        if screen.rehearsal is not None:
+            self._facts.content = markup.facts(words.facts(screen.rehearsal))
+        put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
+        self._called.show(screen.name)
+        if self._saved.options != (screen.saved or (_NONE,)):
+            self._saved.options = screen.saved or (_NONE,)
+        self._use.visible = bool(screen.saved)
+
+    def close(self) -> None:
+        """Nothing is held; a program that is running goes on, it is the arm's."""
+
+    def _show_waypoint(self, screen: ProgramScreen) -> None:
+        waypoints = screen.program.waypoints
+        chosen = None if screen.chosen is None else waypoints[screen.chosen]
+        edits = chosen is not None and screen.can_edit
+        for widget in (self._list, self._name_text, self._pause_box, self._jaw_box, self._order):
+            widget.visible = edits
+        self._opening_slider.visible = edits and _moves_jaw(chosen)
+        if chosen is None or screen.chosen is None:
+            return
+        labels = tuple(f"{k}  {each.name}" for k, each in enumerate(waypoints, 1))
+        if self._list.options != labels:
+            self._list.options = labels
+        self._chosen.show(labels[screen.chosen])
+        self._name.show(chosen.name)
+        self._pause.show(chosen.pause)
+        self._jaw.show(chosen.aperture is not None)
+        if chosen.aperture is not None:
+            self._opening.show(100.0 * chosen.aperture)
+
+
+def _moves_jaw(waypoint: Waypoint | None) -> bool:
+    return waypoint is not None and waypoint.aperture is not None
+
+
+def _index(label: str) -> int:
+    """Which waypoint is meant by its line in the list, which begins with its number."""
+    return int(label.split()[0]) - 1

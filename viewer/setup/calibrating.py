@@ -1,0 +1,325 @@
+"""What the pages of a calibration show, as plain values and words; no page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+from so101_motion.calib import compare, record
+from so101_motion.calib.likely import HOMING_POSE, Likely
+from so101_motion.calib.record import NARROWEST, WIDEST, Calibration
+from so101_motion.calib.recording import MIDDLE, around
+from so101_motion.calib.steps import State
+from so101_motion.calib.verdict import ROLL, Verdict
+from so101_motion.calib.view import JointView
+from so101_motion.calibrator import Situation
+from so101_motion.units import to_deg
+
+from .bench import Calibrates
+
+Tone = Literal["good", "busy", "warm", "bad", "dim"]
+
+NEAR_DEG = 25.0
+"""How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel of each is
+found either way; beyond this a person has probably missed the picture."""
+
+UPRIGHT_DEG = 12.0
+"""The same for wrist_roll, whose zero is where it is held. Chosen."""
+
+FEW = 2
+"""On so many joints something may sit that limits them. Chosen."""
+
+
+# The homing pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hint:
+    """How near a joint is to the homing pose.
+
+    Attributes:
+        joint: Its name.
+        text: In words.
+        tone: How they are meant.
+    """
+
+    joint: str
+    text: str
+    tone: Tone
+
+
+def hints(joints: Mapping[str, JointView], now: Likely) -> tuple[Hint, ...]:
+    """How near each joint is to the pose, as far as that can be told."""
+    return tuple(_hint(view, now) for view in joints.values())
+
+
+def _hint(view: JointView, now: Likely) -> Hint:
+    joint = view.joint
+    if view.ticks is None:
+        return Hint(joint=joint, text="does not answer: check its cable", tone="bad")
+    if joint in now.guessed:
+        return Hint(joint=joint, text="by eye, it was never calibrated", tone="dim")
+    off_deg = to_deg(now.angles[joint] - HOMING_POSE[joint])
+    if abs(off_deg) <= (UPRIGHT_DEG if joint == ROLL else NEAR_DEG):
+        return Hint(joint=joint, text="there", tone="good")
+    return Hint(joint=joint, text=f"{abs(off_deg):.0f}° off", tone="warm")
+
+
+def picture_note(now: Likely, joints: Iterable[str]) -> str:
+    """How far the picture can be trusted; empty when all of it can."""
+    there = tuple(joints)
+    guessed = [joint for joint in there if joint in now.guessed]
+    if not guessed:
+        return ""
+    if len(guessed) == len(there):
+        return (
+            "The picture moves as the arm does, but may be some degrees off: joints that were never"
+            " calibrated do not tell where they are. Go by the arm itself."
+        )
+    return f"The picture is some degrees off as long as these are not done: {', '.join(guessed)}."
+
+
+# The travels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Travel:
+    """A joint's bar: how far it has been, and where it is now.
+
+    Attributes:
+        joint: Its name.
+        begin: Where on the bar its travel begins, 0 to 1.
+        end: Where it ends.
+        at: Where the joint is now; None if that is not known.
+        figures: How far it was moved, in words.
+        text: What to do; empty when there is nothing.
+        tone: How it is meant.
+        is_done: Whether it can be saved like this.
+    """
+
+    joint: str
+    begin: float
+    end: float
+    at: float | None
+    figures: str
+    text: str
+    tone: Tone
+    is_done: bool
+
+
+_TONES: Mapping[Verdict | None, Tone] = {
+    None: "dim",
+    Verdict.UNTOUCHED: "dim",
+    Verdict.TOO_SHORT: "busy",
+    Verdict.ALMOST: "warm",
+    Verdict.COMPLETE: "good",
+    Verdict.FULL_TURN: "good",
+    Verdict.TOO_WIDE: "bad",
+    Verdict.WRONG_DIRECTION: "bad",
+}
+
+_PLAIN = (
+    None, Verdict.UNTOUCHED, Verdict.TOO_SHORT, Verdict.COMPLETE, Verdict.FULL_TURN
+)  # fmt: skip
+"""Of these a bar says all there is to say."""
+
+_TICKS_PER_DEG = 4096 / 360.0
+
+
+def travels(joints: Mapping[str, JointView]) -> tuple[Travel, ...]:
+    """A bar for each joint."""
+    return tuple(map(_travel, joints.values()))
+
+
+def _travel(view: JointView) -> Travel:
+    begin, end, at = _on_bar(view)
+    is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done)
+    return Travel(
+        joint=view.joint,
+        begin=begin,
+        end=end,
+        at=at,
+        figures=_figures(view),
+        text="" if view.ticks is not None and is_plain else view.sentence,
+        tone="bad" if view.ticks is None else _TONES[view.verdict],
+        is_done=view.is_done,
+    )
+
+
+def _figures(view: JointView) -> str:
+    if view.verdict is Verdict.FULL_TURN and view.travel_deg < 1.0:
+        return "full turn"
+    return f"{view.travel_deg:.0f} of {view.expected_deg:.0f}°"
+
+
+def _on_bar(view: JointView) -> tuple[float, float, float | None]:
+    """Begin and end of what was travelled and where the joint is, as shares of a bar.
+
+    The bar is the expected travel with the homing pose in its middle, as far as the travel so far
+    agrees: what was passed is always on it.
+    """
+    whole = view.expected_deg * _TICKS_PER_DEG
+    lower, upper = view.recorded_min, view.recorded_max
+    if lower is None or upper is None:
+        at = None if view.ticks is None else _within(0.5 + (view.ticks - MIDDLE) / whole)
+        return 0.5, 0.5, at
+    whole = max(whole, float(upper - lower), 1.0)
+    begin = min(max(0.5 + (lower - MIDDLE) / whole, 0.0), 1.0 - (upper - lower) / whole)
+    at = None if view.ticks is None else _within(begin + (view.ticks - lower) / whole)
+    return begin, begin + (upper - lower) / whole, at
+
+
+def _within(share: float) -> float:
+    return min(max(share, 0.0), 1.0)
+
+
+def left(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """The joints that have not been where they must go."""
+    return tuple(joint for joint, view in joints.items() if not view.is_done)
+
+
+def short(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """The joints that can be saved but were not quite at both their stops; those of roll give."""
+    return tuple(
+        joint for joint, view in joints.items() if view.verdict is Verdict.ALMOST and joint != ROLL
+    )
+
+
+def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """Those of them whose travel may be right on an unusual arm; empty unless all may be.
+
+    Nor when they are many: then the recording has hardly begun.
+    """
+    missing = left(joints)
+    may_be = all(_can_be_meant(joints[joint]) for joint in missing)
+    return missing if may_be and len(missing) <= FEW else ()
+
+
+def _can_be_meant(view: JointView) -> bool:
+    lower, upper = view.recorded_min, view.recorded_max
+    if lower is None or upper is None or not NARROWEST <= upper - lower <= WIDEST:
+        return False
+    return view.verdict in (Verdict.TOO_SHORT, Verdict.TOO_WIDE)
+
+
+# What is about to be saved
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Line:
+    """A joint in the summary.
+
+    Attributes:
+        joint: Its name.
+        travel: How far it goes.
+        quality: What that is worth, in a word or two.
+        tone: How it is meant.
+        reason: Why, if it is not good.
+        change: What is different from before.
+    """
+
+    joint: str
+    travel: str
+    quality: str
+    tone: Tone
+    reason: str
+    change: str
+
+
+_QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
+    Verdict.COMPLETE: ("good", "good"),
+    Verdict.FULL_TURN: ("full turn", "good"),
+    Verdict.ALMOST: ("fair", "warm"),
+    Verdict.TOO_SHORT: ("accepted", "warm"),
+    Verdict.TOO_WIDE: ("too wide", "warm"),
+    Verdict.WRONG_DIRECTION: ("doubtful", "warm"),
+}
+
+
+def held(joints: Mapping[str, JointView]) -> Calibration:
+    """The calibration that joints show, in force or about to be saved."""
+    return {
+        joint: replace(
+            record.default(joint),
+            homing_offset=view.homing_offset,
+            range_min=view.range_min,
+            range_max=view.range_max,
+        )
+        for joint, view in joints.items()
+    }
+
+
+def in_force(joints: Mapping[str, JointView]) -> Calibration:
+    """The calibration of joints that are not being calibrated, of those that have one."""
+    return held({joint: view for joint, view in joints.items() if view.is_done})
+
+
+def summary(joints: Mapping[str, JointView], before: Calibration) -> tuple[Line, ...]:
+    """Each joint with its quality, and what is different from ``before``."""
+    now = held(joints)
+    rows = compare.diff(
+        {joint: entry for joint, entry in before.items() if joint in now},
+        {j: {name: getattr(e, name) for name in compare.FIELDS} for j, e in now.items()},
+    )
+    moved = {row.joint for row in rows if row.differs}
+    return tuple(_line(view, before, now, moved) for view in joints.values())
+
+
+def _line(view: JointView, before: Calibration, now: Calibration, moved: set[str]) -> Line:
+    joint = view.joint
+    quality, tone = _QUALITIES.get(view.verdict, ("", "dim"))
+    if joint not in before:
+        change = "new"
+    elif joint not in moved:
+        change = "the same"
+    else:
+        was, entry = before[joint], now[joint]
+        ends = (
+            around(
+                entry.homing_offset + getattr(entry, end) - was.homing_offset - getattr(was, end)
+            )
+            / _TICKS_PER_DEG
+            for end in ("range_min", "range_max")
+        )
+        change = " / ".join(f"{end:+.1f}°" for end in ends)
+    return Line(
+        joint=joint,
+        travel="360°" if view.verdict is Verdict.FULL_TURN else f"{view.travel_deg:.0f}°",
+        quality=quality,
+        tone=tone,
+        reason=view.sentence if tone == "warm" else "",
+        change=change,
+    )
+
+
+def saved_before(now: Situation) -> Path | None:
+    """Where the calibration in force is kept, when none is under way and a file has all of it."""
+    is_whole = bool(now.joints) and all(view.is_done for view in now.joints.values())
+    return now.calibration_file if is_whole and now.view.state is State.IDLE else None
+
+
+# How it ends
+
+
+def put_back(calibrator: Calibrates) -> str:
+    """Put back what a calibration under way has changed; what that has come to, in words.
+
+    Raises:
+        So101Error: It cannot be put back now.
+    """
+    now = calibrator.situation
+    if now.view.state is State.IDLE:
+        return f"nothing is under way, so nothing was changed; {_torque(now.holds)}"
+    ended = calibrator.abort()
+    trouble = f". But: {ended.trouble}" if ended.trouble else ""
+    return f"the motors hold what they held before; {_torque(ended.holds)}{trouble}"
+
+
+def _torque(holds: bool | None) -> str:
+    if holds is None:
+        return "no motor answers"
+    if holds:
+        return "the joints are held where they stand"
+    return "the joints are limp, so support the arm"

@@ -1,0 +1,163 @@
+"""The HTML of the calibration's pages and of the test's. Every text passes ``escape``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from so101_motion.accuracy import JointAccuracy, MoveReport, degrees, millimetres, milliseconds
+
+from .calibrating import Hint, Line, Tone, Travel
+from .cards import BAD, DIM, GOOD, WARM, capital
+
+_COLOURS: dict[Tone, str] = {"good": GOOD, "busy": "#f0a500", "warm": WARM, "bad": BAD, "dim": DIM}
+_VERDICTS: dict[str, tuple[str, Tone]] = {
+    "ok": ("✓", "good"),
+    "warn": ("!", "warm"),
+    "fail": ("✗", "bad"),
+    "not tested": ("–", "dim"),
+}
+_BOX = "padding:.3em .8em;font-size:.85em;line-height:1.5"
+
+
+def hints(items: Iterable[Hint]) -> str:
+    """How near each joint is to the pose."""
+    rows = "".join(
+        f"<span>{escape(hint.joint)}</span>"
+        f'<span style="color:{_COLOURS[hint.tone]};font-weight:600">{escape(hint.text)}</span>'
+        for hint in items
+    )
+    return f'<div style="{_BOX};display:grid;grid-template-columns:8em 1fr">{rows}</div>'
+
+
+def travels(items: Iterable[Travel]) -> str:
+    """A bar for each joint."""
+    return f'<div style="{_BOX}">{"".join(map(_travel, items))}</div>'
+
+
+def _travel(item: Travel) -> str:
+    colour = _COLOURS[item.tone]
+    mark = f'<b style="color:{GOOD}">✓</b>' if item.is_done else ""
+    at = ""
+    if item.at is not None:
+        at = (
+            f'<i style="position:absolute;left:calc({100 * item.at:.1f}% - .17em);top:-.22em;'
+            'width:.34em;height:1.14em;border-radius:.15em;background:currentColor"></i>'
+        )
+    text = (
+        f'<div style="grid-column:2/-1;font-size:.92em;color:{colour};line-height:1.3">'
+        f"{escape(capital(item.text))}</div>"
+        if item.text
+        else ""
+    )
+    return (
+        f'<div role="meter" aria-label="{escape(item.joint)}" '
+        f'aria-valuenow="{100 * (item.end - item.begin):.0f}" '
+        'style="display:grid;grid-template-columns:1em 6.6em 1fr 5.6em;gap:0 .4em;'
+        f'align-items:center;margin:.2em 0"><span>{mark}</span>'
+        f"<span>{escape(item.joint)}</span>"
+        '<span style="height:.7em;border-radius:.35em;background:#8884;position:relative">'
+        f'<i style="position:absolute;left:{100 * item.begin:.1f}%;top:0;height:100%;'
+        f"width:{100 * (item.end - item.begin):.1f}%;border-radius:.35em;"
+        f'background:{colour}"></i>{at}</span>'
+        '<span style="text-align:right;font-variant-numeric:tabular-nums">'
+        f"{escape(item.figures)}</span>{text}</div>"
+    )
+
+
+def summary(lines: Iterable[Line]) -> str:
+    """What is about to be saved, joint by joint, beside what was before."""
+    rows = "".join(
+        f"<tr><td>{escape(line.joint)}</td><td {_RIGHT}>{escape(line.travel)}</td>"
+        f'<td style="color:{_COLOURS[line.tone]};font-weight:600;text-align:right">'
+        f"{escape(line.quality)}</td>"
+        f"<td {_RIGHT}>{escape(line.change)}</td></tr>"
+        + (_below(line.reason, line.tone, 4) if line.reason else "")
+        for line in lines
+    )
+    return _table(("joint", "travel", "quality", "ends moved"), rows)
+
+
+def report(joints: Sequence[JointAccuracy]) -> str:
+    """What a test has shown so far, joint by joint."""
+    rows = []
+    for joint in joints:
+        mark, tone = _VERDICTS[joint.verdict]
+        rows.append(
+            f'<tr><td><b style="color:{_COLOURS[tone]}">{mark}</b> {escape(joint.joint)}</td>'
+            + "".join(
+                f"<td {_RIGHT}>{escape(text)}</td>"
+                for text in (
+                    degrees(joint.error),
+                    degrees(joint.hysteresis),
+                    milliseconds(joint.lag),
+                )
+            )
+            + "</tr>"
+            + (_below(joint.sentence, tone, 4) if joint.sentence else "")
+        )
+    return _table(("joint", "off", "sides", "behind"), "".join(rows)) if rows else ""
+
+
+def result(found: MoveReport) -> str:
+    """What a test has come to."""
+    colour = GOOD if found.passed else BAD
+    tool = "" if found.tool is None else f"The tool was at most {millimetres(found.tool)} off. "
+    return (
+        f'<div style="{_BOX}"><b style="color:{colour};font-size:1.1em">'
+        f"{escape(capital(found.sentence))}</b>"
+        f'<div style="color:{DIM}">{escape(tool)}Off: from where it was sent, at rest. Sides: how'
+        " much that differs with the side it came from. Behind: how late it is while it moves."
+        "</div></div>"
+    )
+
+
+def saved(title: str, path: str, lines: Iterable[str]) -> str:
+    """Where something was saved, and what there is to say about it."""
+    told = "".join(
+        f'<div style="color:{DIM};margin-top:.3em">{escape(capital(line))}</div>' for line in lines
+    )
+    return (
+        f'<div style="{_BOX}"><b style="color:{GOOD}">{escape(title)}</b>'
+        f'<div style="font-family:monospace;overflow-wrap:anywhere">{escape(path)}</div>{told}'
+        "</div>"
+    )
+
+
+def to_copy(text: str) -> str:
+    """A text to be copied: one click selects all of it."""
+    return (
+        '<pre style="margin:.4em .8em;padding:.6em;font-size:.72em;line-height:1.35;'
+        "max-height:22em;overflow:auto;border-radius:.4em;background:#8882;"
+        f'user-select:all;cursor:copy">{escape(text)}</pre>'
+    )
+
+
+def link(url: str, text: str) -> str:
+    """A link to another page of ours."""
+    return (
+        f'<div style="{_BOX}"><a href="{escape(url)}" target="_blank" rel="noopener"'
+        f' style="color:inherit;font-weight:600">{escape(text)}</a></div>'
+    )
+
+
+_RIGHT = 'style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap"'
+
+
+def _table(heads: Iterable[str], rows: str) -> str:
+    head = "".join(
+        f'<th style="text-align:{"left" if k == 0 else "right"};font-weight:400;color:{DIM}">'
+        f"{escape(name)}</th>"
+        for k, name in enumerate(heads)
+    )
+    return (
+        f'<div style="{_BOX}"><table style="width:100%;border-collapse:collapse;'
+        f'border-spacing:0"><tr>{head}</tr>{rows}</table></div>'
+    )
+
+
+def _below(text: str, tone: Tone, span: int) -> str:
+    return (
+        f'<tr><td colspan="{span}" style="padding:0 0 .3em 1em;font-size:.92em;line-height:1.3;'
+        f'color:{_COLOURS[tone]}">{escape(capital(text))}</td></tr>'
+    )

@@ -1,0 +1,225 @@
+"""The setup's pieces of HTML. Every text passes ``escape``, as in ``markup.py``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+from typing import Literal
+
+from so101_motion.adapters import Candidate
+from so101_motion.calib.setup_view import MotorView, Verification
+from so101_motion.checkup import Check
+from so101_motion.workflow import Workflow
+
+from .course import Row
+from .torque import Torque
+
+MotorLook = Literal["waiting", "now", "found", "trouble", "done", "skipped"]
+
+GOOD, BAD, WARM, DIM = (
+    f"var(--so101-{name},{colour})"
+    for name, colour in (
+        ("good", "#2b8a3e"),
+        ("bad", "#c92a2a"),
+        ("warm", "#b35c00"),
+        ("dim", "#868e96"),
+    )
+)
+_AMBER = "#f0a500"
+_PAD = "padding:.25em .8em"
+
+_VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
+
+
+def headline(title: str, about: str) -> str:
+    """The workflow and how far it is."""
+    return (
+        f'<div style="{_PAD};padding-top:.6em">'
+        f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
+        f'<div style="font-size:.82em;color:{DIM}">{escape(about)}</div></div>'
+    )
+
+
+def choice(workflow: Workflow) -> str:
+    """What there is to know of a workflow before one chooses it."""
+    return (
+        f'<div style="{_PAD};padding-top:.7em;font-size:.88em;line-height:1.35">'
+        f"{escape(workflow.purpose)}"
+        f'<div style="color:{DIM};font-size:.92em">{escape(workflow.extent)}</div></div>'
+    )
+
+
+def step_list(rows: Iterable[Row]) -> str:
+    """The steps: behind us, on the page, to come."""
+    lines = []
+    for number, row in enumerate(rows, start=1):
+        mark, weight, colour, back = {
+            "done": ("✓", 400, GOOD, "transparent"),
+            "now": (f"{number}", 700, "inherit", f"color-mix(in srgb,{_AMBER} 22%,transparent)"),
+            "left": (f"{number}", 400, DIM, "transparent"),
+        }[row.place]
+        lines.append(
+            f'<div style="display:grid;grid-template-columns:1.4em 1fr max-content;gap:.3em;'
+            f"padding:.12em .5em;border-radius:.3em;color:{colour};font-weight:{weight};"
+            f'background:{back}"><span>{mark}</span><span>{escape(row.title)}</span>'
+            f'<span style="font-weight:400;opacity:.75">{row.minutes} min</span></div>'
+        )
+    return f'<div style="padding:.2em .5em .4em;font-size:.85em">{"".join(lines)}</div>'
+
+
+def torque(now: Torque) -> str:
+    """Whether the joints are held, always in sight."""
+    colour = _AMBER if now.is_on else DIM
+    return (
+        f'<div style="{_PAD};font-size:.85em;display:flex;gap:.5em;align-items:baseline">'
+        f'<span style="flex:none;width:.65em;height:.65em;border-radius:50%;background:{colour}">'
+        f"</span><span>{escape(now.text)}</span></div>"
+    )
+
+
+def instruction(title: str, text: str) -> str:
+    """What to do in this step."""
+    return (
+        f'<div style="{_PAD};padding-top:.5em"><div style="font-weight:700">{escape(title)}</div>'
+        f'<div style="font-size:.9em;line-height:1.4">{escape(text)}</div></div>'
+    )
+
+
+def said(check: Check) -> str:
+    """What a check has found and what to do about it."""
+    mark, colour = _VERDICTS[check.verdict]
+    return _marked(mark, colour, check.sentence, check.fix)
+
+
+def going_on(text: str) -> str:
+    """What is being done now."""
+    return _marked("…", DIM, text, "")
+
+
+def failed(text: str) -> str:
+    """What has gone wrong, its last part being what to do."""
+    sentence, _, fix = text.rpartition("; ")
+    return _marked("✗", BAD, *((sentence, fix) if sentence else (fix, "")))
+
+
+def note(text: str) -> str:
+    """Small print."""
+    return (
+        f'<div style="{_PAD};font-size:.8em;line-height:1.35;color:{DIM}">{escape(text)}</div>'
+        if text
+        else ""
+    )
+
+
+def _marked(mark: str, colour: str, sentence: str, fix: str) -> str:
+    todo = (
+        f'<div style="margin-top:.15em"><b>Do this:</b> {escape(capital(fix))}</div>' if fix else ""
+    )
+    return (
+        f'<div style="{_PAD};font-size:.88em;line-height:1.4;display:grid;'
+        'grid-template-columns:1.1em 1fr;overflow-wrap:anywhere">'
+        f'<b style="color:{colour}">{mark}</b><div>{escape(capital(sentence))}{todo}</div></div>'
+    )
+
+
+def capital(text: str) -> str:
+    """With a capital letter and a full stop."""
+    text = text.strip()
+    if not text:
+        return ""
+    return text[0].upper() + text[1:] + ("" if text[-1] in ".?!…" else ".")
+
+
+def port(candidate: Candidate, *, is_chosen: bool) -> str:
+    """A port: its name, what is on it, and the voltage against what the arm is made for."""
+    report = candidate.report
+    names = " · ".join(name for name in (report.port.device, report.port.description) if name)
+    volts = ""
+    if report.volts is not None and report.nominal_volts is not None:
+        colour = BAD if report.supply_trouble else GOOD
+        volts = (
+            f'<div>Supply: <b style="color:{colour}">{report.volts:.1f} V</b>'
+            f" for a {report.nominal_volts:g} V arm</div>"
+        )
+    edge = _AMBER if is_chosen else "#8884"
+    return (
+        f'<div style="margin:.35em .8em;padding:.45em .6em;border:1px solid {edge};'
+        'border-radius:.4em;font-size:.85em;line-height:1.4;overflow-wrap:anywhere">'
+        f"<b>{escape(candidate.name)}</b>"
+        f'<div style="color:{DIM};font-size:.92em">{escape(names)}</div>'
+        f"<div>{escape(capital(report.sentence))}</div>{volts}</div>"
+    )
+
+
+_LOOKS: dict[MotorLook, tuple[str, str]] = {
+    "waiting": ("○", DIM),
+    "now": ("●", _AMBER),
+    "found": ("●", GOOD),
+    "trouble": ("✗", BAD),
+    "done": ("✓", GOOD),
+    "skipped": ("–", DIM),
+}
+
+
+def motor(view: MotorView, *, state: MotorLook, words: str, fix: str) -> str:
+    """The motor that is asked for: how far it is, what is known of it, what to do."""
+    colour = _LOOKS[state][1]
+    todo = f"<div><b>Do this:</b> {escape(capital(fix))}</div>" if fix else ""
+    return (
+        f'<div style="margin:.35em .8em;padding:.4em .55em;border:1px solid {colour};'
+        'border-radius:.4em;font-size:.88em;line-height:1.4;overflow-wrap:anywhere">'
+        f"{_motor_line(view, state)}<div>{escape(capital(words))}{todo}</div></div>"
+    )
+
+
+def motor_list(lines: Iterable[tuple[MotorView, MotorLook]]) -> str:
+    """All motors, the first to be set up on top."""
+    rows = "".join(_motor_line(view, state) for view, state in lines)
+    return f'<div style="padding:.3em 1.3em;font-size:.85em;line-height:1.7">{rows}</div>'
+
+
+def _motor_line(view: MotorView, state: MotorLook) -> str:
+    mark, colour = _LOOKS[state]
+    return (
+        '<div style="display:grid;grid-template-columns:1.1em 1fr max-content;gap:.2em">'
+        f'<b style="color:{colour}">{mark}</b><b>{escape(view.joint)}</b>'
+        f'<span style="color:{DIM}">{escape(_identity(view))}</span></div>'
+    )
+
+
+def _identity(view: MotorView) -> str:
+    """The id and the rate it has, and the id it is to have."""
+    if view.found_id is None:
+        return f"gets id {view.target_id}"
+    rate = "" if view.baud is None else f", {_rate(view.baud)}"
+    if view.state in ("configured", "verified"):
+        return f"id {view.found_id}{rate}"
+    return f"id {view.found_id}{rate} → {view.target_id}"
+
+
+def _rate(baud: int) -> str:
+    return f"{baud // 1_000_000} Mbaud" if baud >= 1_000_000 else f"{baud / 1000:g} kbaud"
+
+
+def grid(found: Verification) -> str:
+    """The six of the finished chain, base to jaw, and what is wrong with each."""
+    cells = []
+    for check in found.motors.values():
+        is_ok = check.status == "ok"
+        colour, mark = (GOOD, "✓") if is_ok else (BAD, "✗")
+        facts = check.facts
+        about = f"{facts.volts:.1f} V, firmware {facts.firmware}" if facts is not None else ""
+        about = about if is_ok else check.status.replace("_", " ")
+        cells.append(
+            f'<div style="border:1px solid {colour};border-radius:.4em;padding:.25em .45em">'
+            f'<div><b style="color:{colour}">{mark}</b> <b>{check.servo_id}</b> '
+            f'{escape(check.joint)}</div><div style="color:{DIM};font-size:.9em">'
+            f"{escape(about)}&nbsp;</div></div>"
+        )
+    wrong = "".join(
+        _marked("✗", BAD, check.error, check.fix) for check in found.motors.values() if check.error
+    )
+    return (
+        '<div style="display:grid;grid-template-columns:1fr 1fr;gap:.35em;'
+        f'padding:.3em .8em;font-size:.82em">{"".join(cells)}</div>{wrong}'
+    )

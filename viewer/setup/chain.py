@@ -1,0 +1,87 @@
+"""The step after the motors have their ids: all six on one cable, verified.
+
+A verification that finds something wrong is a result like any other: the grid shows which motor it
+is, why, and what to do, and the button verifies again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import viser
+
+from so101_motion.calib.setup_view import Verification
+from so101_motion.checkup import Check
+from so101_motion.workflow import CHAIN
+
+from . import cards
+from .picture import GREEN, ORANGE
+from .steps import Workshop
+
+
+class ChainPage:
+    """The page of the third step.
+
+    Args:
+        shop: What all pages share.
+    """
+
+    def __init__(self, shop: Workshop) -> None:
+        self._shop = shop
+        self._shown: Verification | None = None
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        gui.add_html(cards.instruction(CHAIN.title, CHAIN.instruction))
+        self._verify = gui.add_button("Verify all six", icon=viser.Icon.LIST_CHECK, color="green")
+        self._grid = gui.add_html("")
+        self._said = gui.add_html("")
+        self._shop.desk.on_press(self._verify, self._look)
+
+    def enter(self) -> None:
+        """Look at once: nothing is written."""
+        self._shown = None
+        self._look()
+
+    def leave(self) -> None:
+        """Nothing goes on."""
+
+    def refresh(self) -> bool:
+        """Whether something else was found."""
+        found, before = self._shop.seen.servos, self._shown
+        self._shown = found
+        return found is not before
+
+    def show(self) -> None:
+        """Tell what was found, and light the motors that are not as they must be."""
+        found = self._shop.seen.servos
+        self._verify.label = "Verify all six" if found is None else "Verify again"
+        self._verify.disabled = bool(self._shop.doing)
+        self._grid.content = "" if found is None else cards.grid(found)
+        is_told = found is not None and any(check.error for check in found.motors.values())
+        self._said.content = "" if is_told or self._shop.doing else cards.said(self.check())
+        if found is not None:
+            wrong = tuple(joint for joint, check in found.motors.items() if check.status != "ok")
+            lit, colour = (wrong, ORANGE) if wrong else (tuple(found.motors), GREEN)
+            self._shop.picture.light(lit, colour)
+
+    def check(self) -> Check:
+        """Whether all six are as they must be."""
+        return CHAIN.check(self._shop.known)
+
+    def can_go_on(self) -> str | None:
+        """That something is wrong with the chain; what it is stands above."""
+        return "verify them once all is mended" if self.check().verdict == "fail" else None
+
+    def abort(self) -> str:
+        """Nothing is written in this step."""
+        return "nothing was changed, and nothing was moved"
+
+    def _look(self) -> None:
+        bench = self._shop.bench
+        if bench is not None:
+            verify = bench.calibrator.motor_setup.verify
+            self._shop.do("looking at all six motors", verify, self._take)
+
+    def _take(self, found: Verification) -> None:
+        self._shop.seen = replace(self._shop.seen, servos=found)

@@ -1,0 +1,204 @@
+"""The first step: which port the arm is on, and what keeps it from being used.
+
+While the step is on the page, all ports are looked at again and again, so that a cable that is
+plugged in, a supply that is switched on or a program that is ended shows by itself.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import viser
+
+from so101_motion.adapters import Candidate, Look
+from so101_motion.checkup import Check
+from so101_motion.workflow import CONNECT
+
+from . import cards
+from .bench import Bench
+from .benches import Ports
+from .steps import Workshop
+
+PERIOD = 1.0
+"""How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""
+
+_MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
+
+
+class Lookout:
+    """Looks at the ports in a thread of its own.
+
+    Args:
+        look: Looks at them; takes up to two seconds.
+    """
+
+    def __init__(self, look: Callable[[], Look]) -> None:
+        self._look = look
+        self._ends: threading.Event | None = None
+        self._thread: threading.Thread | None = None
+        self.seen: Look | None = None
+
+    def begin(self) -> None:
+        """Look from now on."""
+        if self._ends is None:
+            self._ends = threading.Event()
+            self._thread = threading.Thread(
+                target=self._run, args=(self._ends,), name="so101-setup-ports", daemon=True
+            )
+            self._thread.start()
+
+    def end(self) -> None:
+        """Do not look any more; returns when no port is open."""
+        if self._ends is not None and self._thread is not None:
+            self._ends.set()
+            self._thread.join()
+            self._ends = self._thread = None
+
+    def _run(self, ends: threading.Event) -> None:
+        while not ends.is_set():
+            began = time.monotonic()
+            self.seen = self._look()
+            ends.wait(max(PERIOD - (time.monotonic() - began), 0.2))
+
+
+class Connection:
+    """Which port is meant.
+
+    Attributes:
+        seen: What was plugged in at the last look; None before the first.
+        picked: The port that a person has picked, by name; None while nobody has.
+    """
+
+    def __init__(self) -> None:
+        self.seen: Look | None = None
+        self.picked: str | None = None
+
+    @property
+    def chosen(self) -> Candidate | None:
+        """The port to use: the picked one, else the only one that can be used, or that is there."""
+        if self.seen is None:
+            return None
+        candidates = self.seen.candidates
+        picked = [candidate for candidate in candidates if candidate.name == self.picked]
+        if picked:
+            return picked[0]
+        usable = self.seen.usable
+        if len(usable) == 1:
+            return usable[0]
+        return candidates[0] if len(candidates) == 1 else None
+
+    @property
+    def check(self) -> Check | None:
+        """What stands in the way beyond what the workflow knows of one port."""
+        if self.seen is None:
+            return Check(name="connect", verdict="fail", sentence="looking at the ports")
+        if self.chosen is None and len(self.seen.candidates) > 1:
+            return Check(
+                name="connect",
+                verdict="fail",
+                sentence=f"there are {len(self.seen.candidates)} ports",
+                fix="choose the one of the arm that is to be set up",
+            )
+        return None
+
+
+class ConnectionPage:
+    """The page of the first step.
+
+    Args:
+        shop: What all pages share.
+        ports: Where the arm may be.
+    """
+
+    def __init__(self, shop: Workshop, ports: Ports) -> None:
+        self._shop, self._ports = shop, ports
+        self._lookout = Lookout(ports.look)
+        self.model = Connection()
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        gui.add_html(cards.instruction(CONNECT.title, CONNECT.instruction))
+        self._cards = [gui.add_html("", visible=False) for _ in range(_MOST_PORTS)]
+        self._picks = [gui.add_button("", visible=False, color="gray") for _ in range(_MOST_PORTS)]
+        for place, button in enumerate(self._picks):
+            self._shop.desk.on_press(button, partial(self._pick, place))
+        self._said = gui.add_html("")
+
+    def enter(self) -> None:
+        """Begin to look."""
+        self._shop.make = self._open
+        if self._shop.fixed is None and self._shop.bench is None:
+            self._lookout.begin()
+
+    def leave(self) -> None:
+        """End looking; the port may be opened for good now."""
+        self._lookout.end()
+
+    def refresh(self) -> bool:
+        """Take up the last look."""
+        fixed, before = self._shop.fixed, self._shop.seen
+        if fixed is not None:
+            self._shop.seen = replace(fixed.findings(), servos=before.servos)
+            return self._shop.seen != before
+        if self._lookout.seen is self.model.seen:
+            return False
+        self.model.seen = self._lookout.seen
+        self._judge()
+        return True
+
+    def show(self) -> None:
+        """Tell what is there."""
+        seen = self.model.seen
+        candidates = seen.candidates[:_MOST_PORTS] if seen is not None else ()
+        chosen, many = self.model.chosen, len(candidates) > 1
+        for place in range(_MOST_PORTS):
+            there = place < len(candidates)
+            self._cards[place].visible = there
+            self._picks[place].visible = there and many and candidates[place] is not chosen
+            if there:
+                candidate = candidates[place]
+                self._cards[place].content = cards.port(candidate, is_chosen=candidate is chosen)
+                self._picks[place].label = f"Use {candidate.name}"
+        self._said.content = cards.said(self.check())
+
+    def check(self) -> Check:
+        """Whether there is a port that can be used."""
+        return self._of_several() or CONNECT.check(self._shop.known)
+
+    def can_go_on(self) -> str | None:
+        """The trouble with the port."""
+        check = self.check()
+        return check.sentence if check.verdict == "fail" else None
+
+    def abort(self) -> str:
+        """Nothing was begun."""
+        return "nothing was changed"
+
+    # How
+
+    def _of_several(self) -> Check | None:
+        is_settled = self._shop.fixed is not None or self._shop.bench is not None
+        return None if is_settled else self.model.check
+
+    def _judge(self) -> None:
+        seen, chosen = self.model.seen, self.model.chosen
+        if seen is not None:
+            self._shop.seen = seen.nothing if chosen is None else chosen.findings
+
+    def _pick(self, place: int) -> None:
+        if self.model.seen is not None and place < len(self.model.seen.candidates):
+            self.model.picked = self.model.seen.candidates[place].name
+            self._judge()
+
+    def _open(self) -> Bench:
+        """The bench on the chosen port; in a worker's thread."""
+        if self._shop.fixed is not None:
+            return self._shop.fixed.open()
+        chosen = self.model.chosen
+        assert chosen is not None  # else one could not have gone on
+        self._lookout.end()
+        return self._ports.open(chosen)

@@ -1,0 +1,128 @@
+"""Which workflow is under way and which of its steps is on the page. Plain values, no page.
+
+What was chosen and how far it came is kept on disk at each step, so that a crash of the computer
+or a closed laptop costs nothing: the next start goes on with that step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from so101_motion.calib.progress import Progress
+from so101_motion.workflow import WORKFLOWS, Step, Workflow
+
+Place = Literal["done", "now", "left"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A line of the list of steps.
+
+    Attributes:
+        title: What the step is called.
+        place: Whether it is behind us, on the page, or still to come.
+        minutes: How long it takes.
+    """
+
+    title: str
+    place: Place
+    minutes: int
+
+
+class Course:
+    """Goes from step to step.
+
+    Args:
+        progress: Where it is kept.
+
+    Attributes:
+        workflow: What is under way; None while nothing is chosen.
+        place: Which of its steps is on the page, from 0.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+        self.workflow: Workflow | None = None
+        self.place = 0
+
+    @property
+    def step(self) -> Step | None:
+        """The step that is on the page; None while nothing is chosen."""
+        return None if self.workflow is None else self.workflow.steps[self.place]
+
+    @property
+    def is_last(self) -> bool:
+        """Whether no step follows."""
+        return self.workflow is not None and self.place == len(self.workflow.steps) - 1
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The list of steps; empty while nothing is chosen."""
+        if self.workflow is None:
+            return ()
+        return tuple(
+            Row(
+                title=step.title,
+                minutes=step.minutes,
+                place="done" if k < self.place else "now" if k == self.place else "left",
+            )
+            for k, step in enumerate(self.workflow.steps)
+        )
+
+    @property
+    def where(self) -> str:
+        """How far it is, in words; empty while nothing is chosen."""
+        if self.workflow is None:
+            return ""
+        left = sum(step.minutes for step in self.workflow.steps[self.place :])
+        return f"Step {self.place + 1} of {len(self.workflow.steps)}, about {left} min left"
+
+    @property
+    def interrupted(self) -> Step | None:
+        """The step of an earlier setup that was not ended; None if there is none."""
+        found = self._interrupted()
+        return None if found is None else found[0].steps[found[1]]
+
+    def resume(self) -> None:
+        """Go on with the earlier setup, if there is one."""
+        found = self._interrupted()
+        if found is not None:
+            self.workflow, self.place = found
+
+    def choose(self, workflow: Workflow) -> None:
+        """Begin a workflow with its first step."""
+        self.workflow, self.place = workflow, 0
+        self._keep()
+
+    def go_on(self) -> None:
+        """To the next step; after the last one nothing is under way any more."""
+        if self.is_last:
+            self.end()
+        elif self.workflow is not None:
+            self.place += 1
+            self._keep()
+
+    def go_back(self) -> None:
+        """To the step before; from the first one to the choice."""
+        if self.place == 0:
+            self.end()
+        else:
+            self.place -= 1
+            self._keep()
+
+    def end(self) -> None:
+        """Nothing is under way any more; which motors have their ids is remembered until all do."""
+        self.workflow, self.place = None, 0
+        self._progress.reach("", "")
+
+    def _interrupted(self) -> tuple[Workflow, int] | None:
+        for workflow in WORKFLOWS:
+            place = workflow.place(self._progress.step)
+            if workflow.name == self._progress.workflow and place is not None:
+                return workflow, place
+        return None
+
+    def _keep(self) -> None:
+        if self.workflow is not None and self.step is not None:
+            self._progress.reach(self.workflow.name, self.step.name)

@@ -1,0 +1,269 @@
+"""The second step: one motor after the other gets its id.
+
+Finding needs no button: as long as the step waits for a motor, whoever is on the cable is looked
+at again and again. Writing does: what was found is shown with what would be written, and nothing is
+until somebody presses the button that says so. Whatever goes wrong names its cause and what to do,
+and has a button to look again at once.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import viser
+
+from so101_motion.calib.setup_view import MOVES, SETUP_ORDER, MotorView, SetupView
+from so101_motion.checkup import Check
+from so101_motion.workflow import MOTORS
+
+from ..fields import put
+from . import cards
+from .cards import MotorLook
+from .picture import GREEN, ORANGE
+from .steps import Workshop
+
+PAUSE = 0.6
+"""How long to wait between two looks at the cable [s]; chosen: a look alone takes up to two."""
+
+PATIENCE = 12.0
+"""When nobody has answered for so long, it is said what may be wrong [s]; chosen: time to unplug
+one motor and plug in another."""
+
+AS_NEW = 1
+"""The id of every new motor, which therefore tells nothing."""
+
+_NONE = "none"
+_NOBODY = "no servo answers"
+_SILENT = (
+    "No motor has answered for a while. Is the power supply on, and does the motor's cable sit in"
+    " the adapter? Try its other socket and another cable. A motor that stays silent even so is"
+    " dead: replace it, or skip it."
+)
+
+
+class Motors:
+    """How the cards look and what can be pressed, from what is known of the motors.
+
+    Args:
+        now: What time it is [s].
+    """
+
+    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
+        self._due = 0.0
+        self._silent: tuple[str, float] | None = None  # whose motor is missing, and since when
+        self.picked: str | None = None
+
+    def joint(self, view: SetupView) -> str | None:
+        """Whose motor is asked for: the picked one's, else the next; None when all are done."""
+        return self.picked or view.next_joint
+
+    def wants_to_look(self, view: SetupView) -> str | None:
+        """The joint whose motor is to be looked for now; None if it is not time."""
+        return None if self._now() < self._due else self.joint(view)
+
+    def looked(self, view: SetupView) -> None:
+        """A look has ended; the next is not at once."""
+        self._due = self._now() + PAUSE
+        joint = self.joint(view)
+        if joint is None or _NOBODY not in view.motors[joint].sentence:
+            self._silent = None
+        elif self._silent is None or self._silent[0] != joint:
+            self._silent = (joint, self._now())
+
+    @property
+    def hint(self) -> str:
+        """What may be wrong when nobody answers; empty while there is time."""
+        is_long = self._silent is not None and self._now() - self._silent[1] > PATIENCE
+        return _SILENT if is_long else ""
+
+    def look_again(self) -> None:
+        """The next look is now."""
+        self._due = 0.0
+
+    def doubt(self, view: SetupView, joint: str) -> str:
+        """Why the motor that was found must not be written to; empty for no reason."""
+        motor = view.motors[joint]
+        for other in view.motors.values():
+            is_set_up = other.state in ("configured", "verified")
+            same = other.target_id == motor.found_id and motor.found_id != AS_NEW
+            if other.joint != joint and is_set_up and same:
+                return f"this is the motor of {other.joint}, which is set up already"
+        return ""
+
+    def can_write(self, view: SetupView) -> bool:
+        """Whether there is a motor to write to."""
+        joint = self.joint(view)
+        if joint is None or view.motors[joint].state != "found":
+            return False
+        return not self.doubt(view, joint)
+
+    def look(self, view: SetupView, motor: MotorView) -> tuple[MotorLook, str, str]:
+        """How a motor's card looks, what it says, and what to do."""
+        if motor.state in ("configured", "verified"):
+            return "done", motor.sentence, ""
+        if motor.joint != self.joint(view):
+            return ("skipped" if motor.state == "skipped" else "waiting"), "", ""
+        if motor.state == "found":
+            if self.doubt(view, motor.joint):  # so it is while plugs change hands
+                return "now", self.request(view, motor.joint), ""
+            return "found", motor.sentence, motor.fix
+        if motor.state == "failed" and _NOBODY not in motor.sentence:
+            return (
+                "trouble",
+                motor.sentence,
+                motor.fix.removesuffix(f"; then discover {motor.joint} again"),
+            )
+        return "now", self.request(view, motor.joint), ""
+
+    @staticmethod
+    def request(view: SetupView, joint: str) -> str:
+        """What to plug in and out now."""
+        found = view.motors[joint].found_id
+        settled = [m for m in view.motors.values() if m.state == "configured"]
+        there = [m.joint for m in settled if m.target_id == found != AS_NEW]
+        done = there or [m.joint for m in settled]
+        unplug = f"unplug the motor of {done[-1]}, then " if done else ""
+        return (
+            f"{unplug}connect only the motor of {joint}, which {MOVES[joint]}, to the adapter, with"
+            " the power on"
+        )
+
+
+class MotorsPage:
+    """The page of the second step.
+
+    Args:
+        shop: What all pages share.
+    """
+
+    def __init__(self, shop: Workshop) -> None:
+        self._shop = shop
+        self.model = Motors()
+        self._shown: tuple[SetupView, str] | None = None
+        self._is_here = False
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        gui.add_html(cards.instruction(MOTORS.title, MOTORS.instruction))
+        self._card = gui.add_html("")
+        self._write = gui.add_button("Write", icon=viser.Icon.PENCIL, color="green")
+        self._again = gui.add_button("Look again", icon=viser.Icon.REFRESH, color="gray")
+        self._skip = gui.add_button("Skip", icon=viser.Icon.PLAYER_SKIP_FORWARD, color="gray")
+        self._doing = gui.add_html("")
+        self._list = gui.add_html("")
+        self._redo = gui.add_dropdown("Set up again", (_NONE, *SETUP_ORDER), initial_value=_NONE)
+        on_press = self._shop.desk.on_press
+        on_press(self._write, self._assign)
+        on_press(self._again, self.model.look_again)
+        on_press(self._skip, self._leave_out)
+        self._shop.desk.on_entry(self._redo, self._pick)
+
+    def enter(self) -> None:
+        """Begin to look at the cable."""
+        self._is_here, self._shown = True, None
+        self.model.look_again()
+
+    def leave(self) -> None:
+        """Look no more; a look under way is let finish."""
+        self._is_here = False
+
+    def refresh(self) -> bool:
+        """Look at the cable if it is time; whether anything has changed."""
+        view = self._view
+        bench, joint = self._shop.bench, self.model.wants_to_look(view)
+        if bench is not None and joint is not None and self._is_here:
+            look = partial(bench.calibrator.motor_setup.discover, joint)
+            self._shop.watch(look, lambda: self.model.looked(self._view))
+        for motor in view.motors.values():
+            if motor.state in ("configured", "verified"):
+                self._shop.progress.add(motor.joint)
+        now = (replace(view, doing=""), self.model.hint)
+        is_news, self._shown = now != self._shown, now
+        return is_news
+
+    def show(self) -> None:
+        """Tell how far each motor is, and light the one that is meant."""
+        view, model = self._view, self.model
+        joint = model.joint(view)
+        looks = {motor.joint: model.look(view, motor) for motor in view.motors.values()}
+        self._list.content = cards.motor_list(
+            (motor, looks[motor.joint][0]) for motor in view.motors.values()
+        )
+        self._card.visible = joint is not None
+        if joint is not None:
+            state, words, fix = looks[joint]
+            self._card.content = cards.motor(view.motors[joint], state=state, words=words, fix=fix)
+        is_found = model.can_write(view)
+        self._shop.picture.light(() if joint is None else (joint,), GREEN if is_found else ORANGE)
+        self._doing.content = cards.note(self._about(view, is_found))
+        self._write.visible = joint is not None
+        self._write.disabled = not is_found or self._is_writing
+        self._skip.visible = self._again.visible = joint is not None
+        self._skip.disabled = self._is_writing
+        if joint is not None:
+            self._write.label = f"Write id {view.motors[joint].target_id} to this motor"
+            self._skip.label = f"Skip {joint}"
+
+    def check(self) -> Check:
+        """Whether all motors have their ids."""
+        return MOTORS.check(self._shop.known)
+
+    def can_go_on(self) -> str | None:
+        """How many motors are left; what is the matter with one, its card says."""
+        left = 6 - self._view.step
+        if self.check().verdict != "fail":
+            return None
+        return f"{left} motor{'s are' if left > 1 else ' is'} still to be set up or skipped"
+
+    def abort(self) -> str:
+        """Nothing moves in this step."""
+        return (
+            "nothing was moved; the motors that have their ids keep them, and all are as they were"
+        )
+
+    # How
+
+    @property
+    def _view(self) -> SetupView:
+        bench = self._shop.bench
+        return SetupView() if bench is None else bench.calibrator.motor_setup.view
+
+    @property
+    def _is_writing(self) -> bool:
+        return self._shop.doing.startswith("writing")
+
+    def _about(self, view: SetupView, is_found: bool) -> str:
+        if self._is_writing:
+            return cards.capital(self._shop.doing)
+        if view.next_joint is None and self.model.picked is None:
+            return "All motors are settled. Press Next."
+        if is_found:
+            return "Nothing is written until you press the button. The motor does not move."
+        return self.model.hint or "Looking at the cable all the time; there is nothing to press."
+
+    def _assign(self) -> None:
+        bench, joint = self._shop.bench, self.model.joint(self._view)
+        if bench is None or joint is None or not self.model.can_write(self._view):
+            return
+        motors = bench.calibrator.motor_setup
+        doing = f"writing id {self._view.motors[joint].target_id} to the motor of {joint}"
+        self._shop.do(doing, partial(motors.assign, joint), lambda _: self._settled())
+
+    def _leave_out(self) -> None:
+        bench, joint = self._shop.bench, self.model.joint(self._view)
+        if bench is not None and joint is not None:
+            skip = partial(bench.calibrator.motor_setup.skip, joint)
+            self._shop.do(f"skipping {joint}", skip, lambda _: self._settled())
+
+    def _settled(self) -> None:
+        self.model.picked = None
+        put(self._redo, _NONE)
+        self.model.look_again()
+
+    def _pick(self, joint: str) -> None:
+        self.model.picked = joint if joint in SETUP_ORDER else None
+        self.model.look_again()

@@ -1,0 +1,99 @@
+"""The arm beside the steps: which motor is meant, where the joints are, where they should be.
+
+It is a picture of its own under ``/setup``; while a setup is under way it stands in the place of
+the preview's arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+
+import numpy as np
+import viser
+
+from so101_motion.geometry import SE3, Array, rotation_angle
+from so101_motion.planning.model import RobotModel
+from so101_motion.state import GRIPPER_JOINT
+
+from ..robot_view import Color, RobotView
+
+MOVED_LINK = {
+    "shoulder_pan": "shoulder_link",
+    "shoulder_lift": "upper_arm_link",
+    "elbow_flex": "lower_arm_link",
+    "wrist_flex": "wrist_link",
+    "wrist_roll": "gripper_link",
+    GRIPPER_JOINT: "moving_jaw_so101_v1_link",
+}
+"""What each joint's motor moves; that is lit when the joint is meant."""
+
+ORANGE: Color = (245, 130, 0)
+GREEN: Color = (60, 160, 80)
+_PALE: Color = (196, 202, 208)
+_GHOST: Color = (60, 130, 246)
+
+_Q_SHOWN = np.zeros(5)
+_Q_JAW_SHOWN = 0.6  # [rad], so that the jaw is seen to be a part of its own
+
+
+class Picture:
+    """The arm of the setup.
+
+    Args:
+        scene: Where to draw it.
+        on_stage: Told whether the preview's own arm has the stage.
+    """
+
+    def __init__(self, scene: viser.SceneApi, on_stage: Callable[[bool], None]) -> None:
+        self._on_stage = on_stage
+        self._model = RobotModel.load()
+        self._root = scene.add_frame("/setup", show_axes=False, visible=False)
+        self._arm = RobotView(scene, "/setup/arm", color=_PALE)
+        self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)
+        self._ghost.show(())
+        self.is_shown = False
+        self._lit: tuple[Collection[str], Color] | None = None
+        self.rest()
+
+    def take_stage(self, shown: bool) -> None:
+        """Show it instead of the preview's arm, or give the stage back."""
+        if shown != self.is_shown:
+            self.is_shown = shown
+            self._root.visible = shown
+            self._on_stage(not shown)
+
+    def rest(self) -> None:
+        """A pale arm in a plain pose, nothing lit, no ghost: how each step finds it."""
+        self.move(_Q_SHOWN, _Q_JAW_SHOWN)
+        self.ghost(None)
+        self.light(())
+
+    def light(self, joints: Collection[str], color: Color = ORANGE) -> None:
+        """Colour what these joints move, and nothing else."""
+        if (joints, color) != self._lit:
+            self._lit = (joints, color)
+            self._arm.paint(_PALE)
+            self._arm.paint(color, {MOVED_LINK[joint] for joint in joints})
+
+    def move(self, q: Array, q_jaw: float) -> None:
+        """Put the joints to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad]."""
+        self._T_arm = self._model.link_placements(q, q_jaw)
+        self._arm.move(self._T_arm)
+
+    def ghost(self, q: Array | None, q_jaw: float = _Q_JAW_SHOWN) -> None:
+        """Show a see-through arm at ``q``, shape (5,), [rad], to be matched; None for none.
+
+        Links that are where the arm's are stay hidden: two surfaces in one place would flicker.
+        """
+        if q is None:
+            self._ghost.show(())
+            return
+        T_base = self._model.link_placements(q, q_jaw)
+        self._ghost.move(T_base)
+        self._ghost.show({link for link in T_base if _apart(T_base[link], self._T_arm[link])})
+
+
+def _apart(T: SE3, other: SE3) -> bool:
+    """Whether two placements differ to the eye."""
+    turned = rotation_angle(T.R.T @ other.R)
+    return bool(np.linalg.norm(T.p - other.p) > 0.002 or turned > np.radians(1.0))

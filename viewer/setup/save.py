@@ -1,0 +1,178 @@
+"""The page on which a calibration is looked at, saved, and taken back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import viser
+
+from so101_motion.calib import zero, zero_meaning
+from so101_motion.calib.steps import State
+from so101_motion.calib.store import Stored
+from so101_motion.calibrator import Ended
+from so101_motion.checkup import Check
+from so101_motion.planning.model import RobotModel
+from so101_motion.state import ARM_JOINTS
+from so101_motion.workflow import SAVE
+
+from . import calibrating, calibration_cards, cards
+from .steps import Workshop
+from .watch import Watch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Told:
+    """What there is to say of a calibration that counts now."""
+
+    stored: Stored
+    trouble: str
+    meanings: tuple[str, ...]
+
+
+class SavePage:
+    """The page of the result.
+
+    Args:
+        shop: What all pages share.
+    """
+
+    def __init__(self, shop: Workshop) -> None:
+        self._shop = shop
+        self._watch = Watch(shop)
+        self._lines: tuple[calibrating.Line, ...] = ()
+        self._told: _Told | None = None
+        self._is_undone = False
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        self._todo = gui.add_html("")
+        self._table = gui.add_html("")
+        self._save = gui.add_button(
+            "Save", icon=viser.Icon.DEVICE_FLOPPY, color="green", visible=False
+        )
+        self._said = gui.add_html("")
+        self._undo = gui.add_button(
+            "Undo: back to the calibration before",
+            icon=viser.Icon.ARROW_BACK_UP,
+            color="gray",
+            visible=False,
+        )
+        self._shop.desk.on_press(self._save, self._store)
+        self._shop.desk.on_press(self._undo, self._restore)
+
+    def enter(self) -> None:
+        """Look at what was recorded, or was saved by a setup that ended here."""
+        shop = self._shop
+        if shop.saved is None:
+            self._told, self._is_undone = None, False
+            if shop.bench is not None:
+                shop.saved = calibrating.saved_before(shop.bench.calibrator.situation)
+
+    def leave(self) -> None:
+        """Nothing goes on."""
+
+    def refresh(self) -> bool:
+        """Look at the arm."""
+        return self._watch.refresh()
+
+    def show(self) -> None:
+        """Tell what is about to be saved, or was."""
+        now, busy = self._watch.now, bool(self._shop.doing)
+        if now is None:
+            return
+        self._watch.draw()
+        is_open = now.view.state is State.COMPLETED
+        if is_open:
+            self._lines = calibrating.summary(now.joints, self._shop.before)
+        saved = self._shop.saved
+        self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
+        self._table.content = (
+            calibration_cards.summary(self._lines) if is_open or self._told is not None else ""
+        )
+        self._save.visible, self._save.disabled = is_open, busy
+        self._save.label = "Try to save again" if is_open and self._shop.trouble else "Save"
+        self._undo.visible = (
+            self._told is not None and bool(self._shop.before) and not self._is_undone
+        )
+        self._undo.disabled = busy
+        if is_open:
+            self._said.content = cards.note(
+                f"It is stored in the motors and in {now.calibration_file}. What this file said"
+                " before is kept."
+            )
+        else:
+            self._said.content = self._about_saved()
+
+    def _about_saved(self) -> str:
+        told = self._told
+        if told is None:
+            return ""
+        title = "The calibration before is back:" if self._is_undone else "Saved:"
+        said = calibration_cards.saved(title, str(told.stored.path), told.stored.notes)
+        if told.trouble:
+            said += cards.failed(told.trouble)
+        return said + "".join(cards.note(cards.capital(text)) for text in told.meanings)
+
+    def check(self) -> Check:
+        """Whether it is saved."""
+        return SAVE.check(self._shop.known)
+
+    def can_go_on(self) -> str | None:
+        """That it is not."""
+        check = self.check()
+        return check.sentence if check.verdict == "fail" else None
+
+    def abort(self) -> str:
+        """Put back what a calibration under way has changed; what is saved stays."""
+        bench = self._shop.bench
+        return "nothing was changed" if bench is None else calibrating.put_back(bench.calibrator)
+
+    # What the buttons do
+
+    def _store(self) -> None:
+        bench = self._shop.bench
+        if bench is not None:
+            save = bench.calibrator.save
+            self._shop.do(
+                "storing it in the motors and in the file", lambda: _told(save()), self._take
+            )
+
+    def _restore(self) -> None:
+        bench = self._shop.bench
+        if bench is not None:
+            restore = bench.calibrator.restore
+            self._shop.do("going back", lambda: _told(restore()), self._take_back)
+
+    def _take(self, told: _Told, *, is_undone: bool = False) -> None:
+        self._told, self._is_undone = told, is_undone
+        self._shop.saved = told.stored.path
+
+    def _take_back(self, told: _Told) -> None:
+        self._take(told, is_undone=True)
+
+
+def _instruction(is_open: bool, is_saved: bool) -> str:
+    if is_open:
+        return SAVE.instruction
+    if is_saved:
+        return "The motors and the file hold the calibration."
+    return "There is nothing to save yet: go back to the homing pose."
+
+
+def _told(ended: Ended) -> _Told:
+    assert ended.stored is not None  # it was saved
+    return _Told(stored=ended.stored, trouble=ended.trouble or "", meanings=_meanings(ended.stored))
+
+
+def _meanings(stored: Stored) -> tuple[str, ...]:
+    """What its zeros mean, guesses first; the last says it of all joints together."""
+    zeros = {
+        joint: zero.in_force(stored.zeros.get(joint), None)
+        for joint in ARM_JOINTS
+        if joint in stored.calibration
+    }
+    if not zeros or not stored.zeros:
+        return ()  # a machine does not tell
+    told = zero_meaning.explain(zeros, stored.calibration, RobotModel.load())
+    guessed = [meaning.sentence for meaning in told[:-1] if meaning.by == "middle"]
+    return (*guessed, told[-1].sentence)

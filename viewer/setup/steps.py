@@ -1,0 +1,222 @@
+"""What a step's page is, and what all pages share.
+
+A page shows one step of ``so101_motion.workflow`` and lets people do it. It never waits: what talks
+to motors runs beside it (``Workshop.do``), and ``refresh`` sees what has come of it. All pages work
+for every browser at once and keep nothing in the browser, so a reload loses nothing.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import viser
+
+from so101_motion.calib.progress import Progress
+from so101_motion.calib.record import Calibration
+from so101_motion.checkup import Check
+from so101_motion.errors import So101Error
+from so101_motion.findings import Findings
+from so101_motion.workflow import Known
+
+from ..desk import Counter
+from .bench import Bench
+from .benches import Given
+from .picture import Picture
+from .torque import TorqueWatch
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
+
+
+class SetupStep(Protocol):
+    """The page of one step. All of it but ``abort`` is called from the page's thread."""
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets, once, where the caller has put the cursor."""
+        ...
+
+    def enter(self) -> None:
+        """The step begins, or is come back to: set the picture up, begin to look."""
+        ...
+
+    def leave(self) -> None:
+        """Another step begins; nothing of this one may go on."""
+        ...
+
+    def refresh(self) -> bool:
+        """Take note of what happened since the last call; whether there is news to show."""
+        ...
+
+    def show(self) -> None:
+        """Bring the widgets and the picture up to date."""
+        ...
+
+    def check(self) -> Check:
+        """How far the step is; the workflow's own check of what is known."""
+        ...
+
+    def can_go_on(self) -> str | None:
+        """Why one cannot go on yet, as a sentence; None if one can."""
+        ...
+
+    def abort(self) -> str:
+        """End what this step has begun, in a worker's thread; what that has come to, in words.
+
+        Raises:
+            So101Error: It cannot be ended now; the message says what to do.
+        """
+        ...
+
+
+class Closable(Protocol):
+    """Something that was opened."""
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+@dataclass(slots=True)
+class Workshop:
+    """What all pages share. Its fields belong to the page's thread.
+
+    Attributes:
+        desk: The page; presses go through it.
+        picture: The arm beside the pages.
+        progress: What is kept on disk of how far the setup is.
+        fixed: The arm, where that is not to be chosen; None where it is.
+        make: Makes the bench, in a worker's thread; set by the step that knows where it is.
+        bench: What is worked on; None until the connection is made.
+        seen: What was looked at: the port, and the motors of the finished chain.
+        before: The calibration that counted before the one under way, as far as it is known.
+        saved: Where this setup has saved a calibration; None before.
+        tested: What the final test has found; None before.
+        opened: What was opened beside the setup, to be closed with it.
+        doing: What runs beside the page now, in words; empty when nothing does.
+        trouble: Why what ran last has failed; None if it has not.
+        torque: Whether the joints are held.
+    """
+
+    desk: Counter
+    picture: Picture
+    progress: Progress
+    fixed: Given | None = None
+    make: Callable[[], Bench] | None = None
+    bench: Bench | None = None
+    seen: Findings = field(default_factory=Findings)
+    before: Calibration = field(default_factory=dict)
+    saved: Path | None = None
+    tested: Check | None = None
+    opened: list[Closable] = field(default_factory=list)
+    doing: str = ""
+    trouble: Exception | None = None
+    torque: TorqueWatch = field(default_factory=TorqueWatch)
+    _workers: ThreadPoolExecutor = field(
+        default_factory=lambda: ThreadPoolExecutor(1, thread_name_prefix="so101-setup")
+    )
+    _job: tuple[Future[Any], Callable[[Any], None]] | None = None
+    _look: tuple[Future[object], Callable[[], None]] | None = None
+
+    @property
+    def known(self) -> Known:
+        """What the steps are judged by."""
+        if self.bench is None:
+            return Known(seen=self.seen, saved=self.saved, tested=self.tested)
+        calibrator = self.bench.calibrator
+        return Known(
+            seen=self.seen,
+            setup=calibrator.motor_setup.view,
+            view=calibrator.situation.view,
+            saved=self.saved,
+            tested=self.tested,
+        )
+
+    def do(
+        self,
+        doing: str,
+        call: Callable[[], T],
+        then: Callable[[T], None] = lambda _result: None,
+    ) -> bool:
+        """Run ``call`` beside the page, unless something else runs there already.
+
+        Args:
+            doing: What that is, for people, such as ``"looking for the motor"``.
+            call: What to run.
+            then: Given the result, on the page's thread. After an error there is none; the error
+                is in ``trouble``.
+
+        Returns:
+            Whether it runs.
+        """
+        if self._job is not None:
+            return False
+        self.doing, self.trouble = doing, None
+        self._job = (self._workers.submit(call), then)
+        return True
+
+    def watch(self, look: Callable[[], object], then: Callable[[], None]) -> None:
+        """Look at something beside the page, unless anything runs there already.
+
+        Nobody waits for it, and what it fails with is no trouble: it is looked at again.
+
+        Args:
+            look: What looks.
+            then: Called on the page's thread when it has looked, or failed.
+        """
+        if self._job is None and self._look is None:
+            self._look = (self._workers.submit(look), then)
+
+    @property
+    def is_looking(self) -> bool:
+        """Whether the cable is being looked at, see ``watch``."""
+        return self._look is not None
+
+    def collect(self) -> bool:
+        """Take what has come of what ran beside the page; whether anything has."""
+        if self._look is not None and self._look[0].done():
+            (looked, then_look), self._look = self._look, None
+            error = looked.exception()
+            if error is not None and not isinstance(error, So101Error):
+                log.error("the setup could not look", exc_info=error)
+            then_look()
+        return self._collect_job()
+
+    def _collect_job(self) -> bool:
+        if self._job is None or not self._job[0].done():
+            return False
+        (future, then), self._job, self.doing = self._job, None, ""
+        error = future.exception()
+        if error is None:
+            then(future.result())
+            return True
+        if not isinstance(error, So101Error):
+            log.error("a step of the setup failed", exc_info=error)
+        assert isinstance(error, Exception)
+        self.trouble = error
+        return True
+
+    def work_on(self, bench: Bench) -> None:
+        """Take a bench that was made; what is known of another arm is forgotten."""
+        self.bench = bench
+        self.progress.work_on(bench.where)
+        bench.calibrator.motor_setup.recall(self.progress.done)
+
+    def put_away(self) -> None:
+        """Let go of the bench, when no step needs it any more."""
+        bench, self.bench = self.bench, None
+        self.seen, self.saved, self.tested = Findings(), None, None
+        if bench is not None:
+            self._workers.submit(bench.calibrator.close)
+
+    def close(self) -> None:
+        """Let go of the bench, and wait for whatever runs."""
+        for opened in self.opened:
+            opened.close()
+        self.put_away()
+        self._workers.shutdown(wait=True)

@@ -1,0 +1,174 @@
+"""The browser windows on the page: who of them is in control, and what each is told about it.
+
+What a window sees alone is made for it alone: a line above the tabs, there only when it does not
+simply have control, with the button to ask for it or to answer.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from . import markup
+from .control import PATIENCE, ControlDesk, Role, Standing
+from .screen import Sentence, Tone
+from .turnstile import Turnstile
+
+_QUIET = 3.0
+"""A window that is refused again within this time is not told again [s]."""
+
+_LET_GO, _KEEP = "Let go", "Keep control"
+
+
+@dataclass(slots=True, kw_only=True)
+class _Window:
+    """One window and the widgets that it alone sees."""
+
+    number: int
+    client: viser.ClientHandle
+    line: viser.GuiHtmlHandle
+    ask: viser.GuiButtonHandle
+    answer: viser.GuiButtonGroupHandle
+    shown: Standing | None = None
+    refused_at: float = -_QUIET
+
+
+class Windows:
+    """Lets the window in control through, and tells all how they stand.
+
+    Args:
+        server: The page.
+        tell: Takes the sentences for the event log.
+    """
+
+    def __init__(self, server: viser.ViserServer, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._lock = threading.Lock()
+        self._by_client: dict[int, _Window] = {}
+        self._control = ControlDesk(time.monotonic, tell)
+        self._turnstile = Turnstile(
+            server, may_act=self._may_act, refused=self._refused, passed=self._passed
+        )
+        self._stops: set[str] = set()
+        server.on_client_connect(self._came)
+        server.on_client_disconnect(self._went)
+
+    def leave_open(self, *widgets: Any) -> None:
+        """Let every window press ``widgets``."""
+        self._turnstile.leave_open(*widgets)
+
+    def leave_open_as_stop(self, *widgets: Any) -> None:
+        """The same for what stops the arm; who pressed it is told."""
+        self.leave_open(*widgets)
+        self._stops.update(widget._impl.uuid for widget in widgets)
+
+    def refresh(self) -> None:
+        """Bring each window's line up to date; called now and then by the page's thread."""
+        self._control.tick()
+        with self._lock:
+            windows = tuple(self._by_client.values())
+        for window in windows:
+            standing = self._control.standing(window.number)
+            if standing != window.shown:
+                was = window.shown.role if window.shown is not None else None
+                window.shown = standing
+                _show(window, standing)
+                if standing.role is Role.ASKED and was is not Role.ASKED:
+                    asking = f"Window {standing.other} asks for control"
+                    _notify(
+                        window, asking, "Answer at the top of the panel with the tabs.", PATIENCE
+                    )
+
+    # The event loop's thread
+
+    async def _came(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            taken = {window.number for window in self._by_client.values()}
+            number = next(n for n in range(1, len(taken) + 2) if n not in taken)
+            window = _made_for(client, number)
+            self._by_client[client.client_id] = window
+
+            async def ask(_event: object) -> None:
+                self._control.ask(number)
+
+            async def answer(event: viser.GuiEvent[Any]) -> None:
+                self._control.answer(number, allow=event.target.value == _LET_GO)
+
+            window.ask.on_click(ask)
+            window.answer.on_click(answer)
+        self._tell(f"Window {number} opened")
+        self._control.join(number)
+
+    async def _went(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            window = self._by_client.pop(client.client_id, None)
+        if window is not None:
+            self._tell(f"Window {window.number} closed")
+            self._control.leave(window.number)
+
+    def _may_act(self, client_id: int) -> bool:
+        window = self._by_client.get(client_id)
+        return window is not None and self._control.may_act(window.number)
+
+    def _passed(self, client_id: int, uuid: str) -> None:
+        window = self._by_client.get(client_id)
+        if uuid in self._stops and window is not None:
+            self._tell(f"Stop pressed in window {window.number}")
+
+    def _refused(self, client_id: int) -> None:
+        window = self._by_client.get(client_id)
+        now = time.monotonic()
+        if window is None or now - window.refused_at < _QUIET:
+            return
+        window.refused_at = now
+        other = self._control.standing(window.number).other
+        _notify(
+            window,
+            f"Window {other} has control",
+            "Nothing was changed. You can ask for control at the top of the panel with the tabs.",
+            4.0,
+        )
+
+
+def _made_for(client: viser.ClientHandle, number: int) -> _Window:
+    gui = client.gui
+    return _Window(
+        number=number,
+        client=client,
+        line=gui.add_html("", order=-3.0, visible=False),
+        ask=gui.add_button("Ask for control", order=-2.0, icon=viser.Icon.HAND_GRAB, visible=False),
+        answer=gui.add_button_group("Control", (_LET_GO, _KEEP), order=-1.0, visible=False),
+    )
+
+
+def _show(window: _Window, standing: Standing) -> None:
+    said = words(standing)
+    with window.client.atomic():
+        window.line.content = "" if said is None else markup.banner(said)
+        window.line.visible = said is not None
+        window.ask.visible = standing.role is Role.WATCHING
+        window.answer.visible = standing.role is Role.ASKED
+
+
+def words(standing: Standing) -> Sentence | None:
+    """What a window is told of how it stands; None when there is nothing to tell."""
+    other, seconds = standing.other, standing.seconds
+    told = {
+        Role.IN_CONTROL: None,
+        Role.WATCHING: f"Window {other} has control. You see everything, and Stop works here too.",
+        Role.ASKING: f"Asked window {other} for control; without an answer it is yours in "
+        f"{seconds} s.",
+        Role.ASKED: f"Window {other} asks for control and gets it in {seconds} s unless you keep "
+        "it.",
+        Role.FREE: "No window has control; the next press takes it.",
+    }[standing.role]
+    return None if told is None else Sentence(text=told, tone=Tone.WARM)
+
+
+def _notify(window: _Window, title: str, body: str, seconds: float) -> None:
+    window.client.add_notification(title, body, color="orange", auto_close_seconds=seconds)

@@ -1,0 +1,334 @@
+"""The World tab: what stands around the arm, and the handles to change it.
+
+What is edited, and what an edit means, is in ``world.py``; here are the widgets and the gizmo. The
+arm never moves because of an edit: it gets another scene for the plans to come.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from so101_motion import user_files
+from so101_motion.errors import So101Error
+from so101_motion.geometry import SE3, Array
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.scene import FLOOR_Z, Attached, Box, Capsule, Obstacle, Scene, Sphere
+from so101_motion.state import JointState
+from so101_motion.units import to_deg, to_m, to_mm, to_rad
+
+from . import markup, words
+from .desk import Desk
+from .fields import Field
+from .scene_edits import NEW_SHAPES, Thing, pose_of
+from .scene_view import SceneView
+from .screen import Tone
+from .world import Contacts, World, in_each_other
+
+_GIZMO = "/world-handles"
+
+_MOVED = 1e-4
+"""A joint that turned less than this leaves everything where it is drawn [rad]; chosen."""
+
+_TURNED = 0.01
+"""A joint that turned less than this touches what it touched before [rad]; chosen: a real arm at
+rest flickers by a tick or two."""
+
+_SAME = 1e-5
+
+
+class WorldPart:
+    """Add, drag, resize, name, delete, attach; save and load.
+
+    Args:
+        desk: Where it works; its arm's scene is the one that is edited.
+        file: Where Save writes; among the user's own files if not given.
+    """
+
+    def __init__(self, desk: Desk, *, file: Path | None = None) -> None:
+        self._desk, self._arm = desk, desk.rig.arm
+        self._known: Scene = self._arm.scene
+        self.world = World(self._known, file=file or user_files.folder() / "scene.json")
+        self._contacts = Contacts(RobotModel.load())
+        self._inside: tuple[str, str] | None = None
+        self._checked: tuple[Scene, Array] | None = None
+        self._q = self._arm.state.q
+        self._T_tool = self._arm.T_base()
+        self._view = SceneView(desk.server.scene, on_pick=self._pickable)
+        self._gizmo = desk.server.scene.add_transform_controls(
+            _GIZMO, scale=0.09, depth_test=False, visible=False
+        )
+        self._gizmo_at = SE3.identity()
+        desk.on_drag(self._gizmo, self._does_value(self._dragged))
+        desk.on_release(self._gizmo, self._does_value(lambda _handle: self.world.drop()))
+        with desk.tabs.add_tab("World", viser.Icon.CUBE):
+            self._add_widgets(desk.gui)
+
+    # Widgets
+
+    def _add_widgets(self, gui: viser.GuiApi) -> None:
+        desk, world = self._desk, self.world
+        self._sentence = gui.add_html("")
+        kinds = gui.add_button_group("Add", tuple(NEW_SHAPES))
+        desk.on_choice(kinds, self._does_value(world.add))
+        self._list = gui.add_dropdown("Selected", (_nothing(()),))
+        self._selected = self._field(self._list, self._choose, shown=str)
+        self._add_thing(gui)
+        self._acts = gui.add_button_group(
+            "Change", ("undo",), hint="attach: the gripper holds it from now on", visible=False
+        )
+        desk.on_choice(self._acts, self._does_value(self._act))
+        gui.add_divider()
+        floor = gui.add_checkbox("Floor", initial_value=True)
+        self._floor = self._field(
+            floor, lambda on: world.set_floor(self._floor_z if on else None), shown=bool
+        )
+        self._floor_height = gui.add_number("Floor height (mm)", 0.0, step=0.1)
+        self._floor_z_mm = self._field(
+            self._floor_height, lambda z_mm: world.set_floor(to_m(z_mm)), shown=_tenth
+        )
+        self._floor_z = FLOOR_Z
+        gui.add_divider()
+        self._add_files(gui)
+
+    def _add_thing(self, gui: viser.GuiApi) -> None:
+        world = self.world
+        self._name_text = gui.add_text("Name", "")
+        self._name = self._field(self._name_text, world.rename, shown=str)
+        self._size_box = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
+        self._radius_number = gui.add_number("Radius (mm)", 1.0, step=1.0)
+        self._length_number = gui.add_number("Length (mm)", 1.0, step=1.0)
+        self._position_box = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
+        self._turn_box = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
+        for box in (self._size_box, self._position_box, self._turn_box):
+            box.precision = 1
+        self._size = self._field(
+            self._size_box, lambda v: world.resize(size=to_m(np.array(v))), shown=_tenths
+        )
+        self._radius = self._field(
+            self._radius_number, lambda v: world.resize(radius=to_m(v)), shown=_tenth
+        )
+        self._length = self._field(
+            self._length_number, lambda v: world.resize(length=to_m(v)), shown=_tenth
+        )
+        self._position = self._field(
+            self._position_box, lambda v: world.move_to(to_m(np.array(v))), shown=_tenths
+        )
+        self._turn = self._field(
+            self._turn_box, lambda v: world.turn_to(to_rad(np.array(v))), shown=_tenths
+        )
+        self._mass_number = gui.add_number("Mass (g)", 0.0, step=1.0)
+        self._mass = self._field(
+            self._mass_number, lambda grams: world.set_mass(grams / 1000.0), shown=_tenth
+        )
+        self._zone_box = gui.add_checkbox("Keep-out zone", initial_value=False)
+        self._zone = self._field(self._zone_box, world.set_keep_out, shown=bool)
+
+    def _add_files(self, gui: viser.GuiApi) -> None:
+        self._files = gui.add_button_group(
+            "Scene file",
+            ("save", "download"),
+            hint=f"save writes {self.world.file}; so101 plan --scene reads it",
+        )
+        self._desk.on_choice(self._files, self._does_value(self._save))
+        self._desk.on_asked(self._files, self._download)
+        bring = gui.add_upload_button(
+            "Load",
+            icon=viser.Icon.UPLOAD,
+            hint="A scene (.json), or a mesh in mm (.stl, .ply)",
+            mime_type=".json,.stl,.ply",
+        )
+        self._desk.on_file(
+            bring, self._does_value(lambda file: self.world.load(file.name, file.content))
+        )
+
+    def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> Field:
+        return Field(widget, self._does_value(command), self._desk, shown=shown)
+
+    # Commands
+
+    def _does(self, command: Callable[[], None]) -> Callable[[], None]:
+        """``command``, whose refusals are said in this tab."""
+
+        def run() -> None:
+            try:
+                command()
+            except So101Error as error:
+                self.world.sentence = words.ended(error)
+
+        return run
+
+    def _does_value(self, command: Callable[[Any], None]) -> Callable[[Any], None]:
+        return lambda value: self._does(lambda: command(value))()
+
+    def _act(self, name: str) -> None:
+        world = self.world
+        if name == "attach":
+            world.hold(self._arm.T_base())
+        elif name == "detach":
+            world.let_go(self._arm.T_base())
+        elif name == "delete":
+            world.remove()
+        else:
+            world.undo()
+
+    def _save(self, name: str) -> None:
+        if name == "save":
+            self.world.save()
+
+    def _download(self, client: viser.ClientHandle) -> None:
+        if self._files.value == "download":
+            client.send_file_download("scene.json", self.world.as_file(), save_immediately=True)
+
+    def _pickable(self, node: Any, name: str) -> None:
+        def pick() -> None:
+            self.world.select(None if self.world.selected == name else name)
+
+        self._desk.on_pick(node, pick)
+
+    def _choose(self, name: str) -> None:
+        self.world.select(None if name == _nothing(self.world.names) else name)
+
+    def _dragged(self, handle: viser.TransformControlsHandle) -> None:
+        self._gizmo_at = SE3.from_quaternion(handle.wxyz, handle.position)
+        self.world.drag(self._gizmo_at, self._T_tool)
+
+    # The page
+
+    def refresh(self) -> bool:
+        """Hand over what was edited, and see what became of the arm and its scene meanwhile."""
+        adopted = self._arm.scene is not self._known
+        if adopted:
+            self._known = self._arm.scene
+            self.world.adopt(self._known)
+        due = self.world.due(time.monotonic())
+        if due is not None:
+            self._arm.scene = self._known = due
+        state = self._arm.state
+        moved = float(np.max(np.abs(state.q - self._q))) > _MOVED
+        if moved:
+            self._q, self._T_tool = state.q, self._arm.T_base()
+        inside = self._inside
+        if self._is_stale(state):
+            self._checked = self._known, state.q
+            inside = self._contacts.overlap(self._known, state.q, state.q_jaw)
+        changed, self._inside = inside != self._inside, inside
+        return adopted or changed or (moved and bool(self.world.scene.attached))
+
+    def _is_stale(self, state: JointState) -> bool:
+        """Whether it has to be looked again what is in what; not before all is at rest."""
+        if self.world.dragging or state.arm_moving:
+            return False
+        if self._checked is None or self._checked[0] is not self._known:
+            return True
+        return bool(np.max(np.abs(state.q - self._checked[1])) > _TURNED)
+
+    def show(self) -> None:
+        """Draw the scene and fill the tab; viser sends only what differs."""
+        world = self.world
+        self._view.show(world.scene, self._T_tool, chosen=world.selected)
+        said = world.sentence
+        if self._inside is not None and said.tone is not Tone.BAD:
+            said = in_each_other(self._inside)
+        self._sentence.content = markup.sentence(said)
+        self._show_list()
+        floor_z = world.scene.floor_z
+        self._floor.show(floor_z is not None)
+        self._floor_height.visible = floor_z is not None
+        if floor_z is not None:
+            self._floor_z = floor_z
+            self._floor_z_mm.show(to_mm(floor_z))
+        thing = world.thing
+        self._show_widgets(thing)
+        if thing is not None:
+            self._show_thing(thing)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _show_list(self) -> None:
+        names = self.world.names
+        nothing = _nothing(names)
+        if self._list.options != (nothing, *names):
+            self._list.options = (nothing, *names)
+        self._selected.show(self.world.selected or nothing)
+
+    def _show_widgets(self, thing: Thing | None) -> None:
+        """Only what can be said of the thing that is selected."""
+        shape = None if thing is None else thing.shape
+        for widget, shown in (
+            (self._name_text, thing is not None),
+            (self._size_box, isinstance(shape, Box)),
+            (self._radius_number, isinstance(shape, Sphere | Capsule)),
+            (self._length_number, isinstance(shape, Capsule)),
+            (self._position_box, thing is not None),
+            (self._turn_box, thing is not None and not isinstance(shape, Sphere)),
+            (self._mass_number, isinstance(thing, Attached)),
+            (self._zone_box, isinstance(thing, Obstacle)),
+            (self._gizmo, thing is not None),
+        ):
+            widget.visible = shown
+        acts = _acts(thing, can_undo=self.world.can_undo)
+        self._acts.visible = bool(acts)
+        if acts and acts != self._acts.options:
+            self._acts.options = acts
+
+    def _show_thing(self, thing: Thing) -> None:
+        shape, pose = thing.shape, pose_of(thing)
+        self._name.show(thing.name)
+        if isinstance(shape, Box):
+            self._size.show(to_mm(shape.size))
+        if isinstance(shape, Sphere | Capsule):
+            self._radius.show(to_mm(shape.radius))
+        if isinstance(shape, Capsule):
+            self._length.show(to_mm(shape.length))
+        self._position.show(to_mm(pose.p))
+        self._turn.show(to_deg(pose.rpy))
+        if isinstance(thing, Attached):
+            self._mass.show(1000.0 * thing.mass)
+            pose = self._T_tool @ pose
+        else:
+            self._zone.show(thing.keep_out)
+        self._position_box.label = (
+            "In hand (mm)" if isinstance(thing, Attached) else "Position (mm)"
+        )
+        self._gizmo.disable_rotations = isinstance(shape, Sphere)
+        if not self.world.dragging and not _same(pose, self._gizmo_at):
+            self._gizmo_at = pose
+            self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
+
+
+def _acts(thing: Thing | None, *, can_undo: bool) -> tuple[str, ...]:
+    """What can be done besides giving figures."""
+    if thing is None:
+        return ("undo",) if can_undo else ()
+    if isinstance(thing, Attached):
+        first: tuple[str, ...] = ("detach", "delete")
+    else:
+        first = ("delete",) if thing.keep_out else ("attach", "delete")
+    return (*first, "undo") if can_undo else first
+
+
+def _same(pose: SE3, other: SE3) -> bool:
+    return bool(np.allclose(pose.matrix, other.matrix, rtol=0.0, atol=_SAME))
+
+
+def _nothing(names: tuple[str, ...]) -> str:
+    """What the list calls no selection; never the name of a thing."""
+    word = "–"
+    while word in names:
+        word += "–"
+    return word
+
+
+def _tenth(value: float) -> float:
+    return round(float(value), 1) + 0.0
+
+
+def _tenths(values: Iterable[float]) -> tuple[float, ...]:
+    return tuple(_tenth(value) for value in values)
