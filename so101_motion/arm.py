@@ -377,7 +377,8 @@ class Arm:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm is at rest.
 
         On a real arm the joints have by then run up to a degree past where the ramp ends, and are
-        drawn back there within the next half second. A motion under way, even one still being planned, ends with ``Interrupted("stop")``.
+        drawn back there within the next half second. A motion under way, even one still being
+        planned, ends with ``Interrupted("stop")``.
         """
         with self._lock:
             current = self._current

@@ -31,7 +31,7 @@ class Playback:
         self._rate = None
 
     def play(self, rate: float) -> None:
-        """Run at ``rate``, from the beginning if it stands at the end; the same rate again stops it.
+        """Run at ``rate``, from the beginning if it is at the end; the same rate again stops it.
 
         Args:
             rate: Seconds of the plan per second.

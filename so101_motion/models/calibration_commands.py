@@ -212,7 +212,6 @@ class CalibrationCommands:
         await carried_out(self._setup.reset)
         return {"success": True, "status": self._setup.view.status}
 
-
     # All of it
 
     async def _steps(self, request: Request) -> dict[str, Any]:
