@@ -1,6 +1,6 @@
 """What every page of ours is hosted by: a guarded server, its windows, and one thread.
 
-A page is made of parts that share a desk. One thread, ``so101-viewer``, owns them all. Thirty times
+A page is made of parts that share a desk. One thread, ``so101-viewer``, owns them all. Forty times
 a second it runs the commands that browsers sent meanwhile, lets each part look at the arm, and
 shows what is new; an arm at rest costs next to nothing. What takes a while runs beside it. Stop
 waits for nobody: it drops every command that is still waiting, from a thread of viser's.
@@ -29,7 +29,7 @@ from .windows import Windows
 
 log = logging.getLogger(__name__)
 
-_PERIOD = 0.03
+_PERIOD = 0.025
 """Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
 
 _AMBER = (240, 165, 0)
