@@ -94,7 +94,8 @@ class Outline:
         """What will move how far."""
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
         jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
-        told = [f"{', '.join(moved)}: one after the other, by {to_deg(SWING):.0f}° to and fro"]
+        by = f"one after the other, by {to_deg(SWING):.0f}° to and fro"
+        told = [f"{', '.join(moved)}: {by}"] if moved else []
         told += ["the jaw opens and closes a little"] if jaw else []
         speed_deg = to_deg(float(LIMITS.velocity[0]))
         return f"{'; '.join(told)}. At most {speed_deg:.0f}°/s, about {self.duration:.0f} s."

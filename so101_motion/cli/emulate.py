@@ -37,22 +37,30 @@ def emulate(
 ) -> None:
     """Put six virtual servos behind a serial port until Ctrl-C; faults can be typed while it runs.
 
-    Prints the port. Any program that talks to STS3215 servos can open it. What people do to an
-    arm can be typed as well: "only:gripper" puts this servo alone on the cable, "chain" puts all
-    on it, "pose" lets a hand hold the arm up, "sweep" lets it lead each joint to its stops, and
-    "end sweep" lets go.
-    """
+    Prints the port. Any program that talks to STS3215 servos can open it. The arm lies folded and
+    limp, as one does that nobody holds. What people do to an arm can be typed as well:
+    "only:gripper" puts this servo alone on the cable, "chain" puts all on it, "pose" lets a hand
+    hold the arm up, "sweep" lets it lead each joint to its stops, and "end sweep" lets go.
+
+    \b
+    so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready
+    so101 emulate --new --link /tmp/so101    then: so101 setup --port /tmp/so101
+    """  # noqa: D301
     from so101_motion.drivers.emulator import emulator, pty_port, run
     from so101_motion.drivers.emulator import faults as fault_names
+    from so101_motion.named_poses import POSES
     from so101_motion.planning.model import RobotModel
 
     done = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: done.set())
+    folded = next(pose.q for pose in POSES if pose.name == "rest")
+    nobody_holds_it = hand is None and not new
     options = emulator.EmulatorOptions(
         link=link,
         ids=dict.fromkeys(range(1, 7), 1) if new else emulator.parse_ids(ids),
         loose=new,
         calibrated=not new,
+        q_start=(*folded.tolist(), 0.0) if nobody_holds_it else (0.0,) * 6,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
         wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),

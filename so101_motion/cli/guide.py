@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.shared import json_option, print_json, quietly, reports_errors
+from so101_motion.cli.shared import have_agreed, json_option, print_json, quietly, reports_errors
 from so101_motion.cli.sources import Source, paced, source_options
 from so101_motion.units import to_deg, to_rad
 
@@ -53,7 +53,7 @@ def record(
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
         if not yes:
-            click.confirm("The arm yields to your hand now; is a hand on it?", abort=True)
+            have_agreed("The arm yields to your hand now; is a hand on it?")
         rig.arm.set_manual(True)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         try:
@@ -149,7 +149,7 @@ def replay(
                 click.echo(f"{file}: {_in_words(path)}, recorded", err=True)
                 click.echo(_planned(found), err=True)
             if number == 0 and not yes:
-                click.confirm(f"Move the {source.what}?", abort=True)
+                have_agreed(f"Move the {source.what}?")
             motion = start_replay(rig.arm, gripper, found)
             try:
                 motion.result()

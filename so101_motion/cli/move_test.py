@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, quietly, reports_errors
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    have_agreed,
+    json_option,
+    print_json,
+    quietly,
+    reports_errors,
+)
 from so101_motion.cli.sources import Source, source_options
 
 if TYPE_CHECKING:
@@ -45,7 +52,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
             click.echo(f"{joint} cannot be tested here: {reason}", err=True)
         click.echo(outline.sentence, err=True)
         if not yes:
-            click.confirm(f"Is everything out of the way? Move the {source.what}?", abort=True)
+            have_agreed(f"Is everything out of the way? Move the {source.what}?")
         found = _tested(test, outline)
     if as_json:
         print_json("move-test", found.to_json())

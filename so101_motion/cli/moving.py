@@ -17,6 +17,7 @@ import click
 import numpy as np
 
 from so101_motion.cli.shared import (
+    have_agreed,
     import_preview,
     json_option,
     patience,
@@ -178,7 +179,8 @@ def plan(
 
     \b
     so101 plan --sim --xyz 250,120,150
-    so101 plan --sim --joints 0,-45,45,60,0 --scene table.json --out move.csv
+    so101 plan --sim --joints 0,-45,45,60,0 --out move.csv --html move.html
+    so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
     so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
     if lerobot and out is None:
@@ -221,7 +223,7 @@ def move(source: AnySource, goal: Goal, scene_file: Path | None, yes: bool, as_j
         if not as_json:
             _report(found, source, as_json=False)
         if not yes:
-            click.confirm(f"Move the {source.what} for {found.duration:.1f} s?", abort=True)
+            have_agreed(f"Move the {source.what} for {found.duration:.1f} s?")
         motion = rig.arm.start_execute(found)
         _wait(rig, motion, found)
         state = rig.arm.state

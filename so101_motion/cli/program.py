@@ -11,6 +11,7 @@ import click
 
 from so101_motion.cli.shared import (
     INTERRUPTED,
+    have_agreed,
     json_option,
     patience,
     print_json,
@@ -63,7 +64,7 @@ def run(
         if not as_json:
             click.echo(_planned(rehearsal), err=True)
         if not yes:
-            click.confirm(f"Move the {source.what}?", abort=True)
+            have_agreed(f"Move the {source.what}?")
         _wait(rig, start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
         if as_json:
             facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}

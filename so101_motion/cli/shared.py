@@ -128,6 +128,24 @@ def aside(sentence: str) -> None:
     click.echo(sentence, err=True)
 
 
+def have_agreed(question: str) -> None:
+    """Ask a person before something moves; return if the answer is yes.
+
+    Raises:
+        click.UsageError: Nobody is there to answer.
+        SystemExit: The answer is no, or Ctrl-C.
+    """
+    try:
+        agreed = click.confirm(question, err=True)
+    except click.Abort as abort:
+        if isinstance(abort.__context__, EOFError):
+            raise click.UsageError("nobody is there to agree; --yes goes without asking") from None
+        raise SystemExit(INTERRUPTED) from None
+    if not agreed:
+        aside("nothing moved")
+        raise SystemExit(STOPPED)
+
+
 def json_option(verb: F) -> F:
     """The option ``--json``; the verb gets ``as_json``."""
     return click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")(verb)

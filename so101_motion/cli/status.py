@@ -15,6 +15,7 @@ from so101_motion.cli.sources import (
     any_source_options,
     machine_options,
 )
+from so101_motion.modes import Mode
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_mm
 
@@ -118,6 +119,8 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     if isinstance(rig, HardwareRig):
         seen["joints_found"] = list(rig.servos.setups)
         seen["notes"] = list(rig.servos.notes)
+        if rig.servos.holds:  # by whoever left it so; this program only looks on
+            seen["mode"] = Mode.HOLDING.value
     elif isinstance(rig, MachineRig):
         notes = rig.status.get("notes", ())
         seen["notes"] = [str(note) for note in notes] if isinstance(notes, list) else []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import print_json, reports_errors
+from so101_motion.cli.shared import have_agreed, print_json, reports_errors
 from so101_motion.cli.sources import Source
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg
@@ -123,7 +123,7 @@ def teleop(
 
             following.arm.scene = read_scene(scene)
         if not yes:
-            click.confirm("The leader goes limp now; is a hand on it?", abort=True)
+            have_agreed("The leader goes limp now; is a hand on it?")
         session = stack.enter_context(
             Teleop(
                 LocalLeader(side_of(leading, None if no_gripper else leading)),

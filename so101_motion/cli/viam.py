@@ -101,7 +101,7 @@ def _compare(takeover: Takeover, *, with_new: bool) -> None:
     click.echo("to go back:", err=True)
     for line in takeover.way_back():
         echo(f"- {line}", indent="  ", err=True)
-    click.echo("to paste, in place of what is there:", err=True)
+    click.echo("to paste, each in place of what has its name; all else in the file stays:", err=True)
 
 
 def _table(part: Part, *, with_new: bool) -> Table:

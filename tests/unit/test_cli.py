@@ -102,8 +102,15 @@ def test_a_move_is_planned_told_and_run(run):
 
 def test_a_move_that_is_not_confirmed_is_not_made(run):
     result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0"], input="n\n")
-    assert result.exit_code == 1
+    assert result.exit_code == 7
     assert "arrived" not in result.output
+
+
+def test_a_move_that_nobody_can_agree_to_says_so_and_leaves_stdout_to_the_result():
+    result = CliRunner().invoke(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--json"])
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert "--yes" in result.stderr
 
 
 @pytest.mark.parametrize(
