@@ -18,6 +18,6 @@ if [ "${1:-}" = --wheels ] || [ "$(uname -s)-$(uname -m)" != Linux-x86_64 ]; the
 fi
 # shellcheck disable=SC2086  # a list of names without blanks
 COPYFILE_DISABLE=1 tar -czf dist/module.tar.gz.part \
-    --exclude='__pycache__' --exclude='*.pyc' --exclude='*.egg-info' $files
+    --exclude='__pycache__' --exclude='*.pyc' --exclude='*.egg-info' --exclude='.*_cache' $files
 mv dist/module.tar.gz.part dist/module.tar.gz
 echo "dist/module.tar.gz: $(wc -c <dist/module.tar.gz) bytes"

@@ -259,8 +259,15 @@ class Calibrator:
                 loan.give_back(hold=hold)
             except So101Error as error:
                 trouble = str(error)
-        holds = self._rig.arm.state.mode is Mode.HOLDING
-        return Ended(stored=stored, holds=holds, trouble=trouble)
+        servos, mode = self._rig.servos, self._rig.arm.state.mode
+        if hold and trouble is None and servos.limp:
+            trouble = (
+                f"{', '.join(servos.limp)} stands outside the range that was recorded, and is limp:"
+                " move it inside by hand, then let the arm hold"
+            )
+        return Ended(
+            stored=stored, holds=mode is Mode.HOLDING and servos.is_driving, trouble=trouble
+        )
 
     @contextmanager
     def _borrow(self) -> Iterator[BusAccess]:

@@ -248,6 +248,11 @@ class Servos:
         return self._arm is not None and self._arm.is_driving
 
     @property
+    def limp(self) -> tuple[str, ...]:
+        """The joints of an arm that is ours which no servo drives, base to jaw."""
+        return self._arm.limp if self._arm is not None else ()
+
+    @property
     def holds(self) -> bool | None:
         """Whether any servo drives its joint, ours or not; None if nobody answers."""
         if self._onlooker is None:

@@ -273,8 +273,8 @@ CHAIN = Step(
 POSE = Step(
     name="pose",
     title="Homing pose",
-    instruction="Hold the arm, let its joints go limp, and bring each about into the middle of its"
-    " travel.",
+    instruction="Once the arm is screwed together: hold it, let its joints go limp, and bring each"
+    " about into the middle of its travel.",
     minutes=2,
     check=_posed,
 )

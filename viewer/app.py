@@ -96,7 +96,11 @@ class Preview:
         host.take(
             move,
             ProgramPart(desk, move.page),
-            WorldPart(desk, file=self._source.scene_file),
+            WorldPart(
+                desk,
+                file=self._source.scene_file,
+                on_handles=lambda shown: move.set_handles(not shown),
+            ),
             SharePart(desk, move.page, title=title),
             *self._about_the_arm(desk, move),
             *setup_parts(desk, on_stage=move.set_visible),

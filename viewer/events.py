@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
 
+import numpy as np
+
 from so101_motion.modes import Mode
 from so101_motion.planning.plan import Plan
 from so101_motion.rig_like import RigLike
@@ -130,7 +132,7 @@ class Witness:
             self._began = now.t
             self._tell("The arm moves", Tone.PLAIN)
         elif before.arm_moving and not now.arm_moving:
-            x, y, z = to_mm(self._rig.arm.T_base().p)
+            x, y, z = np.rint(to_mm(self._rig.arm.T_base().p)) + 0.0  # never "-0"
             lasted = max(now.t - self._began, 0.0)
             self._tell(
                 f"The arm rests at ({x:.0f}, {y:.0f}, {z:.0f}) mm after {lasted:.1f} s", Tone.PLAIN

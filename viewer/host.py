@@ -33,7 +33,7 @@ _PERIOD = 0.025
 """Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
 
 _AMBER = (240, 165, 0)
-_RIGHT_WIDTH = 385
+_RIGHT_WIDTH = 400
 
 
 class Host:

@@ -76,6 +76,10 @@ class MovePart:
         """Show the arm and its target, or nothing of them."""
         self._stage.set_visible(visible)
 
+    def set_handles(self, shown: bool) -> None:
+        """Show the target's arrows, or none until the target changes."""
+        self._stage.set_handles(shown)
+
     def fade(self, faded: bool) -> None:
         """Show the arm in grey, or in its own colours."""
         self._stage.fade(faded)

@@ -52,7 +52,7 @@ class Stage:
         self._p_target = np.full(3, np.nan)
         self._way: Way | None = None
         self._way_node: viser.LineSegmentsHandle | None = None
-        self._visible = True
+        self._visible = self._has_handles = True
 
     def set_visible(self, visible: bool) -> None:
         """Show all this, or make room for something else; takes effect at once."""
@@ -60,9 +60,17 @@ class Stage:
         self._live.set_visible(visible)
         self._ghost.set_visible(visible)
         self._sweep.set_visible(visible)
-        self._target.visible = visible
+        self._target.visible = visible and self._has_handles
         if self._way_node is not None:
             self._way_node.visible = visible
+
+    def set_handles(self, shown: bool) -> None:
+        """Show the target's arrows, or leave the stage to the handles of something else.
+
+        They come back by themselves when the target changes.
+        """
+        self._has_handles = shown
+        self._target.visible = self._visible and shown
 
     def dragged_to(self, p_base: Array) -> None:
         """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""
@@ -84,6 +92,7 @@ class Stage:
         if not np.array_equal(screen.aim.p_base, self._p_target):
             self._p_target = screen.aim.p_base
             self._target.position = screen.aim.p_base
+            self.set_handles(True)
         self._sweep.show(screen.sweep, state.q_jaw, self._model)
         if screen.way is not self._way:
             self._way = screen.way

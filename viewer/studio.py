@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import viser
 
 _CAMERA = (0.78, -1.14, 0.62)
@@ -12,9 +13,18 @@ _FIELD_OF_VIEW = math.radians(36.0)
 """Chosen: the whole workspace in the picture, the arm a little above the middle."""
 
 
+_TALL_CAMERA = (0.93, -1.42, 0.56)
+_TALL_LOOK_AT = (0.17, -0.02, -0.15)
+"""On a phone held upright, where the panels cover the lower part of the picture."""
+
+_TALL = 0.7
+"""A picture is tall if its width is less than this share of its height."""
+
+
 def furnish(server: viser.ViserServer) -> None:
     """Set the camera up and switch the lights on."""
     _set_up(server)
+    server.on_client_connect(_step_back_if_tall)
     server.scene.configure_environment_map("studio", environment_intensity=0.4)
 
 
@@ -22,6 +32,18 @@ def furnish_to_record(server: viser.ViserServer) -> None:
     """The same for a recording: players take surroundings away and fade them in at each round."""
     _set_up(server)
     server.scene.add_light_ambient("/light", intensity=0.8)
+
+
+async def _step_back_if_tall(client: viser.ClientHandle) -> None:
+    """Have the picture of a phone begin, and begin again after viser's reset, further away."""
+
+    async def look(camera: viser.CameraHandle) -> None:
+        if camera.aspect < _TALL and np.allclose(camera.position, _CAMERA):
+            with client.atomic():
+                camera.position = _TALL_CAMERA  # takes along what is looked at, so that is next
+                camera.look_at = _TALL_LOOK_AT
+
+    client.camera.on_update(look)
 
 
 def _set_up(server: viser.ViserServer) -> None:

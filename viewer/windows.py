@@ -2,6 +2,9 @@
 
 What a window sees alone is made for it alone: a line above the tabs, there only when it does not
 simply have control, with the button to ask for it or to answer.
+
+viser hears nobody who has not drawn a first picture, but the buttons are there before; on a slow
+computer long before, and Stop is one of them. So a window is let count from its connection on.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import viser
+from viser import _messages
+from viser.infra import ClientId, WebsockClientConnection
 
 from . import markup
 from .control import PATIENCE, ControlDesk, Role, Standing
@@ -57,6 +62,7 @@ class Windows:
         self._stops: set[str] = set()
         server.on_client_connect(self._came)
         server.on_client_disconnect(self._went)
+        server._websock_server.on_client_connect(_count)
 
     def leave_open(self, *widgets: Any) -> None:
         """Let every window press ``widgets``."""
@@ -133,6 +139,22 @@ class Windows:
             "Nothing was changed. You can ask for control at the top of the panel with the tabs.",
             4.0,
         )
+
+
+async def _count(connection: WebsockClientConnection) -> None:
+    """Have viser take the window for connected: what tells it is where the picture is seen from."""
+    camera = _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0),
+        position=(1.0, 1.0, 1.0),
+        fov=1.0,
+        near=0.01,
+        far=1000.0,
+        image_height=1,
+        image_width=1,
+        look_at=(0.0, 0.0, 0.0),
+        up_direction=(0.0, 0.0, 1.0),
+    )  # any will do, the window tells its own with each picture
+    await connection._handle_incoming_message(ClientId(connection.client_id), camera)
 
 
 def _made_for(client: viser.ClientHandle, number: int) -> _Window:

@@ -48,9 +48,16 @@ class WorldPart:
     Args:
         desk: Where it works; its arm's scene is the one that is edited.
         file: Where Save writes; among the user's own files if not given.
+        on_handles: Told whether something has handles now, each time another thing is selected.
     """
 
-    def __init__(self, desk: Desk, *, file: Path | None = None) -> None:
+    def __init__(
+        self,
+        desk: Desk,
+        *,
+        file: Path | None = None,
+        on_handles: Callable[[bool], None] = lambda _shown: None,
+    ) -> None:
         self._desk, self._arm = desk, desk.rig.arm
         self._known: Scene = self._arm.scene
         self.world = World(self._known, file=file or user_files.folder() / "scene.json")
@@ -64,6 +71,8 @@ class WorldPart:
             _GIZMO, scale=0.09, depth_test=False, visible=False
         )
         self._gizmo_at = SE3.identity()
+        self._on_handles = on_handles
+        self._handled: str | None = None
         desk.on_drag(self._gizmo, self._does_value(self._dragged))
         desk.on_release(self._gizmo, self._does_value(lambda _handle: self.world.drop()))
         with desk.tabs.add_tab("World", viser.Icon.CUBE):
@@ -245,11 +254,17 @@ class WorldPart:
             self._floor_z_mm.show(to_mm(floor_z))
         thing = world.thing
         self._show_widgets(thing)
+        self._tell_of_handles()
         if thing is not None:
             self._show_thing(thing)
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _tell_of_handles(self) -> None:
+        if self.world.selected != self._handled:
+            self._handled = self.world.selected
+            self._on_handles(self._handled is not None)
 
     def _show_list(self) -> None:
         names = self.world.names

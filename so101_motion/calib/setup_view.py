@@ -154,7 +154,7 @@ def supply_trouble(facts: ServoFacts) -> tuple[str, str] | None:
     if volts > highest:
         return (
             f"it gets {volts:.1f} V but is made for at most {highest:.1f} V"
-            + (": a 7.4 V servo on a 12 V supply" if volts > 9.0 else ""),
+            + (": a 7.4 V servo on a 12 V supply" if facts.nominal_volts < 9.0 < volts else ""),
             f"switch the power off now and use a supply of {facts.nominal_volts:g} V",
         )
     if volts < max(facts.lowest_volts, _WEAK):

@@ -12,6 +12,7 @@ import click
 
 from so101_motion.cli.shared import (
     CHECK_FAILED,
+    Verbs,
     dry_run_option,
     json_option,
     print_json,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from so101_motion.calib.zero_meaning import Meaning
 
 
-@click.group()
+@click.group(cls=Verbs)
 def calibration() -> None:
     """Show, compare, take over and restore calibration files."""
 

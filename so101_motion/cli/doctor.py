@@ -13,9 +13,15 @@ import click
 
 from so101_motion import __version__
 from so101_motion.cli.calibration import meanings
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    json_option,
+    print_json,
+    reports_errors,
+    write_report,
+)
 from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
-from so101_motion.errors import CalibrationError, PortUnavailable, So101Error
+from so101_motion.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.units import to_deg
 
 if TYPE_CHECKING:
@@ -69,6 +75,8 @@ def doctor(
 
     sources = {"--sim": sim or None, "--port": port, "--machine": machine}
     if chosen_among(sources) == "--machine" and machine is not None:
+        if report is not None:
+            raise click.UsageError("--report writes what is seen on a port, not with --machine")
         _of_machine(machine, as_json)
         return
 
@@ -98,7 +106,12 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
     from so101_motion.cli.terminal import echo
 
     with quietly(), closing(machine.open()) as rig:
-        told = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
+        try:
+            told = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
+        except MachineRefused as refusal:
+            if refusal.status != "INVALID_ARGUMENT":
+                raise
+            told = {}  # a simulated arm, or another module's, which has no servos to tell of
         findings = [str(each) for each in told.get("findings") or [told.get("error")] if each]
     if as_json:
         print_json("doctor", {"source": machine.what, "healthy": not findings, "told": told})
@@ -108,7 +121,8 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
     if findings:
         raise SystemExit(CHECK_FAILED)
     if not as_json:
-        click.echo(f"the {machine.what} finds nothing wrong with itself", err=True)
+        found = "finds nothing wrong with itself" if told else "answers, and has no servos to check"
+        click.echo(f"the {machine.what} {found}", err=True)
 
 
 # Looking
@@ -286,11 +300,7 @@ def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
     ]
     facts = json.dumps(_facts(seen, checks), indent=2)
     lines += ["", "Everything that was read:", "", "```json", facts, "```", ""]
-    try:
-        path.write_text("\n".join(lines), encoding="utf-8")
-    except OSError as error:
-        raise click.FileError(str(path), error.strerror or str(error)) from error
-    click.echo(f"written to {path}", err=True)
+    write_report(path, "\n".join(lines).encode())
 
 
 def _deg(value: float | None) -> float | None:

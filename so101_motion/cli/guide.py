@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.shared import have_agreed, json_option, print_json, quietly, reports_errors
+from so101_motion.cli.shared import (
+    Verbs,
+    have_agreed,
+    json_option,
+    print_json,
+    quietly,
+    reports_errors,
+)
 from so101_motion.cli.sources import Source, paced, source_options
 from so101_motion.units import to_deg, to_rad
 
@@ -22,7 +29,7 @@ _FOLDER = Path()
 _OPEN, _CLOSED = 1.0, 0.0
 
 
-@click.group()
+@click.group(cls=Verbs)
 def guide() -> None:
     """Lead the arm by hand, keep the path, and let the arm go it again."""
 

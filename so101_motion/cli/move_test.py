@@ -16,6 +16,7 @@ from so101_motion.cli.shared import (
     print_json,
     quietly,
     reports_errors,
+    write_report,
 )
 from so101_motion.cli.sources import Source, source_options
 
@@ -59,7 +60,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
     else:
         click.echo(found.text(), nl=False)
     if report is not None:
-        _write(report, found)
+        write_report(report, found.file({"version": __version__}))
     if not found.passed:
         raise SystemExit(CHECK_FAILED)
 
@@ -90,11 +91,3 @@ def _tested(test: MoveTest, outline: Outline) -> MoveReport:
 def _tell(progress: Progress) -> None:
     if progress.joint:
         click.echo(f"{100.0 * progress.share:3.0f} %  {progress.joint}", err=True)
-
-
-def _write(path: Path, found: MoveReport) -> None:
-    try:
-        path.write_bytes(found.file({"version": __version__}))
-    except OSError as error:
-        raise click.FileError(str(path), error.strerror or str(error)) from error
-    click.echo(f"written to {path}", err=True)

@@ -16,6 +16,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 import click
@@ -80,8 +81,8 @@ def reports_errors(verb: F) -> F:
             fail(error)
         except KeyboardInterrupt:
             raise SystemExit(INTERRUPTED) from None
-        except (click.ClickException, click.Abort, click.exceptions.Exit):
-            raise
+        except (click.ClickException, click.Abort, click.exceptions.Exit, BrokenPipeError):
+            raise  # click's to tell; a reader of our output who has enough, it ends in silence
         except Exception as error:
             if os.environ.get(DEBUG):
                 raise
@@ -128,6 +129,18 @@ def aside(sentence: str) -> None:
     click.echo(sentence, err=True)
 
 
+class Verbs(click.Group):
+    """Verbs of one kind, each listed with its whole first sentence."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the verbs."""
+        rows = [
+            (name, verb.get_short_help_str(200)) for name, verb in sorted(self.commands.items())
+        ]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+
 def have_agreed(question: str) -> None:
     """Ask a person before something moves; return if the answer is yes.
 
@@ -144,6 +157,20 @@ def have_agreed(question: str) -> None:
     if not agreed:
         aside("nothing moved")
         raise SystemExit(STOPPED)
+
+
+def write_report(path: Path, content: bytes) -> None:
+    """Write what ``--report`` asks for.
+
+    Raises:
+        ConfigError: It cannot be written there.
+    """
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror or error}"
+        raise ConfigError("report", str(path), reason) from error
+    aside(f"written to {path}")
 
 
 def json_option(verb: F) -> F:

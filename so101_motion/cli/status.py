@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +21,11 @@ from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_mm
 
 if TYPE_CHECKING:
-    from so101_motion.rig import Rig
+    from so101_motion.rig import HardwareRig, Rig
     from so101_motion.rig_like import RigLike
+
+_PATIENCE = 1.0
+"""How long to wait for a first answer of the servos [s]; chosen: a busy computer's worst."""
 
 
 @click.command()
@@ -99,6 +103,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     from so101_motion.machine import MachineRig
     from so101_motion.rig import HardwareRig
 
+    is_held = isinstance(rig, HardwareRig) and _is_held(rig)
     state, arm = rig.arm.state, rig.arm
     pose = arm.T_base()
     lower, upper = arm.range
@@ -119,13 +124,21 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
     if isinstance(rig, HardwareRig):
         seen["joints_found"] = list(rig.servos.setups)
         seen["notes"] = list(rig.servos.notes)
-        if rig.servos.holds:  # by whoever left it so; this program only looks on
+        if is_held:  # by whoever left it so; this program only looks on
             seen["mode"] = Mode.HOLDING.value
     elif isinstance(rig, MachineRig):
         notes = rig.status.get("notes", ())
         seen["notes"] = [str(note) for note in notes] if isinstance(notes, list) else []
         seen["resources"] = [{"name": r.name, "api": r.api} for r in rig.resources]
     return seen
+
+
+def _is_held(rig: HardwareRig) -> bool:
+    """Whether any servo drives its joint; waits for the first answer of one, but not for long."""
+    latest = time.monotonic() + _PATIENCE
+    while rig.servos.holds is None and time.monotonic() < latest:
+        time.sleep(0.02)
+    return bool(rig.servos.holds)
 
 
 def _by_joint(*columns: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from so101_motion.cli.discover import discover
-from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, reports_errors
+from so101_motion.cli.shared import CHECK_FAILED, Verbs, json_option, print_json, reports_errors
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -26,7 +26,7 @@ _STYLES = {
 _WIDTH = 120  # columns of a comparison that goes into a file; chosen
 
 
-@click.group()
+@click.group(cls=Verbs)
 def viam() -> None:
     """Take over a machine's configuration of the published module, or print a new one."""
 
@@ -101,7 +101,7 @@ def _compare(takeover: Takeover, *, with_new: bool) -> None:
     click.echo("to go back:", err=True)
     for line in takeover.way_back():
         echo(f"- {line}", indent="  ", err=True)
-    click.echo("to paste, each in place of what has its name; all else in the file stays:", err=True)
+    click.echo("to paste, each in place of what has its name; all else stays:", err=True)
 
 
 def _table(part: Part, *, with_new: bool) -> Table:

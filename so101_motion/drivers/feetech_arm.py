@@ -277,6 +277,11 @@ class FeetechArm:
         return any(held is not None for held in self._aim.held)
 
     @property
+    def limp(self) -> tuple[str, ...]:
+        """The joints that no servo drives, base to jaw."""
+        return tuple(JOINTS[i] for i in self._index.values() if self._aim.held[i] is None)
+
+    @property
     def port_losses(self) -> int:
         """How often the port went away since the start."""
         return self._chain.connection.losses

@@ -41,6 +41,7 @@ class CalibrationCommands:
             "save_calibration": self._save,
             "abort": self._abort,
             "reset": self._reset,
+            "restore_calibration": self._restore,
             "get_current_positions": self._get_positions,
             "motor_setup_discover": self._discover,
             "motor_setup_assign_id": self._assign,
@@ -102,6 +103,16 @@ class CalibrationCommands:
         arguments(request)
         ended = await carried_out(self._calibrator.reset)
         return self._over(ended, "Ready to start anew; everything is as it was before.")
+
+    async def _restore(self, request: Request) -> dict[str, Any]:
+        number = _whole(arguments(request, "number"), "number", 9999)
+        ended = await carried_out(lambda: self._calibrator.restore(number))
+        stored = ended.stored
+        assert stored is not None
+        return {
+            **self._over(ended, f"{stored.path} and the servos hold the calibration of before."),
+            "calibration_file": str(stored.path),
+        }
 
     async def _get_positions(self, request: Request) -> dict[str, Any]:
         arguments(request)

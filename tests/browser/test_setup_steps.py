@@ -1,22 +1,25 @@
-"""Motor Setup Only from end to end, on a kit out of the box: on a port and through a machine.
+"""Motor Setup Only and Calibration Only from end to end, on a port and through a machine.
 
 The pages, their threads, the bus and the module are real; the browser is left to
-``test_setup_motors.py``.
+``test_setup_full.py``.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 from page_hand import Hand
 from setup_kit import PATIENCE, FreshKit, fresh_kit
 from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
 
+from so101_motion.calib import store
 from so101_motion.calib.setup_view import SETUP_ORDER
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.hardware_config import SERVO_IDS
@@ -25,11 +28,13 @@ from so101_motion.rig import open_hardware
 from so101_motion.servos import ServoSettings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "module"))
-from fake_parent import CALIBRATION, SENSOR  # the machine's own helpers
+from emulated_kit import Kit  # the module's own helpers
+from fake_parent import CALIBRATION, SENSOR
 from machine_harness import running_machine
 
 pytestmark = pytest.mark.emulator_only
 
+UNDO = "Undo: back to the calibration before"
 TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
 
 
@@ -65,35 +70,13 @@ def finish(hand: Hand) -> None:
     """Verify until all is as it must be, then end the workflow."""
 
     def is_ended() -> bool:
-        for button in ("Finish", "Verify again"):
+        for button in ("Finish", "Verify all six", "Verify again"):
             if hand.can(button):
                 hand.press(button)
                 break
         return hand.says("All done.")
 
     hand.until(is_ended, "finishing", seconds=60.0)
-
-
-def test_a_kit_out_of_the_box_gets_its_ids_and_is_verified(kit: FreshKit, tmp_path: Path) -> None:
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.expect("Step 1 of 3, about 9 min left")
-        hand.expect("no servo answers")  # and that is no obstacle yet
-        hand.press("Next")
-
-        hand.expect("Connect only the motor of gripper, which opens and closes the jaw")
-        assert not hand.can("Write id 6 to this motor")
-        assert not hand.can("Next")
-        for joint in SETUP_ORDER:
-            set_up(hand, kit, joint)
-        assert kit.ids == TARGETS
-        hand.expect("All motors are settled. Press Next.")
-        hand.press("Next")
-
-        kit.connect_only(*SETUP_ORDER)
-        finish(hand)
-        assert not (tmp_path / "setup.json").exists()
 
 
 def test_what_is_wrong_is_named_with_what_to_do_and_is_looked_at_again(
@@ -232,3 +215,68 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
         hand.press("Next")
         kit.connect_only(*SETUP_ORDER)
         finish(hand)
+        assert not (tmp_path / "setup.json").exists()
+
+
+def calibrate(hand: Hand, kit: Kit, middle: float) -> None:
+    """From the page of the homing pose to the summary; the pose is a share of each travel."""
+    kit.put(middle)
+    hand.press("Let go of the joints")
+    hand.expect("Match the blue ghost")
+    hand.press("I hold it there")
+    hand.expect("The pose is taken")
+    hand.press("Next")
+    hand.expect("Still to do: shoulder_pan, shoulder_lift")
+    ways = ((middle, 0.0), (0.0, 1.0), (1.0, middle))
+    for share in (share for way in ways for share in np.linspace(*way, 24)):
+        kit.put(share)
+        time.sleep(0.03)
+    hand.press("Finish the recording")
+    hand.press("Next")
+    hand.expect("Look at what was recorded")
+
+
+def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
+    tmp_path: Path,
+) -> None:
+    from so101_motion.machine import MachineSensor
+
+    file = tmp_path / "machine.json"
+    with closing(Kit(tmp_path)) as kit:
+        attributes = {"port": kit.port, "calibration_file": str(file)}
+        has = ((SENSOR, CALIBRATION, "calibration", attributes),)  # no arm yet
+        with (
+            running_machine(resources=has) as machine,
+            closing(MachineSensor.connect(machine.address)) as sensor,
+            serve_setup(port=0, sensor=sensor, progress_file=tmp_path / "setup.json") as app,
+        ):
+            hand = hand_on(app)
+            hand.press("Calibration Only")
+            hand.expect("Step 1 of 7")
+            hand.press("Next")
+            hand.expect("All six answer.")
+            hand.press("Next")
+            calibrate(hand, kit, 0.5)
+            hand.press("Save")
+            hand.expect(f"Saved: {file}")
+            assert not hand.has(UNDO)  # there was none before
+            first = store.read(file).calibration
+            assert all(kit.driven)
+
+            hand.press("Back")
+            hand.press("Back")
+            calibrate(hand, kit, 0.4)
+            hand.press("Save")
+            hand.expect(f"Saved: {file}")
+            assert store.read(file).calibration != first
+            hand.press(UNDO)
+            hand.expect(f"The calibration before is back: {file}")
+            assert store.read(file).calibration == first
+            assert kit.offsets == {joint: entry.homing_offset for joint, entry in first.items()}
+
+            hand.press("Next")
+            hand.expect("This arm cannot be moved from here")
+            hand.press("Next")
+            hand.expect("The machine has it in force already")
+            hand.press("Finish")
+            hand.expect("All done.")

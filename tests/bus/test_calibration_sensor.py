@@ -1,6 +1,7 @@
 """The calibration sensor on a port that an arm and a gripper use as well."""
 
 import asyncio
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,10 +56,10 @@ def put(bench, share, joints=JOINTS):
             shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
 
 
-async def record(bench, sensor, joints=JOINTS):
+async def record(bench, sensor, joints=JOINTS, *, middle=0.5):
     """Everything before it is saved."""
     await do(sensor, "start")
-    put(bench, 0.5, joints)
+    put(bench, middle, joints)
     await do(sensor, "set_homing")
     await do(sensor, "start_range_recording")
     for share in (0.5, 0.2, 0.0, 0.3, 0.6, 0.9, 1.0, 0.7):
@@ -294,6 +295,22 @@ async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
     bench.world.connect("wrist_roll")
     await bench.pass_time(1.2)
     assert (await do(sensor, "save_calibration"))["state"] == "idle"
+
+
+async def test_a_calibration_that_was_saved_is_taken_back_in_the_file_and_in_the_servos(bench):
+    sensor = new_sensor(bench)
+    await record(bench, sensor)
+    file = Path((await do(sensor, "save_calibration"))["calibration_file"])
+    before, kept = held(bench), store.read(file).calibration
+    await record(bench, sensor, middle=0.45)
+    assert "save or abort it" in await refused(sensor, "restore_calibration")
+    await do(sensor, "save_calibration")
+    assert "version" in await refused(sensor, "restore_calibration", number=99)
+    assert "whole number" in await refused(sensor, "restore_calibration", number=1.5)
+    answer = await do(sensor, "restore_calibration", number=1)
+    assert answer["calibration_file"] == str(file)
+    assert store.read(file).calibration == kept
+    assert held(bench) == before
 
 
 async def test_a_servo_that_is_missing_at_the_start_is_named_and_the_arm_stays_up(bench):

@@ -215,6 +215,14 @@ def test_the_status_of_a_limp_arm_is_told_and_it_stays_limp(arm, file):
     assert memories(arm) == before
 
 
+def test_the_status_of_a_held_arm_says_that_it_holds_although_nobody_drives_it_now(arm, file):
+    bus = Bus(SerialPort(arm.port))
+    for servo_id in range(1, 7):
+        bus.write(servo_id, registers.TORQUE_ENABLE, 1)
+    bus.close()
+    assert json.loads(run("status", "--port", arm.port, "--json").stdout)["mode"] == "holding"
+
+
 def test_what_a_calibration_and_a_setup_would_do_is_said_and_nothing_is_written(arm, tmp_path):
     before = memories(arm)
     result = run("calibrate", "--port", arm.port, "--dry-run", "--file", "new.json")

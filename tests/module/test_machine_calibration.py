@@ -18,9 +18,9 @@ from so101_motion.machine import MachineRig
 PAUSE = threading.Event()
 
 
-def resources(port):
+def resources(port, file):
     """What the machine has: the sensor is on the servos, and its arm is simulated."""
-    return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port}))
+    return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port, "calibration_file": file}))
 
 
 def until(condition, seconds=20.0):
@@ -37,7 +37,7 @@ def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path
     kit.put(0.5)
     try:
         with (
-            running_machine(resources=resources(kit.port)) as machine,
+            running_machine(resources=resources(kit.port, str(tmp_path / "arm.json"))) as machine,
             MachineRig.connect(machine.address) as rig,
         ):
             calibrator = MachineCalibrator(
@@ -80,8 +80,8 @@ def calibrate(calibrator, kit, machine):
     until(lambda: calibrator.situation.is_connected)
     assert calibrator.situation.view.state is State.RECORDING, "it went on over there"
 
-    wait = kit.sweep()
-    until(lambda: all(view.is_done for view in calibrator.situation.joints.values()), wait + 20.0)
+    PAUSE.wait(kit.sweep())  # to its end: where the hand stops later is outside what was recorded
+    until(lambda: all(view.is_done for view in calibrator.situation.joints.values()))
     calibrator.stop_recording()
     ended = calibrator.save()
     assert ended.holds

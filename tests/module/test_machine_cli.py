@@ -90,6 +90,12 @@ def test_an_arm_that_is_not_there_is_named(machine):
     assert 'did you mean "arm"' in result.stderr
 
 
+def test_the_doctor_has_nothing_against_a_machine_whose_arm_has_no_servos(machine):
+    result = run("doctor", "--machine", machine.address)
+    assert result.exit_code == 0, result.output
+    assert "no servos to check" in result.stderr
+
+
 def test_a_machine_on_servos_tells_how_they_are_and_that_a_cable_came_out():
     with running_machine(emulated=True) as machine:
         told = json.loads(run("doctor", "--machine", machine.address, "--json").stdout)

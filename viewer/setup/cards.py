@@ -50,21 +50,23 @@ def choice(workflow: Workflow) -> str:
 
 
 def step_list(rows: Iterable[Row]) -> str:
-    """The steps: behind us, on the page, to come."""
-    lines = []
+    """The steps: behind us, on the page, to come; in as little room as they need."""
+    steps = []
     for number, row in enumerate(rows, start=1):
         mark, weight, colour, back = {
             "done": ("✓", 400, GOOD, "transparent"),
             "now": (f"{number}", 700, "inherit", f"color-mix(in srgb,{_AMBER} 22%,transparent)"),
             "left": (f"{number}", 400, DIM, "transparent"),
         }[row.place]
-        lines.append(
-            f'<div style="display:grid;grid-template-columns:1.4em 1fr max-content;gap:.3em;'
-            f"padding:.12em .5em;border-radius:.3em;color:{colour};font-weight:{weight};"
-            f'background:{back}"><span>{mark}</span><span>{escape(row.title)}</span>'
-            f'<span style="font-weight:400;opacity:.75">{row.minutes} min</span></div>'
+        steps.append(
+            f'<span title="{row.minutes} min" style="padding:.1em .4em;border-radius:.3em;'
+            f'white-space:nowrap;color:{colour};font-weight:{weight};background:{back}">'
+            f"{mark} {escape(row.title)}</span>"
         )
-    return f'<div style="padding:.2em .5em .4em;font-size:.85em">{"".join(lines)}</div>'
+    return (
+        '<div style="display:flex;flex-wrap:wrap;gap:.1em .2em;padding:.2em .45em;font-size:.82em">'
+        f"{''.join(steps)}</div>"
+    )
 
 
 def torque(now: Torque) -> str:
@@ -208,13 +210,15 @@ def grid(found: Verification) -> str:
         is_ok = check.status == "ok"
         colour, mark = (GOOD, "✓") if is_ok else (BAD, "✗")
         facts = check.facts
-        about = f"{facts.volts:.1f} V, firmware {facts.firmware}" if facts is not None else ""
+        about = "as it must be"
+        if facts is not None:
+            about = f"{facts.volts:.1f} V, firmware {facts.firmware}"
         about = about if is_ok else check.status.replace("_", " ")
         cells.append(
             f'<div style="border:1px solid {colour};border-radius:.4em;padding:.25em .45em">'
             f'<div><b style="color:{colour}">{mark}</b> <b>{check.servo_id}</b> '
             f'{escape(check.joint)}</div><div style="color:{DIM};font-size:.9em">'
-            f"{escape(about)}&nbsp;</div></div>"
+            f"{escape(about)}</div></div>"
         )
     wrong = "".join(
         _marked("✗", BAD, check.error, check.fix) for check in found.motors.values() if check.error

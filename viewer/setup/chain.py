@@ -39,9 +39,12 @@ class ChainPage:
         self._shop.desk.on_press(self._verify, self._look)
 
     def enter(self) -> None:
-        """Look at once: nothing is written."""
+        """Look at once, for nothing is written; not when the chain is still to be made."""
         self._shown = None
-        self._look()
+        bench = self._shop.bench
+        one_by_one = bench is not None and bench.calibrator.motor_setup.view.next_joint is None
+        if self._shop.seen.servos is not None or not one_by_one:
+            self._look()
 
     def leave(self) -> None:
         """Nothing goes on."""
@@ -59,7 +62,8 @@ class ChainPage:
         self._verify.disabled = bool(self._shop.doing)
         self._grid.content = "" if found is None else cards.grid(found)
         is_told = found is not None and any(check.error for check in found.motors.values())
-        self._said.content = "" if is_told or self._shop.doing else cards.said(self.check())
+        is_open = found is None or is_told or bool(self._shop.doing)
+        self._said.content = "" if is_open else cards.said(self.check())
         if found is not None:
             wrong = tuple(joint for joint, check in found.motors.items() if check.status != "ok")
             lit, colour = (wrong, ORANGE) if wrong else (tuple(found.motors), GREEN)
@@ -71,7 +75,10 @@ class ChainPage:
 
     def can_go_on(self) -> str | None:
         """That something is wrong with the chain; what it is stands above."""
-        return "verify them once all is mended" if self.check().verdict == "fail" else None
+        if self.check().verdict != "fail":
+            return None
+        is_first = self._shop.seen.servos is None
+        return "verify them first" if is_first else "verify them once all is mended"
 
     def abort(self) -> str:
         """Nothing is written in this step."""

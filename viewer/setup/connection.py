@@ -26,6 +26,10 @@ from .steps import Workshop
 PERIOD = 1.0
 """How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""
 
+_BARE = (
+    "With a new kit that is as it should be: its motors are connected later, one at a time. Go on."
+)
+
 _MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
 
 
@@ -163,7 +167,8 @@ class ConnectionPage:
                 candidate = candidates[place]
                 self._cards[place].content = cards.port(candidate, is_chosen=candidate is chosen)
                 self._picks[place].label = f"Use {candidate.name}"
-        self._said.content = cards.said(self.check())
+        is_bare = chosen is not None and not chosen.report.servo_ids
+        self._said.content = cards.said(self.check()) + cards.note(_BARE if is_bare else "")
 
     def check(self) -> Check:
         """Whether there is a port that can be used."""

@@ -84,23 +84,7 @@ class MachineCalibrator:
     def save(self) -> Ended:
         """Let the motors and the machine's file hold the new calibration."""
         joints = self._situation.joints
-        answer = self._do({"command": Command.SAVE.value})
-        calibration = {
-            joint: replace(
-                record.default(joint),
-                homing_offset=view.homing_offset,
-                range_min=view.range_min,
-                range_max=view.range_max,
-            )
-            for joint, view in joints.items()
-        }
-        stored = Stored(
-            path=Path(str(answer["calibration_file"])),
-            calibration=calibration,
-            zeros={},
-            notes=(f"On the machine: {answer.get('message', '')}",),
-        )
-        return Ended(stored=stored, holds=answer.get("torque_enabled") is True, trouble=None)
+        return _ended(self._do({"command": Command.SAVE.value}), joints)
 
     def abort(self) -> Ended:
         """Put everything back as it was."""
@@ -123,16 +107,9 @@ class MachineCalibrator:
         self._hold()
 
     def restore(self) -> Ended:
-        """The machine keeps its earlier calibrations to itself.
-
-        Raises:
-            CalibrationError: Always.
-        """
-        raise CalibrationError(
-            None,
-            "a machine's file can be taken back on its own computer only",
-            f"run there: so101 calibration restore {self._situation.calibration_file}",
-        )
+        """Let the machine's file and motors hold what they held before the last calibration."""
+        answer = self._do({"command": "restore_calibration"})
+        return _ended(answer, self._situation.joints)
 
     def close(self) -> None:
         """Look no more. A calibration under way is the machine's own and goes on."""
@@ -172,6 +149,26 @@ class MachineCalibrator:
     def _end(self, command: Command) -> Ended:
         answer = self._do({"command": command.value})
         return Ended(stored=None, holds=answer.get("torque_enabled") is True, trouble=None)
+
+
+def _ended(answer: Told, joints: Mapping[str, JointView]) -> Ended:
+    """What is in force now, from the answer and the joints that have it."""
+    calibration = {
+        joint: replace(
+            record.default(joint),
+            homing_offset=view.homing_offset,
+            range_min=view.range_min,
+            range_max=view.range_max,
+        )
+        for joint, view in joints.items()
+    }
+    stored = Stored(
+        path=Path(str(answer["calibration_file"])),
+        calibration=calibration,
+        zeros={},
+        notes=(f"On the machine: {answer.get('message', '')}",),
+    )
+    return Ended(stored=stored, holds=answer.get("torque_enabled") is True, trouble=None)
 
 
 class MachineMotors:

@@ -95,9 +95,9 @@ class Motors:
         return ""
 
     def can_write(self, view: SetupView) -> bool:
-        """Whether there is a motor to write to."""
+        """Whether there is a motor to write to, and nothing to be mended first, as its supply."""
         joint = self.joint(view)
-        if joint is None or view.motors[joint].state != "found":
+        if joint is None or view.motors[joint].state != "found" or view.motors[joint].fix:
             return False
         return not self.doubt(view, joint)
 
@@ -110,7 +110,7 @@ class Motors:
         if motor.state == "found":
             if self.doubt(view, motor.joint):  # so it is while plugs change hands
                 return "now", self.request(view, motor.joint), ""
-            return "found", motor.sentence, motor.fix
+            return ("trouble" if motor.fix else "found"), motor.sentence, motor.fix
         if motor.state == "failed" and _NOBODY not in motor.sentence:
             return (
                 "trouble",

@@ -51,6 +51,7 @@ class SetupPart:
         fixed: Given | None = None,
         resumes: bool = False,
     ) -> None:
+        self._is_alone = not isinstance(desk, Desk)  # else the preview's own arm is to be seen
         picture = Picture(desk.server.scene, on_stage)
         self.shop = Workshop(desk=desk, picture=picture, progress=progress, fixed=fixed)
         self.course = Course(progress)
@@ -149,11 +150,11 @@ class SetupPart:
         self._choice.visible, self._ways.visible = step is None, step is not None
         self._current = self._pages.get(page)
         self.shop.trouble = None
-        self.shop.picture.take_stage(step is not None)
+        self.shop.picture.take_stage(step is not None or self._is_alone)
+        self.shop.picture.rest()
         if self._current is None:
             self.shop.put_away()
         else:
-            self.shop.picture.rest()
             self._current.enter()
 
     def _connect(self) -> None:

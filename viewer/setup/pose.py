@@ -24,8 +24,9 @@ from .steps import Workshop
 from .watch import Watch
 
 _LET_GO = (
-    "Hold the arm with one hand, then let go of its joints: it sinks at once. Nothing is written to"
-    " the motors yet."
+    "The arm must be screwed together by now; that takes an hour or two, and this page waits. Hold"
+    " the arm with one hand, then let go of its joints: it sinks at once. Nothing is written to the"
+    " motors yet."
 )
 _MATCH = (
     "Match the blue ghost: upper arm upright, forearm and gripper level and straight ahead, the jaw"

@@ -119,6 +119,8 @@ class RecordPage:
         check = self.check()
         if check.verdict != "fail":
             return None
+        if shop.known.view.error:
+            return "first see to what is said above"
         return (
             "finish the recording" if check.sentence == "the recording goes on" else check.sentence
         )

@@ -133,8 +133,11 @@ class SavePage:
         bench = self._shop.bench
         if bench is not None:
             save = bench.calibrator.save
+            is_first = not self._shop.before
             self._shop.do(
-                "storing it in the motors and in the file", lambda: _told(save()), self._take
+                "storing it in the motors and in the file",
+                lambda: _told(save(), is_first=is_first),
+                self._take,
             )
 
     def _restore(self) -> None:
@@ -159,13 +162,17 @@ def _instruction(is_open: bool, is_saved: bool) -> str:
     return "There is nothing to save yet: go back to the homing pose."
 
 
-def _told(ended: Ended) -> _Told:
+def _told(ended: Ended, *, is_first: bool = False) -> _Told:
     assert ended.stored is not None  # it was saved
-    return _Told(stored=ended.stored, trouble=ended.trouble or "", meanings=_meanings(ended.stored))
+    meanings = _meanings(ended.stored, is_first=is_first)
+    return _Told(stored=ended.stored, trouble=ended.trouble or "", meanings=meanings)
 
 
-def _meanings(stored: Stored) -> tuple[str, ...]:
-    """What its zeros mean, guesses first; the last says it of all joints together."""
+def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
+    """What its zeros mean, guesses first; the last says it of all joints together.
+
+    That compares with other software, so whoever had no calibration before is not told.
+    """
     zeros = {
         joint: zero.in_force(stored.zeros.get(joint), None)
         for joint in ARM_JOINTS
@@ -175,4 +182,4 @@ def _meanings(stored: Stored) -> tuple[str, ...]:
         return ()  # a machine does not tell
     told = zero_meaning.explain(zeros, stored.calibration, RobotModel.load())
     guessed = [meaning.sentence for meaning in told[:-1] if meaning.by == "middle"]
-    return (*guessed, told[-1].sentence)
+    return (*guessed,) if is_first else (*guessed, told[-1].sentence)

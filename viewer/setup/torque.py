@@ -63,12 +63,13 @@ class TorqueWatch:
             is_blind: Whether the motors are being looked for, so that nothing can be told.
         """
         seen = torque(bench)
-        if is_blind or seen == self.told:
+        is_new = bench is not None and self.told == torque(None)
+        if (is_blind and not is_new) or seen == self.told:
             self._other = None
             return False
         if self._other is None or self._other[0] != seen:
             self._other = (seen, self._now())
-        if bench is not None and self._now() - self._other[1] < SETTLED:
+        if bench is not None and not is_new and self._now() - self._other[1] < SETTLED:
             return False
         self.told, self._other = seen, None
         return True

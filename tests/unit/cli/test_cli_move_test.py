@@ -1,12 +1,12 @@
 """``so101 move-test`` up to the moment at which somebody has to agree."""
 
 import pytest
-from click import FileError
 from click.testing import CliRunner
 
 from so101_motion.accuracy import MoveReport
 from so101_motion.cli import main
-from so101_motion.cli.move_test import _write
+from so101_motion.cli.shared import write_report
+from so101_motion.errors import ConfigError
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def test_which_arm_must_be_said(run):
 
 def test_a_report_that_cannot_be_written_is_said(tmp_path):
     report = MoveReport(arm="a", joints=(), began_at="2026-01-02T03:04:05+00:00", seconds=1.0)
-    with pytest.raises(FileError):
-        _write(tmp_path / "no" / "folder.json", report)
-    _write(tmp_path / "r.json", report)
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_report(tmp_path / "no" / "folder.json", report.file({}))
+    write_report(tmp_path / "r.json", report.file({}))
     assert "so101/move-test/1" in (tmp_path / "r.json").read_text()

@@ -1,5 +1,7 @@
 """Where the arm comes from, how errors are told, and what a shell completes."""
 
+import errno
+
 import click
 import pytest
 from click.testing import CliRunner
@@ -73,6 +75,17 @@ def test_what_why_and_what_to_try_are_parted():
     assert (told.what, told.why, told.advice) == (
         '"speed" = 200.0', "must be between 3 and 180 deg/s", "",
     )  # fmt: skip
+
+
+def test_a_reader_who_closes_the_pipe_is_no_defect():
+    @click.command()
+    @reports_errors
+    def tells():
+        raise BrokenPipeError(errno.EPIPE, "Broken pipe")
+
+    result = CliRunner().invoke(tells)
+    assert result.exit_code == 1
+    assert result.output == ""
 
 
 def test_a_defect_is_told_without_a_traceback_unless_asked_for(monkeypatch):

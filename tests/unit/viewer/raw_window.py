@@ -25,9 +25,15 @@ _CAMERA = _messages.ViewerCameraMessage(
 
 
 class RawWindow:
-    """One window; use it in an ``async with`` block."""
+    """One window; use it in an ``async with`` block.
 
-    def __init__(self, url: str) -> None:
+    Args:
+        url: Of the page.
+        draws: Whether it has drawn its first picture; only then viser calls it connected.
+    """
+
+    def __init__(self, url: str, *, draws: bool = True) -> None:
+        self._draws = draws
         link = urlsplit(url)
         self._origin = f"http://{link.netloc}"
         self._cookie = f"so101_{link.port}={parse_qs(link.query)['key'][0]}"
@@ -42,7 +48,8 @@ class RawWindow:
             max_size=None,
         )
         await self._connection.recv()
-        await self.send("ViewerCameraMessage", **vars(_CAMERA))  # with it a window counts as there
+        if self._draws:
+            await self.send("ViewerCameraMessage", **vars(_CAMERA))
         return self
 
     async def __aexit__(

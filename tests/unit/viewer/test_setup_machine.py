@@ -129,12 +129,14 @@ def test_steps_are_the_sensors_commands(calibrator, machine):
     calibrator.stop_recording(accept=("gripper",))
     assert calibrator.save().stored.path == Path("/data/arm.json")
     assert calibrator.abort().holds
+    assert calibrator.restore().stored.path == Path("/data/arm.json")
     calibrator.motor_setup.discover("gripper")
     assert machine.asked == [
         {"command": "start"},
         {"command": "stop_range_recording", "accept": ["gripper"]},
         {"command": "save_calibration"},
         {"command": "abort"},
+        {"command": "restore_calibration"},
         {"command": "motor_setup_discover", "motor_name": "gripper"},
     ]
 
@@ -149,8 +151,3 @@ def test_a_machine_that_is_gone_leaves_what_was_seen_and_says_so(calibrator, mac
     machine.is_gone = False
     calibrator.start()
     assert calibrator.situation.is_connected
-
-
-def test_a_machines_versions_are_its_own(calibrator):
-    with pytest.raises(CalibrationError, match="so101 calibration restore"):
-        calibrator.restore()

@@ -60,6 +60,13 @@ def test_a_motor_that_is_found_alone_can_be_written_to(motors: Motors) -> None:
     assert not motors.can_write(view(gripper=TWO))
 
 
+def test_a_motor_on_the_wrong_supply_is_in_trouble_and_is_not_written_to(motors: Motors) -> None:
+    hot = view(gripper={**NEW, "fix": "switch the power off now"})
+    assert not motors.can_write(hot)
+    look, _, fix = motors.look(hot, hot.motors["gripper"])
+    assert (look, fix) == ("trouble", "switch the power off now")
+
+
 def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next(motors: Motors) -> None:
     still = view(gripper=DONE, wrist_roll={**NEW, "found_id": 6})
     assert not motors.can_write(still)

@@ -29,8 +29,6 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     now = [0.0]
     watch = TorqueWatch(lambda: now[0])
     limp, lost = bench(), bench(connected=False)
-    watch.look(limp, is_blind=False)
-    now[0] += SETTLED
     assert watch.look(limp, is_blind=False)
     assert not watch.look(lost, is_blind=True)
     assert not watch.look(lost, is_blind=False)
@@ -45,11 +43,14 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert watch.told == torque(lost)
 
 
+def test_a_new_bench_is_told_at_once_even_while_its_motors_are_looked_for() -> None:
+    watch = TorqueWatch(lambda: 0.0)
+    assert watch.look(bench(holds=None), is_blind=True)
+    assert watch.told == torque(bench(holds=None))
+
+
 def test_a_bench_that_was_put_away_is_told_at_once() -> None:
-    now = [0.0]
-    watch = TorqueWatch(lambda: now[0])
-    watch.look(bench(), is_blind=False)
-    now[0] += SETTLED
+    watch = TorqueWatch(lambda: 0.0)
     watch.look(bench(), is_blind=False)
     assert watch.look(None, is_blind=False)
     assert watch.told == torque(None)

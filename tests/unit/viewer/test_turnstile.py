@@ -164,6 +164,20 @@ async def test_windows_keep_their_numbers_low_as_they_come_and_go(
     assert set(desk.told) == {"Window 1 opened", "Window 1 closed"}
 
 
+async def test_a_window_acts_before_it_has_drawn(desk: Desk, server: GuardedServer) -> None:
+    async with RawWindow(server.url, draws=False) as slow:
+        await desk.until(1)
+        await slow.press(desk.button)
+        await slow.press(desk.stop)
+        await desk.has_done("execute", "stop")
+        async with RawWindow(server.url) as second:
+            await desk.until(2)
+            await second.press(desk.button)
+            await second.press(desk.stop)
+            await desk.has_done("execute", "stop", "stop")
+    await desk.until(0)
+
+
 def _click(name: str) -> dict[str, object]:
     return {
         "name": name,
