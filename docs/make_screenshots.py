@@ -1,67 +1,174 @@
-"""Make the pictures of the documentation from the running demo.
+"""Make the pictures of the documentation from the running pages.
 
-Needs Chromium (``make test`` installs one). Run it from anywhere:
+Needs Chromium (``make test`` installs one). Run it from anywhere, on a machine with nothing else to
+do, for the pages are drawn without a GPU:
 
-    python docs/make_screenshots.py
+    python docs/make_screenshots.py [NAME ...]
 """
 
 from __future__ import annotations
 
 import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 from so101_viewer import serve
+from so101_viewer.setup.app import serve_setup
 
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.rig import open_simulated
+from so101_motion.planning.plan import Plan
+from so101_motion.rig import Rig, open_simulated
 from so101_motion.scene_file import read_scene
 from so101_motion.units import to_rad
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 TABLE = ROOT / "examples" / "table.json"
-SIZE = {"width": 1440, "height": 900}
+DESK, PHONE = (1440, 900), (400, 800)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+START_DEG = (65.0, -20.0, 30.0, 50.0, 0.0)
+PATIENCE = 60_000  # [ms]
 
 
 def main() -> None:
-    """Write the pictures, each a plan before it is executed."""
+    """Write the pictures that are named, or all."""
     PICTURES.mkdir(exist_ok=True)
+    wanted = sys.argv[1:] or list(SHOTS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=next(filter(None, map(shutil.which, BROWSERS)), None),
             args=["--no-sandbox"],
         )
-        page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type]
-        with open_simulated() as rig, serve(rig, port=0) as preview:
-            page.goto(preview.url)
-            page.get_by_role("button", name="Plan", exact=True).click(timeout=60_000)
-            _take(page, "preview.png")
-        start = to_rad(np.array([65.0, -20.0, 30.0, 50.0, 0.0]))
-        with open_simulated(scene=read_scene(TABLE), q_start=start) as rig:
-            around = rig.arm.plan(PoseGoal.at_point((0.19, 0.2, 0.1)))
-            with serve(rig, port=0, plan=around) as preview:
-                page.goto(preview.url)
-                _take(page, "obstacles.png")
+        for name in wanted:
+            SHOTS[name](browser, PICTURES / f"{name}.png")
+            print(PICTURES / f"{name}.png")
         browser.close()
 
 
-def _take(page: Page, name: str) -> None:
-    page.get_by_text("Planned.").wait_for(timeout=60_000)
-    _settle(page)
-    page.screenshot(path=PICTURES / name)
-    print(PICTURES / name)
+def preview(browser: Browser, file: Path) -> None:
+    """The first plan, before it is executed."""
+    with open_simulated() as rig, _page(browser, rig) as page:
+        _press(page, "Plan")
+        page.get_by_text("Planned.").wait_for(timeout=PATIENCE)
+        _take(page, file)
 
 
-def _settle(page: Page) -> None:
-    """Let the panels finish moving, and close the notice about rendering without a GPU."""
-    page.wait_for_timeout(2500)
+def obstacles(browser: Browser, file: Path) -> None:
+    """A plan over a wall."""
+    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan) as page:
+        page.get_by_text("Planned.").wait_for(timeout=PATIENCE)
+        _take(page, file)
+
+
+def dark(browser: Browser, file: Path) -> None:
+    """The world, in the dark."""
+    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan, scheme="dark") as page:
+        page.get_by_text("World", exact=True).first.click(timeout=PATIENCE)
+        _take(page, file)
+
+
+def phone(browser: Browser, file: Path) -> None:
+    """A plan on a phone."""
+    with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan, size=PHONE) as page:
+        page.get_by_text("Planned.").first.wait_for(timeout=PATIENCE)
+        _take(page, file)
+
+
+def setup(browser: Browser, file: Path) -> None:
+    """A calibration: four joints have been at both their stops, the fifth is on its way."""
+    with tempfile.TemporaryDirectory() as folder:
+        link = Path(folder) / "arm"
+        servos = Emulator(EmulatorOptions(link=link, calibrated=False), gravity=np.zeros_like)
+
+        def put(share: float, joints: tuple[str, ...]) -> None:
+            with servos.world.lock:
+                for joint in joints:
+                    shaft = servos.world.servo(joint).drive.shaft
+                    shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+
+        done = ("shoulder_pan", "shoulder_lift", "elbow_flex", "gripper")
+        put(0.5, (*done, "wrist_flex", "wrist_roll"))
+        kept = Path(folder) / "setup.json"
+        with (
+            serve_setup(port=0, ports=[str(link)], patience=0.5, progress_file=kept) as app,
+            _window(browser, app.url, DESK, "light") as page,
+        ):
+            for name in ("Calibration Only", "Next", "Next", "Let go of the joints"):
+                _press(page, name)
+            _press(page, "I hold it there")
+            _press(page, "Next")
+            for share in (*np.linspace(0.5, 0.0, 30), *np.linspace(0.0, 1.0, 60)):
+                put(float(share), done)
+                put(0.25 + 0.5 * float(share), ("wrist_flex",))
+                page.wait_for_timeout(40)
+            put(0.6, done)
+            _take(page, file)
+        servos.close()
+
+
+SHOTS: dict[str, Callable[[Browser, Path], None]] = {
+    shot.__name__: shot for shot in (preview, obstacles, dark, phone, setup)
+}
+
+
+@contextmanager
+def _at_the_wall() -> Iterator[tuple[Rig, Plan]]:
+    start = to_rad(np.array(START_DEG))
+    with open_simulated(scene=read_scene(TABLE), q_start=start) as rig:
+        yield rig, rig.arm.plan(PoseGoal.at_point((0.19, 0.2, 0.1)))
+
+
+@contextmanager
+def _page(
+    browser: Browser,
+    rig: Rig,
+    *,
+    plan: Plan | None = None,
+    size: tuple[int, int] = DESK,
+    scheme: str = "light",
+) -> Iterator[Page]:
+    with (
+        serve(rig, port=0, plan=plan) as served,
+        _window(browser, served.url, size, scheme) as page,
+    ):
+        yield page
+
+
+@contextmanager
+def _window(browser: Browser, url: str, size: tuple[int, int], scheme: str) -> Iterator[Page]:
+    width, height = size
+    context = browser.new_context(
+        viewport={"width": width, "height": height},
+        color_scheme=scheme,  # type: ignore[arg-type]
+    )
+    page = context.new_page()
+    page.goto(url)
+    try:
+        yield page
+    finally:
+        context.close()
+
+
+def _press(page: Page, name: str) -> None:
+    """Press a button once it is there and can be pressed."""
+    button = page.get_by_role("button", name=name, exact=True)
+    button.click(timeout=PATIENCE)
+
+
+def _take(page: Page, file: Path) -> None:
+    """Let the panels finish moving, close the notice about rendering without a GPU, and shoot."""
+    page.wait_for_timeout(3500)
     close = page.locator(".mantine-Notification-closeButton")
     if close.count():
         close.first.dispatch_event("click")
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(2000)
+    page.screenshot(path=file)
 
 
 if __name__ == "__main__":
