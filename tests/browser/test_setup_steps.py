@@ -218,6 +218,31 @@ def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
         assert not (tmp_path / "setup.json").exists()
 
 
+def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -> None:
+    progress = tmp_path / "setup.json"
+    with (
+        closing(Kit(tmp_path)) as kit,
+        serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=progress) as app,
+    ):
+        hand = hand_on(app)
+        hand.press("Calibration Only")
+        hand.expect("Step 1 of 7")
+        hand.press("Next")
+        hand.expect("Step 2 of 7")
+        hand.press("Next")
+        hand.expect("it sinks at once")
+        kit.put(0.6)
+        held = kit.offsets
+        hand.press("Let go of the joints")
+        hand.press("I hold it there")
+        hand.expect("The pose is taken")
+        assert kit.offsets != held
+        hand.press("Abort the setup")
+        hand.expect("the motors hold what they held before")
+        assert kit.offsets == held
+        assert hand.can("Full Setup")
+
+
 def calibrate(hand: Hand, kit: Kit, middle: float) -> None:
     """From the page of the homing pose to the summary; the pose is a share of each travel."""
     kit.put(middle)

@@ -102,22 +102,29 @@ def pixels(guest: Guest, hue_from: int, hue_to: int) -> int:
 
 
 def test_what_is_added_is_drawn_in_the_scene_of_plans_and_moves_nothing(
-    world: Guest, rig: Rig
+    world: Guest, rig: Rig, preview: Preview
 ) -> None:
+    arrows = preview._server.viser.scene._handle_from_node_name["/target"]
     q = rig.arm.state.q
     teal = pixels(world, 105, 125)
     add(world, "box")
     world.until(lambda: len(rig.arm.scene.obstacles) == 1)
     world.until(lambda: pixels(world, 105, 125) > teal + 200)
     assert "/world-handles" in world.nodes()
+    world.until(lambda: not arrows.visible)  # one pair of handles at a time
     fill(world, "Size (mm)", "40", "50", "70")
     fill(world, "Position (mm)", "250", "-100", "32.6")
     world.until(
         lambda: np.allclose(rig.arm.scene.obstacles[0].T_base_obstacle.p, [0.25, -0.1, 0.0326])
     )
     np.testing.assert_allclose(rig.arm.scene.obstacles[0].shape.size, [0.04, 0.05, 0.07])
-    np.testing.assert_allclose(world.pose_of(things(world)[-1])["position"], [0.25, -0.1, 0.0326])
+    node = things(world)[-1]  # the browser hears of it a little later
+    world.until(lambda: np.allclose(world.pose_of(node)["position"], [0.25, -0.1, 0.0326]))
     np.testing.assert_allclose(rig.arm.state.q, q, atol=1e-3)
+    world.page.get_by_role("tab", name="Move").click()
+    world.press("rest")
+    world.until(lambda: arrows.visible)  # whoever aims anew sees the target's again
+    world.page.get_by_role("tab", name="World").click()
     assert world.problems == []
 
 
