@@ -16,6 +16,7 @@ import viser
 from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.geometry import Array
 from so101_motion.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.modes import Mode
 from so101_motion.named_poses import POSES
 from so101_motion.state import ARM_JOINTS, JointState
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
@@ -201,14 +202,15 @@ class PlanPanel:
         )
 
     def _add_jaw(self, gui: viser.GuiApi) -> None:
-        jaw = gui.add_button_group(
+        self._jaw = gui.add_button_group(
             "Gripper", ("open", "close"), hint="Moves at once, without a plan"
         )
-        self._desk.on_choice(jaw, lambda name: self._page.move_jaw(1.0 if name == "open" else 0.0))
+        self._desk.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
 
     def show(self, screen: Screen) -> None:
         """Tell ``screen``; viser sends only what differs."""
         self._sentence.content = markup.sentence(screen.sentence)
+        self._jaw.visible = screen.state.mode not in (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
         self._show_target(screen)
         self._own_poses.show()
         self._speed_deg.show(to_deg(screen.speed))

@@ -71,11 +71,6 @@ class Tracker:
         if new and state.arm_moving and len(self._states) < _MOST:
             self._states.append(state)
 
-    @property
-    def t_begin(self) -> float | None:
-        """When the first snapshot was made [s]; None before."""
-        return self._states[0].t if self._states else None
-
     def tracking(self) -> Tracking | None:
         """What was seen; None when that is too little to say anything."""
         if len(self._states) < 2:

@@ -79,7 +79,8 @@ class ViewModel:
         self._motion: Motion | None = None
         self._sweeps = True
         self._playback = Playback()
-        self._tracker = Tracker()
+        self._tracker: Tracker | None = None
+        self._t_begin: float | None = None
         self._tracking: Tracking | None = None
         self._aim = self._aimer.aside(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
         self._way = self._hint()
@@ -154,7 +155,7 @@ class ViewModel:
         """Move the arm along the plan that is shown."""
         if self._plan is not None and self._can_execute():
             self._motion = self._arm.start_execute(self._plan.plan)
-            self._tracker = Tracker()
+            self._t_begin = None
             self._playback.seek(self._plan.plan.duration)
             self._sentence = words.MOVING
 
@@ -202,10 +203,9 @@ class ViewModel:
             Whether there is anything new to show.
         """
         self._state = self._arm.state
-        if self._motion is not None:
-            self._tracker.take(self._state)
         events = (
             self._follow_surroundings(),
+            self._follow_run(),
             self._collect_plan(),
             self._collect_motion(),
             self._notice_departure(),
@@ -301,6 +301,18 @@ class ViewModel:
         )
         return True
 
+    def _follow_run(self) -> bool:
+        """Take down how well the arm follows, whoever moves it; true when it has come to rest."""
+        if self._state.arm_moving:
+            if self._tracker is None:
+                self._tracker, self._t_begin = Tracker(), self._state.t
+            self._tracker.take(self._state)
+            return False
+        if self._tracker is None:
+            return False
+        self._tracking, self._tracker = self._tracker.tracking() or self._tracking, None
+        return True
+
     def _collect_plan(self) -> bool:
         if self._planning is None or not self._planning.done():
             return False
@@ -324,7 +336,6 @@ class ViewModel:
             return False
         motion, self._motion = self._motion, None
         self._plan_is_current = False
-        self._tracking = self._tracker.tracking() or self._tracking
         error = motion.future.exception()
         if error is not None:
             self._sentence = words.ended(error)
@@ -367,10 +378,9 @@ class ViewModel:
         )
 
     def _progress(self) -> float:
-        t_begin = self._tracker.t_begin
-        if self._motion is None or self._plan is None or t_begin is None:
+        if self._motion is None or self._plan is None or self._t_begin is None:
             return 0.0
-        return min((self._state.t - t_begin) / max(self._plan.plan.duration, 1e-9), 1.0)
+        return min((self._state.t - self._t_begin) / max(self._plan.plan.duration, 1e-9), 1.0)
 
 
 def _apart(q: Array, other: Array) -> float:

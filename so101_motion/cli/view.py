@@ -19,6 +19,7 @@ from so101_motion.cli.shared import F, import_preview, reports_errors
 from so101_motion.cli.sources import AnySource, Source, any_source_options
 
 if TYPE_CHECKING:
+    from so101_motion.geometry import Array
     from so101_motion.planning.scene import Scene
     from so101_motion.rig_like import RigLike
 
@@ -99,6 +100,8 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
 
     viewer = import_preview()
     scene = None if scene_file is None else read_scene(scene_file)
+    if scene is not None and isinstance(source, Source) and source.port is None:
+        source = replace(source, q_start=_free_pose(scene))
     arm = viewer.Source(title=_title(source), open=_opener(source, scene), scene_file=scene_file)
     with viewer.serve_source(
         arm, host=page.host, port=page.port, allow_remote=page.allow_remote
@@ -142,6 +145,17 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
         return rig
 
     return opened
+
+
+def _free_pose(scene: Scene) -> Array | None:
+    """Where a simulated arm can stand: the first named pose that touches nothing of ``scene``."""
+    from so101_motion.gripper import JAW_CLOSED
+    from so101_motion.named_poses import POSES
+    from so101_motion.planning.collision import CollisionModel
+    from so101_motion.planning.model import RobotModel
+
+    contact = CollisionModel(RobotModel.load(), scene).first_contact
+    return next((pose.q for pose in POSES if contact(pose.q, JAW_CLOSED) is None), None)
 
 
 def _has_screen() -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from browser_guest import Guest
 from conftest import Visit
+from setup_kit import PATIENCE
 from so101_viewer.setup.app import SetupApp, serve_setup
 
 from so101_motion.calib import store
@@ -73,9 +74,8 @@ def plug_in(kit: Kit, *joints: str) -> None:
 
 @pytest.fixture(scope="module")
 def app(folder: Path, kit: Kit) -> Iterator[SetupApp]:
-    patience = 0.05  # a busy machine keeps emulated servos from answering in time
     kept = folder / "setup.json"
-    with serve_setup(port=0, ports=[kit.port], patience=patience, progress_file=kept) as app:
+    with serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=kept) as app:
         yield app
 
 
@@ -173,6 +173,7 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     plug_in(kit, *SETUP_ORDER[1:])
     person.presses("Verify all six")
     person.sees("Servo 6 (gripper) does not answer")
+    assert person.guest.says("Check the cable between servos 5 and 6")
     person.sees_lit("moving_jaw_so101_v1_link", ORANGE)
     assert not person.can("Next")
     plug_in(kit, *SETUP_ORDER)
