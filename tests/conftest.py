@@ -1,5 +1,6 @@
 """Fixtures that more than one test directory needs."""
 
+import logging
 import random
 import threading
 from dataclasses import dataclass
@@ -55,6 +56,18 @@ def pytest_collection_modifyitems(config, items):
     ]
     config.hook.pytest_deselected(items=left_out)
     items[:] = [item for item in items if item not in left_out]
+
+
+@pytest.fixture(autouse=True)
+def nobody_silences_the_log():
+    """A test that left the log switched off would hide what later tests look for."""
+    yield
+    names = ("so101_motion", *(n for n in logging.root.manager.loggerDict if "so101_motion." in n))
+    silent = [n for n in names if logging.getLogger(n).disabled or logging.getLogger(n).level]
+    for name in silent:
+        logging.getLogger(name).disabled = False
+        logging.getLogger(name).setLevel(logging.NOTSET)
+    assert silent == []
 
 
 @pytest.fixture(scope="session")

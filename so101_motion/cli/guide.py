@@ -88,8 +88,8 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
     done = threading.Event()
     before = signal.signal(signal.SIGTERM, lambda *_: done.set())
     begin = rig.clock.now()
-    terminal.mention("lead the arm; Ctrl-C ends it")
     try:
+        terminal.mention("lead the arm; Ctrl-C ends it")
         while not (done.is_set() or recorder.future.done()):
             now = rig.clock.now() - begin
             if seconds is not None and now >= seconds:

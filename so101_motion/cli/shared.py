@@ -110,12 +110,11 @@ def patience(words: str) -> Iterator[None]:
 def quietly() -> Iterator[None]:
     """Keep log lines out of the picture; what a person must know is said in it."""
     log = logging.getLogger("so101_motion")
-    before = log.level
     log.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        log.setLevel(before)
+        log.setLevel(logging.NOTSET)
 
 
 def print_json(kind: str, content: Mapping[str, object]) -> None:

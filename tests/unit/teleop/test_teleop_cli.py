@@ -29,7 +29,7 @@ def test_two_simulated_arms_show_how_it_goes(tmp_path):
 
 def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
     result = run("--leader", "sim", "--follower", "sim", input="n\n")
-    assert result.exit_code == 1
+    assert result.exit_code == 7
     assert "limp" in result.output
 
 
