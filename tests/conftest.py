@@ -2,6 +2,7 @@
 
 import logging
 import random
+import signal
 import threading
 from dataclasses import dataclass
 
@@ -25,6 +26,9 @@ _SEED_OPTION = "hypothesis_seed"
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config):
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # In the background of a script; the programs under test would not hear Ctrl-C either.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, _SEED_OPTION, None) is None:
         setattr(config.option, _SEED_OPTION, str(random.SystemRandom().randrange(2**32)))
 
@@ -63,7 +67,8 @@ def nobody_silences_the_log():
     """A test that left the log switched off would hide what later tests look for."""
     yield
     names = ("so101_motion", *(n for n in logging.root.manager.loggerDict if "so101_motion." in n))
-    silent = [n for n in names if logging.getLogger(n).disabled or logging.getLogger(n).level]
+    loggers = {name: logging.getLogger(name) for name in names}
+    silent = [n for n, log in loggers.items() if log.disabled or log.level > logging.ERROR]
     for name in silent:
         logging.getLogger(name).disabled = False
         logging.getLogger(name).setLevel(logging.NOTSET)

@@ -30,7 +30,7 @@ def lead(bench, script=LED):
 
 def finish(bench, motion):
     """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
-    for _ in range(2000):
+    for _ in range(4000):
         if wait([motion.future], timeout=0.002).done:
             break
         bench.advance(0.02)
