@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import logging as log_levels
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterator
 from concurrent.futures import Future
@@ -26,6 +25,7 @@ from typing import Any, TypeVar
 
 from grpclib import GRPCError, Status
 from grpclib.exceptions import ProtocolError, StreamTerminatedError
+from viam import logging
 from viam.errors import ViamError
 from viam.robot.client import RobotClient
 from viam.rpc.dial import DialOptions, dial
@@ -93,7 +93,7 @@ class Access:
             dial_options=dialling,
             check_connection_interval=0,
             attempt_reconnect_interval=0,
-            log_level=log_levels.CRITICAL,  # what there is to say, we say ourselves
+            log_level=logging.LOG_LEVEL,  # that of every logger the SDK has made; not ours to set
         )
 
 
@@ -117,6 +117,7 @@ class Link:
     ) -> None:
         self.access, self._clock = access, clock
         self._watch, self._lost = watch, lost
+        _hush_the_sdk()
         self._options = access.options()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(
@@ -273,6 +274,13 @@ class Link:
         )
         self._client = None
         self._lost(problem)
+
+
+def _hush_the_sdk() -> None:
+    """Keep the SDK's own lines off standard output; what there is to say, we say ourselves."""
+    for name, logger in logging.LOGGERS.items():
+        if name.startswith("viam."):
+            logger.disabled = True
 
 
 def _why(error: BaseException) -> str:

@@ -1,5 +1,6 @@
 """The arm of a running machine as a rig of this program: the module's real process, over TCP."""
 
+import logging
 import threading
 import time
 
@@ -9,6 +10,7 @@ from fake_parent import ARM, SIMULATED
 from grpclib import GRPCError, Status
 from machine_harness import SIM, running_machine
 from viam.components.arm import ArmClient
+from viam.logging import LOGGERS
 
 from so101_motion.errors import (
     ConfigError,
@@ -41,6 +43,15 @@ def rig(machine):
         rig.arm.set_speed(np.radians(180.0))
         rig.arm.set_acceleration(np.radians(500.0))
         yield rig
+
+
+def test_connecting_leaves_the_log_as_it_was(machine, monkeypatch):
+    log = logging.getLogger("so101_motion")
+    # As in a module's process, where the SDK sets the levels of our logger as well.
+    monkeypatch.setitem(LOGGERS, "so101_motion", log)
+    with MachineRig.connect(machine.address):
+        assert log.isEnabledFor(logging.WARNING)
+        assert not logging.getLogger("viam.rpc.dial").isEnabledFor(logging.CRITICAL)
 
 
 def until(condition, patience=10.0):
