@@ -199,7 +199,7 @@ class TeleopBench:
         self.teleop = Teleop(
             LocalLeader(leading), LocalFollower(following, guarded=guarded), self.clock, **options
         )
-        self.teleop.start(recorder)
+        self.run(lambda: self.teleop.start(recorder), patience=0.1)  # in no time if it needs none
         return self.teleop
 
     def advance(self, seconds):
@@ -220,13 +220,12 @@ class TeleopBench:
             self.advance(0.01)
         return self.clock.now() - begin
 
-    def run(self, call):
-        """The outcome of a blocking ``call`` while time passes."""
+    def run(self, call, patience=0.002):
+        """The outcome of a blocking ``call`` while time passes; ``patience`` [s] before it does."""
         with ThreadPoolExecutor(1) as pool:
             future = pool.submit(call)
-            while not future.done():
+            while not wait([future], timeout=patience).done:
                 self.clock.advance(0.01)
-                wait([future], timeout=0.002)
         return future.result()
 
     def close(self):

@@ -45,12 +45,15 @@ class Pair:
             if self.teleop.job is not None:
                 wait([self.teleop.job], timeout=0.01)
 
-    def run(self, call):
+    def start(self):
+        """Start the session, in no time if it needs none."""
+        self.run(self.teleop.start, patience=0.1)
+
+    def run(self, call, patience=0.001):
         with ThreadPoolExecutor(1) as pool:
             future = pool.submit(call)
-            while not future.done():
+            while not wait([future], timeout=patience).done:
                 self.clock.advance(0.01)
-                wait([future], timeout=0.001)
         return future.result()
 
     def close(self):
@@ -86,13 +89,13 @@ def test_before_the_start_nothing_happens():
 
 def test_the_follower_comes_mirrors_and_holds():
     with pair() as both:
-        both.teleop.start()
+        both.start()
         assert both.leader.arm.state.mode is Mode.LIMP
         both.push(AWAY, 0.5)
         both.advance(0.2)
         assert both.phase is Phase.WAITING, "so far so quickly: nobody leads like that"
         both.run(both.teleop.stop)
-        both.teleop.start()
+        both.start()
         both.advance(0.1)
         assert both.phase is Phase.APPROACHING
         both.advance(3.0)
@@ -107,17 +110,17 @@ def test_the_follower_comes_mirrors_and_holds():
 
 def test_starting_twice_is_starting_once():
     with pair() as both:
-        both.teleop.start()
+        both.start()
         both.advance(0.5)
         cycles = both.teleop.status.cycles
-        both.teleop.start()
+        both.start()
         both.advance(0.1)
         assert both.teleop.status.cycles > cycles
 
 
 def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
     with pair(lets_go=False) as both:
-        both.teleop.start()
+        both.start()
         both.advance(0.2)
         assert not both.teleop.status.leader_is_limp
         motion = both.leader.arm.start_retarget(0.5 * AWAY)
@@ -131,7 +134,7 @@ def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
 
 def test_another_motion_of_the_follower_ends_the_session():
     with pair() as both:
-        both.teleop.start()
+        both.start()
         both.advance(0.2)
         motion = both.follower.arm.start_retarget(0.3 * AWAY)
         both.advance(3.0)
@@ -142,14 +145,14 @@ def test_another_motion_of_the_follower_ends_the_session():
 
 def test_a_broken_connection_is_trouble_and_not_the_end():
     with pair() as both:
-        both.teleop.start()
+        both.start()
         both.advance(0.3)
         arm = both.follower.executor.call(lambda driver: driver)
         both.clock.advance(0.02)
         assert arm.exception() is not None, "nobody else gets at the joints meanwhile"
         both.run(both.teleop.stop)
         driver = both.run(lambda: both.follower.executor.call(lambda driver: driver).result())
-        both.teleop.start()
+        both.start()
         both.advance(0.3)
         driver.disconnect(ConnectionError("pulled"))
         both.advance(0.2)
@@ -163,6 +166,6 @@ def test_a_broken_connection_is_trouble_and_not_the_end():
 def test_one_arm_may_lead_another_again_after_all_was_closed():
     for _ in range(2):
         with pair(guarded=True) as both:
-            both.teleop.start()
+            both.start()
             both.advance(0.1)
             assert both.phase is Phase.MIRRORING
