@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 RUNS := $(VENV)/.installed
 STAMP := $(VENV)/.installed-dev
 
-.PHONY: demo test check bench pictures clean browser
+.PHONY: demo test check bench pictures site clean browser
 
 demo: $(RUNS)
 	$(BIN)/so101 demo
@@ -36,6 +36,10 @@ bench: $(STAMP)
 pictures: $(STAMP) browser
 	$(BIN)/python docs/make_screenshots.py
 
+site: $(BIN)/python
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[site]'
+	$(BIN)/properdocs build --strict
+
 browser: $(STAMP)
 	@sh tests/browser/install_browser.sh $(BIN)
 
@@ -54,4 +58,4 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 clean:
-	rm -rf $(VENV) build dist wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
