@@ -107,16 +107,29 @@ def export(motion: Trajectory | Run, path: Path, *, lerobot: LeRobot | None = No
 
 def encoded(motion: Trajectory | Run, name: str, *, lerobot: LeRobot | None = None) -> bytes:
     """What ``export`` would write to a file called ``name``; else like it."""
+    check_name(name, lerobot=lerobot is not None)
+    suffix, rows = Path(name).suffix.lower(), _rows(motion)
+    return _FORMATS[suffix](rows, name) if lerobot is None else _LEROBOT[suffix](rows, lerobot)
+
+
+def check_name(name: str, *, lerobot: bool = False) -> None:
+    """Refuse a file name that ``export`` would refuse, before there is anything to write.
+
+    Args:
+        name: The file's name.
+        lerobot: Whether it is to hold LeRobot's names.
+
+    Raises:
+        ConfigError: There is no such format, or MCAP needs a package that is not installed.
+    """
     suffix = Path(name).suffix.lower()
-    rows = _rows(motion)
-    if lerobot is None:
-        if suffix not in _FORMATS:
-            raise ConfigError("out", name, f"must end with one of {', '.join(_FORMATS)}")
-        return _FORMATS[suffix](rows, name)
-    if suffix not in _LEROBOT:
+    if not lerobot and suffix not in _FORMATS:
+        raise ConfigError("out", name, f"must end with one of {', '.join(_FORMATS)}")
+    if lerobot and suffix not in _LEROBOT:
         wanted = " or ".join(_LEROBOT)
         raise ConfigError("out", name, f"must end with {wanted} to hold LeRobot's names")
-    return _LEROBOT[suffix](rows, lerobot)
+    if suffix == ".mcap":
+        mcap_writer(Path(name))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -24,6 +24,7 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import IO, TYPE_CHECKING, Any, cast
 
@@ -174,14 +175,31 @@ def _spawn() -> subprocess.Popen[bytes]:
     environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
     environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory
     try:
-        return subprocess.Popen(
-            [sys.executable, "-m", "so101_motion.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env=environment,
-        )
+        with _deaf_to_ctrl_c():
+            return subprocess.Popen(
+                [sys.executable, "-m", "so101_motion.worker"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=environment,
+            )
     except OSError as error:
         raise WorkerError(f"the planning process could not be started: {error}") from error
+
+
+@contextlib.contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """A child begun meanwhile never hears Ctrl-C, not even while it still imports.
+
+    A terminal sends it to parent and child alike; what this thread blocks, the child inherits.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

@@ -1,13 +1,15 @@
 """`so101 …`: parse, call, print. Degrees and millimetres live here.
 
-Each verb is a function in a module of its own. ``shared.py`` has what they have in common, such as
-exit codes and how results are printed; ``sources.py`` where the arm comes from (``--sim``,
-``--port`` or ``--machine``). What a person reads while it works goes to stderr, what was asked for
-goes to stdout. Heavy libraries are imported by the verbs that need them, so that ``--help`` is
-there at once.
+Each verb is a function in a module of its own. ``shared.py`` has what they have in common;
+``sources.py`` where the arm comes from (``--sim``, ``--port`` or ``--machine``); ``ending.py`` what
+becomes of the errors of all verbs. What a person reads while it works goes to stderr, what was
+asked for goes to stdout. Heavy libraries are imported by the verbs that need them, so that
+``--help``, and what a shell completes, is there at once.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import click
 
@@ -17,9 +19,9 @@ from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
 from so101_motion.cli.completion import completion
 from so101_motion.cli.demo import demo
-from so101_motion.cli.discover import discover
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
+from so101_motion.cli.ending import reports_errors
 from so101_motion.cli.guide import guide
 from so101_motion.cli.move_test import move_test
 from so101_motion.cli.moving import move, plan
@@ -36,14 +38,25 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Try it": (demo,),
     "Put an arm together": (install_udev, ports, setup, calibrate, calibration, doctor, move_test),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
-    "Viam": (discover, viam),
+    "Viam": (viam,),
     "Workshop": (emulate, bench, completion),
 }
 """The verbs, in the order in which a newcomer needs them."""
 
 
-class _Sections(click.Group):
-    """Lists its verbs under headings."""
+_AS_JSON = f"{__name__}.as_json"  # in the context: whether a program reads stdout
+
+
+class _So101(click.Group):
+    """Lists its verbs under headings, and tells how they end."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        ctx.meta[_AS_JSON] = "--json" in args  # known even if the verb's own words are wrong
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with reports_errors(as_json=ctx.meta[_AS_JSON]):
+            return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(self.commands)
@@ -54,7 +67,7 @@ class _Sections(click.Group):
                 formatter.write_dl([(str(v.name), v.get_short_help_str(200)) for v in verbs])
 
 
-@click.group(cls=_Sections, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_So101, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="so101")
 def main() -> None:
     """Motion for the SO-101 arm: planned, timed, stoppable.

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from so101_motion.cli.shared import json_option, patience, print_json, quietly, reports_errors
+from so101_motion.cli.shared import json_option, patience, print_json, quietly
 from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
 
 if TYPE_CHECKING:
@@ -79,7 +79,6 @@ class Figure:
 @click.command()
 @any_source_options
 @json_option
-@reports_errors
 def bench(source: AnySource, as_json: bool) -> None:
     """Measure planning, the control loop and the bus on this computer, in ten seconds.
 
@@ -92,15 +91,14 @@ def bench(source: AnySource, as_json: bool) -> None:
     """  # noqa: D301
     from so101_motion.findings import software
 
-    figures: list[Figure] = []
     with quietly():
-        with patience("planning"):
-            figures += _planning()
         if isinstance(source, MachineSource):
             with closing(source.open()) as rig, patience("asking the machine"):
-                figures.append(_asked(rig))
+                theirs = [_asked(rig)]
         else:
-            figures += _local(source)
+            theirs = _local(source)
+        with patience("planning"):
+            figures = [*_planning(), *theirs]
     about = dict(software())
     if as_json:
         told = {figure.name: figure.facts() for figure in figures}

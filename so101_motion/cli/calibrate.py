@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 from so101_motion.cli.calibration import facts, meanings
+from so101_motion.cli.completing import completed_files
 from so101_motion.cli.shared import (
     INTERRUPTED,
     STOPPED,
     dry_run_option,
-    fail,
+    events_option,
     json_option,
     print_json,
-    reports_errors,
 )
+from so101_motion.cli.sources import port_option
 from so101_motion.errors import CalibrationError, So101Error
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 
@@ -33,13 +34,12 @@ _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 
 
 @click.command()
+@port_option("Serial port of the arm; by default the only one with an arm")
 @click.option(
-    "--port",
-    envvar="SO101_PORT",
-    metavar="PORT",
-    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
+    "--file",
+    shell_complete=completed_files,
+    help="Where to save; by default the file this arm already has.",
 )
-@click.option("--file", help="Where to save; by default the file this arm already has.")
 @click.option("--joint", "joints", type=_JOINT, multiple=True, help="Only this one; repeatable.")
 @click.option(
     "--accept",
@@ -50,9 +50,8 @@ _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
 @dry_run_option
-@click.option("--events", type=click.File("w"), help="What is said, as JSON lines, into a file.")
+@events_option
 @json_option
-@reports_errors
 def calibrate(
     port: str | None,
     file: str | None,
@@ -159,9 +158,9 @@ def _calibrated(
     except (Quit, KeyboardInterrupt) as reason:
         _put_back(walk, terminal)
         raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
-    except So101Error as error:
+    except So101Error:
         _put_back(walk, terminal)
-        fail(error)
+        raise
 
 
 def _put_back(walk: CalibrationWalk, terminal: Terminal) -> None:
@@ -187,4 +186,4 @@ def _tell(ended: Ended, stored: Stored, told: list[str]) -> None:
         echo(f"note: saved, but {ended.trouble}", err=True)
     if ended.holds:
         echo("the arm is held where it stands; switch its power off to let go", err=True)
-    echo("next: so101 doctor, or so101 discover for a Viam configuration", err=True)
+    echo("next: so101 doctor, or so101 viam config", err=True)

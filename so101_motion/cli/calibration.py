@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from so101_motion.cli.completing import completed_files
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     Verbs,
     dry_run_option,
     json_option,
     print_json,
-    reports_errors,
 )
+from so101_motion.cli.sources import port_option
 from so101_motion.errors import CalibrationError
 from so101_motion.units import to_deg
 
@@ -33,18 +34,9 @@ def calibration() -> None:
     """Show, compare, take over and restore calibration files."""
 
 
-_port_option = click.option(
-    "--port",
-    envvar="SO101_PORT",
-    metavar="PORT",
-    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
-)
-
-
 @calibration.command()
-@click.argument("file", required=False)
+@click.argument("file", required=False, shell_complete=completed_files)
 @json_option
-@reports_errors
 def show(file: str | None, as_json: bool) -> None:
     """What a calibration file says and means; without FILE, which files there are.
 
@@ -73,11 +65,10 @@ def show(file: str | None, as_json: bool) -> None:
 
 
 @calibration.command()
-@click.argument("file")
-@click.argument("other", required=False)
-@_port_option
+@click.argument("file", shell_complete=completed_files)
+@click.argument("other", required=False, shell_complete=completed_files)
+@port_option("Serial port of the arm; by default the only one with an arm")
 @json_option
-@reports_errors
 def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
     """Compare FILE with what the servos hold, or with the file OTHER.
 
@@ -102,12 +93,11 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
 
 
 @calibration.command()
-@click.argument("file")
+@click.argument("file", shell_complete=completed_files)
 @click.option("--lerobot", metavar="ID", help="For the arm that LeRobot calls so (--robot.id).")
 @click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
 @click.option("--out", type=click.Path(path_type=Path), help="Into this file.")
 @dry_run_option
-@reports_errors
 def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run: bool) -> None:
     """Write FILE as LeRobot reads it; without --lerobot or --out to stdout.
 
@@ -135,11 +125,14 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
 
 
 @calibration.command("import")
-@click.argument("source")
-@click.option("--file", help="Where to save it; by default in your data directory, same name.")
+@click.argument("source", shell_complete=completed_files)
+@click.option(
+    "--file",
+    shell_complete=completed_files,
+    help="Where to save it; by default in your data directory, same name.",
+)
 @dry_run_option
 @json_option
-@reports_errors
 def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None:
     """Take over a calibration of LeRobot (old or new) or of the published module.
 
@@ -169,11 +162,10 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
 
 
 @calibration.command()
-@click.argument("file")
+@click.argument("file", shell_complete=completed_files)
 @click.option("--number", type=int, metavar="N", help="Which version; by default the last other.")
 @dry_run_option
 @json_option
-@reports_errors
 def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None:
     """Let FILE say again what it said before; what it says now becomes a version.
 

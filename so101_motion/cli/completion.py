@@ -1,4 +1,4 @@
-"""``so101 completion``: what lets a shell complete verbs and options."""
+"""``so101 completion``: what lets a shell complete verbs, options and what is typed behind them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,33 @@ import sys
 import click
 from click.shell_completion import BashComplete, FishComplete, ShellComplete, ZshComplete
 
+_BASH = r"""%(complete_func)s() {
+    local IFS=$'\n' response kind word
+    response=$(
+        env COMP_WORDS="${COMP_WORDS[*]}" COMP_CWORD=$COMP_CWORD %(complete_var)s=bash_complete $1
+    )
+    while IFS=, read -r kind word; do
+        case $kind in
+            dir) COMPREPLY=(); compopt -o dirnames ;;
+            file) COMPREPLY=(); compopt -o default ;;
+            plain)
+                [[ ${COMP_WORDS[COMP_CWORD]} == [\"\']* ]] || printf -v word %%q "$word"
+                COMPREPLY+=("$word") ;;
+        esac
+    done <<< "$response"
+}
+complete -o nosort -F %(complete_func)s %(prog_name)s
+"""
+
+
+class _Bash(BashComplete):
+    """Names with blanks in them too: bash takes a word as it is offered, unless it is quoted."""
+
+    source_template = _BASH
+
+
 _COMPLETERS: dict[str, type[ShellComplete]] = {
-    "bash": BashComplete,
+    "bash": _Bash,
     "zsh": ZshComplete,
     "fish": FishComplete,
 }
@@ -25,6 +50,8 @@ _HOW = {
 @click.pass_context
 def completion(context: click.Context, shell: str) -> None:
     """Print the script that makes SHELL complete so101's verbs and options.
+
+    Ports that are plugged in, poses and programs are offered as well.
 
     \b
     echo 'eval "$(so101 completion bash)"' >> ~/.bashrc

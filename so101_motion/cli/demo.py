@@ -7,7 +7,7 @@ import sys
 import click
 import numpy as np
 
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.shared import INTERRUPTED
 from so101_motion.cli.sources import Source
 from so101_motion.cli.tables import plan_table
 from so101_motion.cli.view import Page, page_options, show
@@ -19,7 +19,6 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 @click.command()
 @click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
 @page_options
-@reports_errors
 def demo(text: bool, page: Page) -> None:
     """Run the simulated arm with the preview in the browser; needs no hardware."""
     if text:
@@ -46,7 +45,7 @@ def _in_text() -> None:
         except KeyboardInterrupt:
             rig.arm.stop()
             click.echo(" stopped")
-            raise SystemExit(130) from None
+            raise SystemExit(INTERRUPTED) from None
         p = to_mm(rig.arm.T_base().p)
         off = float(np.linalg.norm(p - np.array(_DEMO_TARGET_MM)))
         click.echo(

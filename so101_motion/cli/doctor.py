@@ -17,10 +17,16 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     json_option,
     print_json,
-    reports_errors,
     write_report,
 )
-from so101_motion.cli.sources import MachineSource, chosen_among, machine_options
+from so101_motion.cli.sources import (
+    MachineSource,
+    calibration_option,
+    chosen_among,
+    machine_options,
+    port_option,
+)
+from so101_motion.cli.typed import OutFile
 from so101_motion.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
 from so101_motion.units import to_deg
 
@@ -35,23 +41,11 @@ _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red"
 
 @click.command()
 @click.option("--sim", is_flag=True, help="The simulated arm: checks the installation only.")
-@click.option(
-    "--port",
-    envvar="SO101_PORT",
-    metavar="PORT",
-    help="Serial port of the arm (or SO101_PORT); by default the only one with an arm.",
-)
-@click.option(
-    "--calibration",
-    type=click.Path(path_type=Path),
-    help="The arm's calibration file; by default the one its servos agree with.",
-)
-@click.option(
-    "--report", type=click.Path(path_type=Path), help="Write all of it to this file, to send it on."
-)
+@port_option("Serial port of the arm; by default the only one with an arm")
+@calibration_option
+@click.option("--report", type=OutFile(), help="Write all of it to this file, to send it on.")
 @machine_options
 @json_option
-@reports_errors
 def doctor(
     sim: bool,
     port: str | None,
@@ -73,8 +67,10 @@ def doctor(
     from so101_motion.checkup import check_up, is_healthy
     from so101_motion.cli.shared import patience, quietly
 
-    sources = {"--sim": sim or None, "--port": port, "--machine": machine}
-    if chosen_among(sources) == "--machine" and machine is not None:
+    chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
+    if calibration is not None and chosen in ("--sim", "--machine"):
+        raise click.UsageError("--calibration belongs to --port")
+    if chosen == "--machine" and machine is not None:
         if report is not None:
             raise click.UsageError("--report writes what is seen on a port, not with --machine")
         _of_machine(machine, as_json)

@@ -10,20 +10,41 @@ from typing import TextIO
 
 import click
 
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.typed import Finite, Link
 
 
 @click.command()
-@click.option("--link", type=click.Path(path_type=Path), help="A link that leads to the port.")
+@click.option("--link", type=Link(), help="A link that leads to the port.")
 @click.option("--ids", default="1-6", show_default=True, help="Who is there: 1-6, 1-3,5, 6=1.")
 @click.option("--new", is_flag=True, help="As the kit comes: all have id 1, none is plugged in.")
 @click.option("--realtime", is_flag=True, help="Bytes take the time they take on a wire.")
-@click.option("--latency", default=0.0, metavar="S", help="The adapter holds replies this long.")
-@click.option("--loss", default=0.0, metavar="P", help="Share of replies that get lost.")
-@click.option("--corrupt", default=0.0, metavar="P", help="Share of replies with a flipped bit.")
+@click.option(
+    "--latency",
+    type=Finite(min=0.0),
+    default=0.0,
+    metavar="S",
+    help="The adapter holds replies this long.",
+)
+@click.option(
+    "--loss",
+    type=Finite(0.0, 1.0),
+    default=0.0,
+    metavar="P",
+    help="Share of replies that get lost.",
+)
+@click.option(
+    "--corrupt",
+    type=Finite(0.0, 1.0),
+    default=0.0,
+    metavar="P",
+    help="Share of replies with a flipped bit.",
+)
 @click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
-@click.option("--hand", type=click.File(), help="A script that moves limp joints by hand.")
-@reports_errors
+@click.option(
+    "--hand",
+    type=click.File(encoding="utf-8", errors="replace"),
+    help="A script that moves limp joints by hand.",
+)
 def emulate(
     link: Path | None,
     ids: str,

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.shared import (
+    INTERRUPTED,
     Verbs,
     have_agreed,
     json_option,
     print_json,
     quietly,
-    reports_errors,
+    yes_option,
 )
-from so101_motion.cli.sources import Source, paced, source_options
+from so101_motion.cli.sources import Source, pace_options, source_options
+from so101_motion.cli.typed import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.units import to_deg, to_rad
 
 if TYPE_CHECKING:
@@ -35,13 +37,12 @@ def guide() -> None:
 
 
 @guide.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=OutFile(".json"))
 @source_options
-@click.option("--seconds", type=float, help="End by itself after so long.")
+@click.option("--seconds", type=SECONDS, help="End by itself after so long.")
 @click.option("--replace", is_flag=True, help="Replace FILE if it is there.")
 @click.option("--yes", is_flag=True, help="Begin without asking.")
 @json_option
-@reports_errors
 def record(
     file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
 ) -> None:
@@ -94,9 +95,9 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
             now = rig.clock.now() - begin
             if seconds is not None and now >= seconds:
                 return
-            q = "  ".join(f"{angle:7.1f}" for angle in to_deg(rig.arm.state.q))
+            q = " ".join(f"{angle:6.1f}" for angle in to_deg(rig.arm.state.q))
             terminal.show(
-                Text(f"recording  {now:6.1f} s  {recorder.points} points   [{q} ] deg"),
+                Text(f"recording {now:6.1f} s, {recorder.points} points at {q} deg"),
                 keys_line(o="open the jaw", c="close it", Enter="done"),
             )
             key = terminal.key(0.1)
@@ -112,24 +113,20 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
 
 
 @guide.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=IN_FILE)
 @source_options
-@click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
-@click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
+@pace_options
 @click.option(
-    "--tolerance", type=float, default=2.0, show_default=True, metavar="DEG",
+    "--tolerance", type=Finite(), default=2.0, show_default=True, metavar="DEG",
     help="How far a joint may be from the path.",
 )  # fmt: skip
 @click.option("--no-gripper", is_flag=True, help="Leave the jaw alone.")
 @click.option("--times", type=click.IntRange(1, 1000), default=1, help="Go it so often.")
-@click.option("--yes", is_flag=True, help="Move without asking.")
+@yes_option
 @json_option
-@reports_errors
 def replay(
     file: Path,
     source: Source,
-    speed: float | None,
-    acceleration: float | None,
     tolerance: float,
     no_gripper: bool,
     times: int,
@@ -148,7 +145,7 @@ def replay(
     from so101_motion.teleoperator import jaw_of
 
     path = files.read(file)
-    with quietly(), paced(source, speed, acceleration).open() as rig:
+    with quietly(), source.open() as rig:
         gripper = None if no_gripper else jaw_of(rig)
         for number in range(times):
             found = plan_replay(rig.arm, path, gripper=gripper, tolerance=to_rad(tolerance))
@@ -163,7 +160,7 @@ def replay(
             except KeyboardInterrupt:
                 rig.arm.stop()
                 click.echo("stopped; the arm holds", err=True)
-                raise SystemExit(130) from None
+                raise SystemExit(INTERRUPTED) from None
         off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))
         if as_json:
             facts = {"file": str(file), **_facts(path), "replay_s": found.duration}
@@ -177,7 +174,6 @@ def replay(
     "folder", type=click.Path(path_type=Path, file_okay=False, exists=True), default=_FOLDER
 )
 @json_option
-@reports_errors
 def list_(folder: Path, as_json: bool) -> None:
     """The paths in FOLDER, or here."""
     from so101_motion.guided import files

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,16 @@ import click
 from so101_motion import __version__
 from so101_motion.cli.shared import (
     CHECK_FAILED,
+    INTERRUPTED,
     have_agreed,
     json_option,
     print_json,
     quietly,
-    reports_errors,
     write_report,
+    yes_option,
 )
 from so101_motion.cli.sources import Source, source_options
+from so101_motion.cli.typed import OutFile
 
 if TYPE_CHECKING:
     from so101_motion.accuracy import MoveReport
@@ -27,12 +30,9 @@ if TYPE_CHECKING:
 
 @click.command("move-test")
 @source_options
-@click.option("--yes", is_flag=True, help="Move without asking.")
-@click.option(
-    "--report", type=click.Path(path_type=Path), help="Write the result to this JSON file."
-)
+@yes_option
+@click.option("--report", type=OutFile(), help="Write the result to this JSON file.")
 @json_option
-@reports_errors
 def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> None:
     """Move every joint a little and see whether it does as it is told. The arm MOVES.
 
@@ -46,6 +46,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
     """  # noqa: D301
     from so101_motion.move_test import MoveTest
 
+    stopped = threading.Event()
     with quietly(), source.open() as rig:
         test = MoveTest(arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name=source.what)
         outline = test.outline()
@@ -54,38 +55,30 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
         click.echo(outline.sentence, err=True)
         if not yes:
             have_agreed(f"Is everything out of the way? Move the {source.what}?")
-        found = _tested(test, outline)
+        found = _tested(test, outline, stopped)
     if as_json:
         print_json("move-test", found.to_json())
     else:
         click.echo(found.text(), nl=False)
     if report is not None:
         write_report(report, found.file({"version": __version__}))
+    if stopped.is_set():
+        raise SystemExit(INTERRUPTED)
     if not found.passed:
         raise SystemExit(CHECK_FAILED)
 
 
-def _tested(test: MoveTest, outline: Outline) -> MoveReport:
-    """Run the test beside this thread, which Ctrl-C reaches."""
-    found: list[MoveReport] = []
-    troubles: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            found.append(test.move_and_measure(outline, _tell))
-        except BaseException as error:  # raised again where it is waited for
-            troubles.append(error)
-
-    thread = threading.Thread(target=run, name="so101-move-test")
-    thread.start()
-    while thread.is_alive():
-        try:
-            thread.join(0.1)
-        except KeyboardInterrupt:
-            test.cancel()
-    if troubles:
-        raise troubles[0]
-    return found[0]
+def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveReport:
+    """Run the test beside this thread, which Ctrl-C reaches; ``stopped`` is set by it."""
+    with ThreadPoolExecutor(1, thread_name_prefix="so101-move-test") as beside:
+        tested = beside.submit(test.move_and_measure, outline, _tell)
+        while not tested.done():
+            try:
+                wait((tested,))
+            except KeyboardInterrupt:
+                stopped.set()
+                test.cancel()
+        return tested.result()
 
 
 def _tell(progress: Progress) -> None:

@@ -6,27 +6,31 @@ import contextlib
 import functools
 import sys
 import threading
-from collections.abc import Callable
-from concurrent.futures import TimeoutError as NotYet
+from concurrent.futures import wait
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
+from so101_motion.cli.completing import completed_poses
 from so101_motion.cli.shared import (
+    INTERRUPTED,
+    F,
+    aside,
     have_agreed,
     import_preview,
     json_option,
     patience,
     print_json,
     quietly,
-    reports_errors,
+    yes_option,
 )
-from so101_motion.cli.sources import AnySource, Source, any_source_options, paced
+from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
 from so101_motion.cli.tables import plan_table
+from so101_motion.cli.typed import IN_FILE, Numbers, OutFile
 from so101_motion.named_poses import POSES
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg, to_m, to_mm, to_rad
@@ -36,32 +40,11 @@ if TYPE_CHECKING:
     from so101_motion.motion import Motion
     from so101_motion.planning.goals import Goal
     from so101_motion.planning.plan import Plan
+    from so101_motion.planning.scene import Scene
     from so101_motion.rig_like import RigLike
 
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-class _Numbers(click.ParamType[np.ndarray]):
-    """So many numbers with commas between."""
-
-    def __init__(self, *names: str) -> None:
-        self.name = ",".join(names)
-        self._count = len(names)
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> np.ndarray:
-        try:
-            numbers = np.array([float(part) for part in str(value).split(",")])
-        except ValueError:
-            self.fail(f"{value!r} is not a list of numbers such as {self.name}", param, ctx)
-        if len(numbers) != self._count or not np.all(np.isfinite(numbers)):
-            self.fail(f"{value!r} must be {self._count} numbers: {self.name}", param, ctx)
-        return numbers
-
-
-_POINT = _Numbers("X", "Y", "Z")
-_JOINTS = _Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL")
+_POINT = Numbers("X", "Y", "Z", most=1e6)
+_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
 
 
 def _goal_options(verb: F) -> F:
@@ -81,16 +64,13 @@ def _goal_options(verb: F) -> F:
     @click.option(
         "--pose",
         metavar="NAME",
+        shell_complete=completed_poses,
         help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
     )
     @click.option(
-        "--scene",
-        "scene_file",
-        type=click.Path(path_type=Path),
-        help="What stands around the arm, a JSON file.",
+        "--scene", "scene_file", type=IN_FILE, help="What stands around the arm, a JSON file."
     )
-    @click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
-    @click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
+    @pace_options
     @functools.wraps(verb)
     def with_goal(
         *args: Any,
@@ -101,18 +81,14 @@ def _goal_options(verb: F) -> F:
         joints: np.ndarray | None,
         pose: str | None,
         scene_file: Path | None,
-        speed: float | None,
-        acceleration: float | None,
-        source: AnySource,
         **kwargs: Any,
     ) -> Any:
         if sum(given is not None for given in (xyz, joints, pose)) != 1:
             raise click.UsageError("where to? give one of --xyz, --joints, --pose")
         if xyz is None and (approach is not None or line or frame != "tool"):
             raise click.UsageError("--approach, --line and --frame belong to --xyz")
-        source = paced(source, speed, acceleration)
         goal = _goal(xyz, approach, line, frame, joints, pose)
-        return verb(*args, goal=goal, scene_file=scene_file, source=source, **kwargs)
+        return verb(*args, goal=goal, scene=_scene(scene_file), **kwargs)
 
     return with_goal  # type: ignore[return-value]  # its own options and those above
 
@@ -134,11 +110,17 @@ def _goal(
         return JointGoal(q=_posed(str(pose)))
     target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
     if approach is not None:
-        if not np.any(approach):
+        if np.linalg.norm(approach) < 1e-6:
             raise click.UsageError("--approach is a direction, such as 0,0,-1 for straight down")
         target, metric = SE3(frame_along(approach), target.p), GoalMetric.POSITION_AND_APPROACH
     kind = LineGoal if line else PoseGoal
     return kind(T_base_tool=target, metric=metric, frame=frame)
+
+
+def _scene(file: Path | None) -> Scene | None:
+    from so101_motion.scene_file import read_scene
+
+    return None if file is None else read_scene(file)
 
 
 def _posed(name: str) -> Array:
@@ -149,25 +131,24 @@ def _posed(name: str) -> Array:
     try:
         return PoseBook().find(name).q
     except ConfigError as error:
-        raise click.BadParameter(f"{error.value!r} {error.reason}", param_hint="--pose") from None
+        raise click.BadParameter(f"{error.value!r} {error.reason}", param_hint="'--pose'") from None
 
 
 @click.command()
 @any_source_options
 @_goal_options
 @click.option("--from", "q_from", type=_JOINTS, help="With --sim: where the joints stand [deg].")
-@click.option("--out", type=click.Path(path_type=Path), help="Save it: .csv, .json or .mcap.")
+@click.option("--out", type=OutFile(), help="Save it: .csv, .json or .mcap.")
 @click.option("--lerobot", is_flag=True, help="With --out: LeRobot's names and units.")
 @click.option(
-    "--html", type=click.Path(path_type=Path), help="Save a film of it that any browser plays."
+    "--html", type=OutFile(".html", ".htm"), help="Save a film of it that any browser plays."
 )
 @click.option("--preview", is_flag=True, help="Show it in the browser.")
 @json_option
-@reports_errors
 def plan(
     source: AnySource,
     goal: Goal,
-    scene_file: Path | None,
+    scene: Scene | None,
     q_from: np.ndarray | None,
     out: Path | None,
     lerobot: bool,
@@ -183,34 +164,40 @@ def plan(
     so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
     so101 plan --machine my-arm.local:8080 --pose ready
     """  # noqa: D301
-    if lerobot and out is None:
-        raise click.UsageError("--lerobot belongs to --out")
+    _refuse(out, lerobot)
     if q_from is not None:
         if not isinstance(source, Source) or source.port is not None:
             raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
         source = replace(source, q_start=to_rad(q_from))
+    viewer: Any = import_preview() if preview or html is not None else None
     with quietly(), closing(source.open()) as rig:
-        found = _planned(rig, goal, scene_file)
-        _report(found, source, as_json)
+        found = _planned(rig, goal, scene)
+        if not as_json:
+            click.echo(plan_table(found))
         if out is not None:
             from so101_motion.export import export
             from so101_motion.teleoperator import lerobot_of
 
             export(found.trajectory, out, lerobot=lerobot_of(rig) if lerobot else None)
-            click.echo(f"saved {out}", err=True)
+            aside(f"saved {out}")
         if html is not None:
-            _film(rig, found, source, html)
+            film = viewer.film_of_plan(
+                found, rig.arm.scene, title=source.title, q_jaw=rig.arm.state.q_jaw_ref
+            )
+            viewer.write_recording(film, html)
+            aside(f"saved {html}")
+        if as_json:  # at the end: a program that reads it knows that the files are there
+            print_json("plan", {"source": source.what, **_facts(found)})
         if preview:
-            _show(rig, found, source)
+            _show(viewer, rig, found, source)
 
 
 @click.command()
 @any_source_options
 @_goal_options
-@click.option("--yes", is_flag=True, help="Move without asking.")
+@yes_option
 @json_option
-@reports_errors
-def move(source: AnySource, goal: Goal, scene_file: Path | None, yes: bool, as_json: bool) -> None:
+def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json: bool) -> None:
     """Plan a motion, say what it will be, and run it. Ctrl-C stops the arm.
 
     \b
@@ -219,9 +206,9 @@ def move(source: AnySource, goal: Goal, scene_file: Path | None, yes: bool, as_j
     so101 move --machine my-arm.local:8080 --xyz 250,0,60
     """  # noqa: D301
     with quietly(), closing(source.open()) as rig:
-        found = _planned(rig, goal, scene_file)
+        found = _planned(rig, goal, scene)
         if not as_json:
-            _report(found, source, as_json=False)
+            click.echo(plan_table(found))
         if not yes:
             have_agreed(f"Move the {source.what} for {found.duration:.1f} s?")
         motion = rig.arm.start_execute(found)
@@ -237,28 +224,21 @@ def move(source: AnySource, goal: Goal, scene_file: Path | None, yes: bool, as_j
             click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
 
 
-def _planned(rig: RigLike, goal: Goal, scene_file: Path | None) -> Plan:
-    if scene_file is not None:
-        from so101_motion.scene_file import read_scene
+def _refuse(out: Path | None, lerobot: bool) -> None:
+    """Refuse a file that the plan could not be saved to, before there is one."""
+    if out is not None:
+        from so101_motion.export import check_name
 
-        rig.arm.scene = read_scene(scene_file)
+        check_name(out.name, lerobot=lerobot)
+    elif lerobot:
+        raise click.UsageError("--lerobot belongs to --out")
+
+
+def _planned(rig: RigLike, goal: Goal, scene: Scene | None) -> Plan:
+    if scene is not None:
+        rig.arm.scene = scene
     with patience("planning"):
         return rig.arm.plan(goal)
-
-
-def _film(rig: RigLike, found: Plan, source: AnySource, path: Path) -> None:
-    viewer = import_preview()
-    title = f"{source.what[:1].upper()}{source.what[1:]}"
-    film = viewer.film_of_plan(found, rig.arm.scene, title=title, q_jaw=rig.arm.state.q_jaw_ref)
-    viewer.write_recording(film, path)
-    click.echo(f"saved {path}", err=True)
-
-
-def _report(found: Plan, source: AnySource, as_json: bool) -> None:
-    if as_json:
-        print_json("plan", {"source": source.what, **_facts(found)})
-    else:
-        click.echo(plan_table(found))
 
 
 def _facts(found: Plan) -> dict[str, object]:
@@ -288,22 +268,18 @@ def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
         with Progress(console=Console(stderr=True), transient=True) as progress:
             task = progress.add_task("moving", total=found.duration)
             begin = rig.clock.now()
-            while not motion.future.done():
-                try:
-                    motion.result(timeout=0.1)
-                except NotYet:
-                    progress.update(task, completed=rig.clock.now() - begin)
+            while not wait((motion.future,), 0.1).done:
+                progress.update(task, completed=rig.clock.now() - begin)
         motion.result()
     except KeyboardInterrupt:
         rig.arm.stop()
         click.echo("stopped; the arm holds", err=True)
-        raise SystemExit(130) from None
+        raise SystemExit(INTERRUPTED) from None
 
 
-def _show(rig: RigLike, found: Plan, source: AnySource) -> None:
-    serve = import_preview().serve
-    with serve(rig, title=source.what.capitalize(), plan=found) as page:
-        click.echo(f"open   {page.url}")
-        click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
+def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:
+    with viewer.serve(rig, title=source.title, plan=found) as page:
+        aside(f"open   {page.url}")
+        aside("       (whoever has this link can move the arm; Ctrl-C to quit)")
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()

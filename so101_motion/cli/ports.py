@@ -2,34 +2,39 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.shared import NO_DEVICE, json_option, print_json, reports_errors
+from so101_motion.cli.shared import NO_DEVICE, json_option, patience, print_json, quietly
+from so101_motion.cli.typed import PORT
 
 if TYPE_CHECKING:
     from so101_motion.port_report import PortReport
 
 
-@click.command()
-@click.option(
+further_ports_option = click.option(
     "--port",
     "extra",
     multiple=True,
     envvar="SO101_PORT",
-    metavar="PORT",
+    type=PORT,
     help="Look at this one as well, such as /dev/ttyAMA0 (or SO101_PORT); repeatable.",
 )
+"""For verbs that look at all ports; the verb gets ``extra``."""
+
+
+@click.command()
+@further_ports_option
 @json_option
-@reports_errors
 def ports(extra: tuple[str, ...], as_json: bool) -> None:
     """List serial ports, which of them has an arm, and why one cannot be used.
 
     Servos are asked who they are; nothing is written to them. A port that another program uses is
     left alone. Exit code 3 if there is no port at all.
     """
-    from so101_motion.cli.shared import patience, quietly
     from so101_motion.cli.terminal import echo
     from so101_motion.discovery import discover
 
@@ -52,8 +57,13 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
                 echo(f"{report.role}: {report.because}", indent="  ")
     for note in found.notes:
         echo(f"note: {note}", err=True)
-    if not found.reports:
+    if not any(_is_there(report) for report in found.reports):
         raise SystemExit(NO_DEVICE)
+
+
+def _is_there(report: PortReport) -> bool:
+    """Whether the system has this port, be there an arm or not."""
+    return sys.platform == "win32" or os.path.exists(report.port.device)
 
 
 def facts(report: PortReport) -> dict[str, object]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import TimeoutError as NotYet
+from concurrent.futures import wait
 from contextlib import closing
 from typing import TYPE_CHECKING
 
 import click
 
+from so101_motion.cli.completing import completed_programs
 from so101_motion.cli.shared import (
     INTERRUPTED,
     have_agreed,
@@ -16,9 +17,9 @@ from so101_motion.cli.shared import (
     patience,
     print_json,
     quietly,
-    reports_errors,
+    yes_option,
 )
-from so101_motion.cli.sources import AnySource, any_source_options, paced
+from so101_motion.cli.sources import AnySource, any_source_options, pace_options
 from so101_motion.units import to_deg
 
 if TYPE_CHECKING:
@@ -27,26 +28,23 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("program", metavar="PROGRAM")
+@click.argument("program", metavar="PROGRAM", shell_complete=completed_programs)
 @any_source_options
+@pace_options
 @click.option("--rounds", type=click.IntRange(1, 10_000), help="How often; as saved by default.")
-@click.option("--speed", type=float, metavar="DEG/S", help="Joint speed cap.")
-@click.option("--acceleration", type=float, metavar="DEG/S2", help="Joint acceleration cap.")
-@click.option("--yes", is_flag=True, help="Move without asking.")
+@yes_option
 @json_option
-@reports_errors
 def run(
     program: str,
     source: AnySource,
     rounds: int | None,
-    speed: float | None,
-    acceleration: float | None,
     yes: bool,
     as_json: bool,
 ) -> None:
     """Run PROGRAM: the name of one saved in the preview, or a .json file.
 
-    Every leg is planned and looked at for collisions before anything moves. Ctrl-C stops the arm.
+    Every leg is planned and looked at for collisions before anything moves. Waypoints that may be
+    passed are gone through without a stop, within 3 degrees a joint. Ctrl-C stops the arm.
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0
@@ -57,7 +55,6 @@ def run(
     made = files.read(files.find(program))
     if rounds is not None:
         made = made.with_rounds(rounds)
-    source = paced(source, speed, acceleration)
     with quietly(), closing(source.open()) as rig:
         with patience("planning all of it ..."):
             rehearsal = rehearse(rig.arm, rig.gripper, made)
@@ -77,24 +74,22 @@ def run(
 def _planned(rehearsal: Rehearsal) -> str:
     program = rehearsal.program
     times = "until it is stopped" if program.rounds is None else f"{program.rounds} time(s)"
-    legs = [
-        f"  {k:>3}  {each.name:<24}{0.0 if leg is None else leg.duration:6.2f} s"
-        for k, (each, leg) in enumerate(zip(program.waypoints, rehearsal.legs, strict=True), 1)
-    ]
-    return "\n".join((*legs, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
+    lines = []
+    for leg in rehearsal.legs:
+        for index, begin, end in zip(leg.indices, (0.0, *leg.at), leg.at, strict=False):
+            passed = "" if index == leg.indices[-1] else "  passed"
+            name = program.waypoints[index].name
+            lines.append(f"  {index + 1:>3}  {name:<24}{end - begin:6.2f} s{passed}")
+    return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
 
 
 def _wait(rig: RigLike, run: ProgramRun) -> None:
     """Wait for the end and say on stderr where it is; Ctrl-C stops the arm and waits for rest."""
     said = None
     try:
-        while True:
-            try:
-                run.future.result(timeout=0.1)
-            except NotYet:
-                said = _say(run, run.program, said)
-            else:
-                return
+        while not wait((run.future,), 0.1).done:
+            said = _say(run, run.program, said)
+        run.future.result()
     except KeyboardInterrupt:
         rig.arm.stop()
         click.echo("stopped; the arm holds", err=True)

@@ -15,11 +15,12 @@ from so101_motion.cli.shared import (
     INTERRUPTED,
     STOPPED,
     dry_run_option,
+    events_option,
     json_option,
     print_json,
-    reports_errors,
 )
-from so101_motion.cli.sources import MachineSource, machine_options
+from so101_motion.cli.sources import MachineSource, chosen_among, machine_options, port_option
+from so101_motion.cli.typed import Finite
 from so101_motion.cli.view import Page, keep_open, page_options
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 
@@ -34,12 +35,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--port",
-    envvar="SO101_PORT",
-    metavar="PORT",
-    help="Serial port, such as /dev/ttyACM0 (or SO101_PORT); by default the only servo adapter.",
-)
+@port_option("Serial port, such as /dev/ttyACM0; by default the only servo adapter")
 @click.option(
     "--joint",
     "joints",
@@ -51,14 +47,15 @@ if TYPE_CHECKING:
     "--start-over", is_flag=True, help="Begin with the gripper, whatever was done before."
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
-@click.option("--within", type=float, metavar="S", help="Give up a step after so many seconds.")
-@click.option("--events", type=click.File("w"), help="What is said, as JSON lines, into a file.")
+@click.option(
+    "--within", type=Finite(min=0.0), metavar="S", help="Give up a step after so many seconds."
+)
+@events_option
 @dry_run_option
 @click.option("--web", is_flag=True, help="In the browser: motors, calibration and final test.")
 @page_options
 @machine_options
 @json_option
-@reports_errors
 def setup(
     port: str | None,
     joints: tuple[str, ...],
@@ -87,7 +84,11 @@ def setup(
     so101 setup --joint wrist_flex     after that motor was replaced
     so101 setup --port /tmp/so101      beside "so101 emulate --new --link /tmp/so101"
     """  # noqa: D301
+    if chosen_among({"--port": port, "--machine": machine}) == "--port":
+        machine = None
     if web:
+        if joints or start_over or yes or within or events or dry_run or as_json:
+            raise click.UsageError("--web goes with --port or --machine, and where the page is")
         _in_browser(port, machine, page)
         return
     if machine is not None:

@@ -1,15 +1,10 @@
-"""What all verbs have in common: exit codes, errors as sentences, how results are printed.
+"""What all verbs have in common: how results are printed, people asked, and files written.
 
-Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device, no port or no machine, 4 bus or servo
-fault, 5 unreachable or no plan, 6 not calibrated or a check failed, 7 stopped, 130 Ctrl-C.
-
-An error is told on stderr in two or three lines: what, why, and what to try. How the first are
-parted is in ``telling.py``.
+What becomes of an error is in ``ending.py``.
 """
 
 from __future__ import annotations
 
-import functools
 import json
 import logging
 import os
@@ -17,81 +12,22 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.telling import parted
-from so101_motion.errors import (
-    BusError,
-    CalibrationError,
-    ConfigError,
-    Interrupted,
-    MachineUnavailable,
-    MotionError,
-    MotorSetupError,
-    PlanningError,
-    PortUnavailable,
-    So101Error,
-)
+from so101_motion.errors import ConfigError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
-"""Exit codes that no error stands for."""
-
-_EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
-    (PlanningError, 5),
-    (PortUnavailable, 3),
-    (MachineUnavailable, 3),
-    (BusError, 4),
-    (MotorSetupError, 4),
-    (CalibrationError, 6),
-    (Interrupted, 7),
-    (MotionError, 4),
-    (ConfigError, 2),
-)
-
+"""Exit codes that no error stands for; ``ending.py`` has all of them."""
 
 DEBUG = "SO101_DEBUG"
-"""Environment variable: when it is set, an unexpected error comes with its traceback."""
+"""Environment variable: when it is set, what is unexpected comes with its traceback."""
 
-
-def fail(error: So101Error) -> NoReturn:
-    """Say what went wrong, why, and what to try, and leave with its exit code."""
-    told = parted(error)
-    click.echo(f"error: {told.what}", err=True)
-    if told.why:
-        click.echo(f"  why: {told.why}", err=True)
-    if told.advice:
-        click.echo(f"  try: {told.advice}", err=True)
-    code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
-    raise SystemExit(code)
-
-
-def reports_errors(verb: F) -> F:
-    """Turn errors into sentences and an exit code, and Ctrl-C into 130."""
-
-    @functools.wraps(verb)
-    def reporting(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return verb(*args, **kwargs)
-        except So101Error as error:
-            fail(error)
-        except KeyboardInterrupt:
-            raise SystemExit(INTERRUPTED) from None
-        except (click.ClickException, click.Abort, click.exceptions.Exit, BrokenPipeError):
-            raise  # click's to tell; a reader of our output who has enough, it ends in silence
-        except Exception as error:
-            if os.environ.get(DEBUG):
-                raise
-            click.echo(f"error: unexpected: {type(error).__name__}: {error}", err=True)
-            click.echo("  why: a defect of this program", err=True)
-            click.echo(f"  try: the same with {DEBUG}=1 shows where; please report it", err=True)
-            raise SystemExit(1) from error
-
-    return reporting  # type: ignore[return-value]  # the same signature, by functools.wraps
+_TOLD = f"{__name__}.told"  # in the context: whether a program has its object
 
 
 @contextmanager
@@ -117,10 +53,37 @@ def quietly() -> Iterator[None]:
         log.setLevel(logging.NOTSET)
 
 
+@contextmanager
+def in_lines() -> Iterator[None]:
+    """Let log lines be read by whoever sits there: one each, tracebacks only for who debugs."""
+    log, handler = logging.getLogger("so101_motion"), logging.StreamHandler()
+    if not os.environ.get(DEBUG):
+        handler.setFormatter(_Brief())
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+
+
+class _Brief(logging.Formatter):
+    def formatException(self, ei: Any) -> str:
+        return ""
+
+
 def print_json(kind: str, content: Mapping[str, object]) -> None:
     """One JSON object on stdout, for programs."""
     whole = {"schema": f"so101/{kind}/1", "version": __version__, **content}
     click.echo(json.dumps(whole, indent=2))
+    context = click.get_current_context(silent=True)
+    if context is not None:
+        context.meta[_TOLD] = True
+
+
+def is_told() -> bool:
+    """Whether this call of the program has printed its object."""
+    context = click.get_current_context(silent=True)
+    return context is not None and _TOLD in context.meta
 
 
 def aside(sentence: str) -> None:
@@ -147,11 +110,14 @@ def have_agreed(question: str) -> None:
         click.UsageError: Nobody is there to answer.
         SystemExit: The answer is no, or Ctrl-C.
     """
+    nobody = click.UsageError("nobody is there to agree; --yes goes without asking")
+    if sys.stdin is None:  # it was closed
+        raise nobody
     try:
         agreed = click.confirm(question, err=True)
     except click.Abort as abort:
         if isinstance(abort.__context__, EOFError):
-            raise click.UsageError("nobody is there to agree; --yes goes without asking") from None
+            raise nobody from None
         raise SystemExit(INTERRUPTED) from None
     if not agreed:
         aside("nothing moved")
@@ -183,17 +149,30 @@ def dry_run_option(verb: F) -> F:
     return click.option("--dry-run", is_flag=True, help=says)(verb)
 
 
+def yes_option(verb: F) -> F:
+    """The option ``--yes`` of a verb that moves an arm; the verb gets ``yes``."""
+    return click.option("--yes", is_flag=True, help="Move without asking.")(verb)
+
+
+def events_option(verb: F) -> F:
+    """The option ``--events`` of a verb that guides; the verb gets ``events``."""
+    file = click.File("w", encoding="utf-8", lazy=False)
+    says = "What is said, as JSON lines, into a file."
+    return click.option("--events", type=file, help=says)(verb)
+
+
 def import_preview() -> Any:
     """What serves the browser preview: ``so101_viewer``, imported when it is needed.
 
     Raises:
-        click.ClickException: The extra that holds it was not installed.
+        ConfigError: The extra that holds it was not installed.
     """
     try:
         import so101_viewer
     except ModuleNotFoundError as error:
-        raise click.ClickException(
-            f"the preview needs {error.name}, which is not installed\n"
-            "try: pip install 'so101-motion[viewer]', or so101 demo --text"
-        ) from error
+        reason = (
+            f"needs {error.name}, which is not installed;"
+            " install it: pip install 'so101-motion[viewer]' (so101 demo --text goes without)"
+        )
+        raise ConfigError("preview", None, reason) from error
     return so101_viewer

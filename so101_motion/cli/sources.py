@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from so101_motion.cli.shared import F, aside, patience
+from so101_motion.cli.typed import PORT, Finite
+from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 
 if TYPE_CHECKING:
     from so101_motion.geometry import Array
@@ -51,6 +53,11 @@ class Source:
         """In words."""
         return "simulated arm" if self.port is None else f"arm on {self.port}"
 
+    @property
+    def title(self) -> str:
+        """The same as a heading."""
+        return _capital(self.what)
+
     def open(self) -> Rig:
         """The arm and its gripper, ready to be asked.
 
@@ -80,15 +87,15 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
     """
     from so101_motion.cli.finding import look_at
 
-    file = look_at(port).calibration
-    if file is None:
+    report = look_at(port)
+    if report.calibration is not None:
+        say(f"calibration: {report.calibration}")
+    elif report.joints:  # without any there is no arm to speak of, as opening it will tell
         say(
             "no calibration file of this arm is known, so zero is the middle of each joint's travel"
             " and points are some 40 mm off; so101 calibrate makes one, --calibration names one"
         )
-    else:
-        say(f"calibration: {file}")
-    return file
+    return report.calibration
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,6 +125,11 @@ class MachineSource:
         """In words."""
         return f"arm of machine {self.address}"
 
+    @property
+    def title(self) -> str:
+        """The same as a heading."""
+        return _capital(self.what)
+
     def open(self) -> MachineRig:
         """The arm and its gripper, ready to be asked; nothing moves.
 
@@ -137,6 +149,10 @@ class MachineSource:
         return _capped(rig, self.speed, self.acceleration)
 
 
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
 def _capped(rig: R, speed: float | None, acceleration: float | None) -> R:
     """``rig`` with these caps; closed if it cannot have them."""
     try:
@@ -154,6 +170,31 @@ AnySource = Source | MachineSource
 """Where an arm can come from. Both open a rig that fits ``rig_like.RigLike``."""
 
 S = TypeVar("S", bound=AnySource)
+
+
+def pace_options(verb: F) -> F:
+    """The options ``--speed`` and ``--acceleration``; to stand below those of the source."""
+
+    @click.option(
+        "--speed", type=Finite(*SPEED_RANGE_DEG), metavar="DEG/S", help="Joint speed cap."
+    )
+    @click.option(
+        "--acceleration",
+        type=Finite(*ACCELERATION_RANGE_DEG),
+        metavar="DEG/S2",
+        help="Joint acceleration cap.",
+    )
+    @functools.wraps(verb)
+    def with_pace(
+        *args: Any,
+        source: AnySource,
+        speed: float | None,
+        acceleration: float | None,
+        **kwargs: Any,
+    ) -> Any:
+        return verb(*args, source=paced(source, speed, acceleration), **kwargs)
+
+    return with_pace  # type: ignore[return-value]  # its own options and those above
 
 
 def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
@@ -178,6 +219,7 @@ def source_options(verb: F) -> F:
         chosen = chosen_among({"--sim": sim or None, "--port": port})
         if chosen is None:
             raise click.UsageError("which arm? give --sim, or --port and its serial port")
+        _refuse_stray(calibration, chosen)
         source = Source(port=None if chosen == "--sim" else port, calibration_file=calibration)
         return verb(*args, source=source, **kwargs)
 
@@ -203,6 +245,7 @@ def any_source_options(verb: F) -> F:
             raise click.UsageError(
                 "which arm? give --sim, or --port and its serial port, or --machine and its address"
             )
+        _refuse_stray(calibration, chosen)
         source: AnySource = Source(port=port, calibration_file=calibration)
         if chosen == "--sim":
             source = Source(port=None)
@@ -212,6 +255,11 @@ def any_source_options(verb: F) -> F:
         return verb(*args, source=source, **kwargs)
 
     return with_source  # type: ignore[return-value]  # its own options and those above
+
+
+def _refuse_stray(calibration: Path | None, chosen: str) -> None:
+    if calibration is not None and chosen != "--port":
+        raise click.UsageError("--calibration belongs to --port")
 
 
 def machine_options(verb: F) -> F:
@@ -260,25 +308,30 @@ def machine_options(verb: F) -> F:
     return with_machine  # type: ignore[return-value]  # its own options and those above
 
 
+def port_option(words: str) -> Callable[[F], F]:
+    """The option ``--port``; the verb gets ``port``.
+
+    Args:
+        words: What its help says, such as what is done without it.
+    """
+    return click.option(
+        "--port",
+        envvar="SO101_PORT",
+        type=PORT,
+        help=f"{words} (or SO101_PORT).",
+    )
+
+
+def calibration_option(verb: F) -> F:
+    """The option ``--calibration``; the verb gets ``calibration``."""
+    says = "The arm's calibration file; by default the one that fits its servos."
+    return click.option("--calibration", type=click.Path(path_type=Path), help=says)(verb)
+
+
 def _local_options(verb: F) -> F:
-    for option in reversed(
-        (
-            click.option("--sim", is_flag=True, help="The simulated arm; needs no hardware."),
-            click.option(
-                "--port",
-                envvar="SO101_PORT",
-                metavar="PORT",
-                help="Serial port of the arm, such as /dev/ttyACM0 (or SO101_PORT).",
-            ),
-            click.option(
-                "--calibration",
-                type=click.Path(path_type=Path),
-                help="The arm's calibration file; by default the one that fits its servos.",
-            ),
-        )
-    ):
-        verb = option(verb)
-    return verb
+    sim = click.option("--sim", is_flag=True, help="The simulated arm; needs no hardware.")
+    port = port_option("Serial port of the arm, such as /dev/ttyACM0")
+    return sim(port(calibration_option(verb)))
 
 
 _PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address"}

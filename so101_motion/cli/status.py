@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import json_option, print_json, quietly, reports_errors
+from so101_motion.cli.shared import json_option, print_json, quietly
 from so101_motion.cli.sources import (
     AnySource,
     MachineSource,
@@ -31,7 +31,6 @@ _PATIENCE = 1.0
 @click.command()
 @any_source_options
 @json_option
-@reports_errors
 def status(source: AnySource, as_json: bool) -> None:
     """Say how the arm is: its mode, its joints, where the tool is.
 
@@ -53,7 +52,6 @@ def status(source: AnySource, as_json: bool) -> None:
 @click.command()
 @machine_options
 @json_option
-@reports_errors
 def stop(machine: MachineSource | None, as_json: bool) -> None:
     """Bring the arm and the jaw of a running machine to rest, whoever moves them.
 

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import have_agreed, print_json, reports_errors
+from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
+from so101_motion.cli.typed import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.state import ARM_JOINTS
 from so101_motion.units import to_deg
 
@@ -24,53 +25,39 @@ if TYPE_CHECKING:
 _EVERY = 0.2  # [s], how often a person is told how it is
 
 
-class _PerJoint(click.ParamType[object]):
-    """One number, or five with commas between."""
-
-    name = "NUMBER[,...]"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> object:
-        try:
-            numbers = [float(part) for part in str(value).split(",")]
-        except ValueError:
-            self.fail(f"{value!r} is no number, nor five with commas between", param, ctx)
-        return numbers[0] if len(numbers) == 1 else numbers
-
-
 @click.command()
 @click.option(
     "--leader",
     required=True,
-    metavar="PORT",
+    type=PORT,
     help='Serial port of the arm that leads, or "sim".',
 )
 @click.option(
     "--follower",
     required=True,
-    metavar="PORT",
+    type=PORT,
     help='Serial port of the arm that follows, or "sim" for the simulated one.',
 )
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--follower-calibration", type=click.Path(path_type=Path), help="Calibration file.")
 @click.option("--no-gripper", is_flag=True, help="Leave the follower's jaw alone.")
-@click.option("--scale", type=_PerJoint(), help="Factor from leader to follower; minus turns.")
+@click.option("--scale", type=PerJoint(), help="Factor from leader to follower; minus turns.")
 @click.option("--mirror", is_flag=True, help="For arms that face each other: pan and roll turn.")
-@click.option("--offsets", type=_PerJoint(), help="Five angles to add for the follower [deg].")
+@click.option("--offsets", type=PerJoint(), help="Five angles to add for the follower [deg].")
 @click.option("--guard", is_flag=True, help="Keep the follower clear of itself and the table.")
-@click.option("--scene", type=click.Path(path_type=Path), help="With --guard: what is around it.")
+@click.option("--scene", "scene_file", type=IN_FILE, help="With --guard: what is around it.")
 @click.option("--speed", type=float, metavar="DEG/S", help="Cap while mirroring.  [default: 180]")
 @click.option("--acceleration", type=float, metavar="DEG/S2", help="Likewise.  [default: 500]")
 @click.option(
     "--approach-speed", type=float, metavar="DEG/S", help="While coming closer.  [default: 30]"
 )
-@click.option("--record", type=click.Path(path_type=Path), help="Take it down: .csv or .mcap.")
-@click.option("--fps", type=float, default=100.0, show_default=True, help="Rows a second.")
-@click.option("--seconds", type=float, help="End by itself after so long.")
+@click.option("--record", type=OutFile(".csv", ".mcap"), help="Take it down: .csv or .mcap.")
+@click.option(
+    "--fps", type=Finite(0.1, 1000.0), default=100.0, show_default=True, help="Rows a second."
+)
+@click.option("--seconds", type=SECONDS, help="End by itself after so long.")
 @click.option("--yes", is_flag=True, help="Begin without asking.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout at the end.")
-@reports_errors
+@json_option
 def teleop(
     leader: str,
     follower: str,
@@ -81,7 +68,7 @@ def teleop(
     mirror: bool,
     offsets: object,
     guard: bool,
-    scene: Path | None,
+    scene_file: Path | None,
     speed: float | None,
     acceleration: float | None,
     approach_speed: float | None,
@@ -100,6 +87,8 @@ def teleop(
     so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1
     so101 teleop --leader /dev/ttyACM0 --follower sim --record first.csv --fps 30
     """  # noqa: D301
+    from so101_motion.export import mcap_writer
+    from so101_motion.scene_file import read_scene
     from so101_motion.teleop import LocalFollower, LocalLeader, Teleop
     from so101_motion.teleop.config import read_mirror, read_pace
     from so101_motion.teleoperator import side_of
@@ -115,13 +104,16 @@ def teleop(
     turned, pace = read_mirror(how), read_pace(how)
     if leader == follower != "sim":
         raise click.UsageError("--leader and --follower must be two arms")
+    if scene_file is not None and not guard:
+        raise click.UsageError("--scene belongs to --guard")
+    scene = None if scene_file is None else read_scene(scene_file)
+    if record is not None and record.suffix.lower() == ".mcap":
+        mcap_writer(record)  # now, not when a hand is on the arm
     with ExitStack() as stack:
         leading = stack.enter_context(_open(leader, leader_calibration))
         following = stack.enter_context(_open(follower, follower_calibration))
         if scene is not None:
-            from so101_motion.scene_file import read_scene
-
-            following.arm.scene = read_scene(scene)
+            following.arm.scene = scene
         if not yes:
             have_agreed("The leader goes limp now; is a hand on it?")
         session = stack.enter_context(
@@ -141,6 +133,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
+        _tell_end(last)
 
 
 def _open(port: str, calibration: Path | None) -> Rig:
@@ -175,6 +168,17 @@ def _watch(session: Any, seconds: float | None) -> None:
         click.echo("", err=True)
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _tell_end(last: Status) -> None:
+    """Say why it ended by itself, if it did.
+
+    Raises:
+        SystemExit: It did; a script is to notice.
+    """
+    if not last.is_running:
+        click.echo(f"ended: {last.reason}", err=True)
+        raise SystemExit(STOPPED)
 
 
 def _in_words(status: Status) -> str:

@@ -21,7 +21,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from datetime import UTC, datetime
 from types import TracebackType
 from typing import Any, Self, TextIO, TypeVar
@@ -167,12 +167,13 @@ class Terminal:
                 if self.is_manned:
                     self.pressed = self.key(_FRAME) or self.pressed
                 else:
-                    thread.join(_FRAME)
+                    wait((future,), _FRAME)
         except (Quit, KeyboardInterrupt):
             if not future.done():
                 self.say("one moment, ending what has been begun ...")
             raise
         finally:
+            wait((future,))  # a join that Ctrl-C has cut short takes the thread for ended
             thread.join()
         return future.result()
 

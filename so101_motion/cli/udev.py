@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from so101_motion.cli.shared import dry_run_option, reports_errors
+from so101_motion.cli.shared import dry_run_option
 from so101_motion.errors import PortUnavailable
 
 _EXPLANATION = """\
@@ -32,7 +32,6 @@ its version 6.5 they then have no port at all. Unless you use a Braille display:
 @click.option("--install", is_flag=True, help="Write the rule; needs root.")
 @click.option("--print", "printed", is_flag=True, help="Print the rule; so it is by default.")
 @dry_run_option
-@reports_errors
 def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     """Let users of this Linux computer at servo adapters, without root.
 

@@ -1,4 +1,4 @@
-"""``so101 viam …``: what a machine's configuration becomes with this module."""
+"""``so101 viam …``: a machine's configuration, new or taken over from the published module."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from so101_motion.cli.discover import discover
-from so101_motion.cli.shared import CHECK_FAILED, Verbs, json_option, print_json, reports_errors
+from so101_motion.cli.ports import facts, further_ports_option
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    NO_DEVICE,
+    Verbs,
+    json_option,
+    patience,
+    print_json,
+    quietly,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,14 +36,13 @@ _WIDTH = 120  # columns of a comparison that goes into a file; chosen
 
 @click.group(cls=Verbs)
 def viam() -> None:
-    """Take over a machine's configuration of the published module, or print a new one."""
+    """Print a configuration for a machine, or take one over from the published module."""
 
 
 @viam.command("import")
 @click.argument("file", type=click.File(encoding="utf-8"))
 @click.option("--new", "with_new", is_flag=True, help="Also list what only this module knows.")
 @json_option
-@reports_errors
 def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
     """Read a machine's configuration and print what it becomes with this module.
 
@@ -60,7 +67,39 @@ def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
         raise SystemExit(CHECK_FAILED)
 
 
-viam.add_command(discover, "config")
+@viam.command()
+@further_ports_option
+@json_option
+def config(extra: tuple[str, ...], as_json: bool) -> None:
+    """Print a complete Viam configuration for the arms that are plugged in.
+
+    Paste it into the machine's configuration (Configure, then JSON), beside what is there. What was
+    found, or not, is told on stderr, so the output can go into a file. Exit code 3 if there is
+    nothing to configure.
+
+    \b
+    so101 viam config > arm.json
+    """  # noqa: D301
+    from so101_motion.cli.terminal import echo
+    from so101_motion.configuration import configuration
+    from so101_motion.discovery import discover
+
+    with quietly(), patience("looking at the serial ports"):
+        found = discover(extra)
+    suggested = configuration(found.reports)
+    if as_json:
+        reports = [facts(report) for report in found.reports]
+        told = {"ports": reports, "notes": list(found.notes), "configuration": suggested}
+        print_json("viam-config", told)
+    else:
+        for report in found.reports:
+            echo(f"{report.port.name}: {report.sentence}", err=True)
+        for note in found.notes:
+            echo(f"note: {note}", err=True)
+        if suggested["components"]:
+            click.echo(json.dumps(suggested, indent=2))
+    if not suggested["components"]:
+        raise SystemExit(NO_DEVICE)
 
 
 def _content(file: TextIO) -> object:

@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import threading
-import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.shared import F, import_preview, reports_errors
+from so101_motion.cli.shared import F, import_preview, in_lines
 from so101_motion.cli.sources import AnySource, Source, any_source_options
+from so101_motion.cli.typed import IN_FILE
 
 if TYPE_CHECKING:
     from so101_motion.geometry import Array
@@ -67,11 +67,10 @@ def page_options(verb: F) -> F:
 @click.option(
     "--scene",
     "scene_file",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=IN_FILE,
     help="What stands around the arm: a scene file, as so101 plan takes it.",
 )
 @page_options
-@reports_errors
 def view(source: AnySource, scene_file: Path | None, page: Page) -> None:
     """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
 
@@ -102,10 +101,13 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
     scene = None if scene_file is None else read_scene(scene_file)
     if scene is not None and isinstance(source, Source) and source.port is None:
         source = replace(source, q_start=_free_pose(scene))
-    arm = viewer.Source(title=_title(source), open=_opener(source, scene), scene_file=scene_file)
-    with viewer.serve_source(
-        arm, host=page.host, port=page.port, allow_remote=page.allow_remote
-    ) as preview:
+    arm = viewer.Source(title=source.title, open=_opener(source, scene), scene_file=scene_file)
+    with (
+        in_lines(),
+        viewer.serve_source(
+            arm, host=page.host, port=page.port, allow_remote=page.allow_remote
+        ) as preview,
+    ):
         click.echo(f"so101: {source.what}", err=True)
         keep_open(preview, page)
 
@@ -118,13 +120,11 @@ def keep_open(served: Any, page: Page) -> None:
     click.echo(f"open   {served.url}")
     click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
     if page.browser and _has_screen():
+        import webbrowser
+
         webbrowser.open(served.url_for_once())
     done.wait()
     click.echo("\nso101: stopping", err=True)
-
-
-def _title(source: AnySource) -> str:
-    return f"{source.what[:1].upper()}{source.what[1:]}"
 
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:

@@ -97,6 +97,8 @@ def obstacle(name: str) -> str | None:
         return None  # ports are no files there; opening will tell
     if not os.path.exists(name):
         return why_not(name, FileNotFoundError(errno.ENOENT, "no such port"))
+    if os.path.isdir(name):
+        return "is no serial port; see which there are: so101 ports"
     if not os.access(name, os.R_OK | os.W_OK):
         return why_not(name, PermissionError(errno.EACCES, "permission denied"))
     # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.

@@ -293,6 +293,8 @@ def _why(error: BaseException) -> str:
         reason = "it does not answer in time"
     elif isinstance(error, ConnectionRefusedError):
         reason = "nobody listens at this address"
+    elif isinstance(error, GRPCError) and error.status is Status.UNIMPLEMENTED:
+        reason = "what answers there is no Viam machine"
     else:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__
     return f"{reason}; check that the machine runs and that this is its address"

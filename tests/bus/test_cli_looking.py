@@ -87,7 +87,7 @@ def test_a_port_that_is_in_use_or_not_there_says_why(arm):
 
 
 def test_a_configuration_is_printed_that_the_models_accept(arm, file):
-    result = run("discover", "--port", arm.port)
+    result = run("viam", "config", "--port", arm.port)
     assert result.exit_code == 0, result.output
     configuration = json.loads(result.stdout)
     arm_, gripper, calibration = configuration["components"]
@@ -101,7 +101,7 @@ def test_a_configuration_is_printed_that_the_models_accept(arm, file):
 
 
 def test_a_file_that_was_saved_anywhere_is_found_again_and_configured_by_its_path(arm, file):
-    told = json.loads(run("discover", "--port", arm.port, "--json").stdout)
+    told = json.loads(run("viam", "config", "--port", arm.port, "--json").stdout)
     assert on_port(told, arm)["calibration_file"] == str(file)
     for component in told["configuration"]["components"]:
         assert component["attributes"]["calibration_file"] == str(file)
@@ -110,7 +110,7 @@ def test_a_file_that_was_saved_anywhere_is_found_again_and_configured_by_its_pat
 def test_a_port_without_an_arm_is_configured_for_nobody(tmp_path):
     options = EmulatorOptions(link=tmp_path / "empty", ids={}, loose=True)
     with Emulator(options) as emulator:
-        result = run("discover", "--port", emulator.port)
+        result = run("viam", "config", "--port", emulator.port)
     assert result.exit_code == 3
     assert result.stdout == ""
     assert "power supply" in result.stderr

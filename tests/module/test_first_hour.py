@@ -144,7 +144,7 @@ async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     person.kit.end(parse_fault("pose"))
     file = told["file"]
 
-    told = await person.runs("discover", "--json")
+    told = await person.runs("viam", "config", "--json")
     configured = {one["api"]: one for one in told["configuration"]["components"]}
     assert configured[ARM]["attributes"] == {"port": person.kit.port, "calibration_file": file}
     async with running_module() as (module, _, _):

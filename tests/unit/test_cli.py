@@ -106,10 +106,10 @@ def test_a_move_that_is_not_confirmed_is_not_made(run):
     assert "arrived" not in result.output
 
 
-def test_a_move_that_nobody_can_agree_to_says_so_and_leaves_stdout_to_the_result():
+def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
     result = CliRunner().invoke(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--json"])
     assert result.exit_code == 2
-    assert result.stdout == ""
+    assert json.loads(result.stdout)["kind"] == "usage"
     assert "--yes" in result.stderr
 
 
@@ -131,6 +131,12 @@ def test_a_move_that_nobody_can_agree_to_says_so_and_leaves_stdout_to_the_result
         (["--port", "/dev/no-such-port", "--pose", "home"], 3, "/dev/no-such-port"),
         (["--sim", "--pose", "home", "--scene", "none.json"], 2, "none.json"),
         (["--sim", "--pose", "ready", "--out", "move.xlsx"], 2, ".mcap"),
+        (["--sim", "--xyz", "1e308,0,0"], 2, "from -1e+06 to 1e+06"),
+        (["--sim", "--pose", "home", "--from", "1e9,0,0,0,0"], 2, "from -360 to 360"),
+        (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
+        (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "belongs to --port"),
+        (["--port", "", "--pose", "home"], 2, "a port has a name"),
+        (["--port", "/tmp", "--pose", "home"], 3, "no serial port"),
     ],
 )
 def test_a_mistake_is_a_sentence_and_an_exit_code(run, arguments, code, says):

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion import errors
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli.ending import reports_errors
 from so101_motion.errors import So101Error
 
 ONE_OF_EACH = [
@@ -64,7 +64,7 @@ def test_errors_cross_a_process_boundary_with_all_their_fields(error):
 @pytest.mark.parametrize("error", ONE_OF_EACH, ids=lambda error: type(error).__name__)
 def test_every_error_is_told_in_lines_and_with_an_exit_code_of_its_own(error):
     @click.command()
-    @reports_errors
+    @reports_errors()
     def fails():
         raise error
 

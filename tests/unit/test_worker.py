@@ -3,6 +3,7 @@ import io
 import math
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -35,6 +36,17 @@ def test_a_plan_comes_back_as_it_was_made(worker):
     plan = worker.plan(request_to([20.0, 0.0, 0.0, 0.0, 0.0])).result()
     np.testing.assert_allclose(plan.trajectory.q[-1], np.radians([20.0, 0.0, 0.0, 0.0, 0.0]))
     assert not plan.trajectory.q.flags.writeable
+
+
+def test_a_child_is_deaf_to_ctrl_c_from_its_first_moment():
+    worker = PlanningWorker()
+    ready = worker.start()
+    pause = threading.Event()
+    while worker.pid is None:
+        pause.wait(0.001)
+    os.kill(worker.pid, signal.SIGINT)  # as a terminal does to all that run in it
+    ready.result()
+    worker.close()
 
 
 def test_an_error_comes_back_with_its_fields(worker):

@@ -1,5 +1,9 @@
 """``so101 move-test`` up to the moment at which somebody has to agree."""
 
+import signal
+import subprocess
+import sys
+
 import pytest
 from click.testing import CliRunner
 
@@ -22,6 +26,21 @@ def test_nothing_moves_before_somebody_agrees(run):
     assert "Is everything out of the way?" in result.output
     assert "nothing moved" in result.output
     assert "0 %  shoulder_pan" not in result.output
+
+
+def test_ctrl_c_stops_the_arm_and_what_was_measured_is_told(tmp_path):
+    program = "from so101_motion.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "move-test", "--sim", "--yes"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    while "0 %" not in process.stderr.readline():
+        pass
+    process.send_signal(signal.SIGINT)
+    told, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "not tested" in told
+    assert said == ""
 
 
 def test_its_help_says_that_the_arm_moves(run):

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from so101_motion.cli import main
+from so101_motion.cli.program import _wait
+from so101_motion.errors import NoReply
 from so101_motion.pose_book import PoseBook
 from so101_motion.program import Program, Waypoint, files
 
@@ -37,6 +41,15 @@ def test_a_saved_program_is_run_by_its_name() -> None:
     np.testing.assert_allclose(told["arrived"]["q_deg"], np.zeros(5), atol=0.1)
 
 
+def test_what_is_passed_is_told_before_anything_moves() -> None:
+    save(Waypoint(name="aside", q=A, passes=True), Waypoint(name="back", q=-A))
+    result = CliRunner().invoke(main, ["run", "nod", "--sim"], input="n\n")
+    passed, stopped = result.stderr.splitlines()[:2]
+    assert passed.split()[1] == "aside"
+    assert passed.endswith(" s  passed")
+    assert stopped.endswith(" s")
+
+
 def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> None:
     save(Waypoint(name="aside", q=A), Waypoint(name="low", q=np.radians([0, 80, 20, 0, 0])))
     result = so101("run", "nod", "--sim", "--yes")
@@ -59,3 +72,10 @@ def test_a_pose_of_ones_own_can_be_gone_to() -> None:
     result = so101("plan", "--sim", "--pose", "over a mug")
     assert result.exit_code == 2
     assert '"over the mug"' in result.stderr
+
+
+def test_a_servo_that_falls_silent_ends_the_run_though_its_error_is_a_timeout_too() -> None:
+    run = SimpleNamespace(future=Future[None]())
+    run.future.set_exception(NoReply("no reply from servo 3", servo_id=3, register="goal"))
+    with pytest.raises(NoReply):
+        _wait(None, run)

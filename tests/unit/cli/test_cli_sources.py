@@ -7,8 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from so101_motion import errors
-from so101_motion.cli import main, shared
-from so101_motion.cli.shared import reports_errors
+from so101_motion.cli import main
+from so101_motion.cli.ending import reports_errors
+from so101_motion.cli.shared import DEBUG
 from so101_motion.cli.sources import MachineSource, Source, any_source_options, paced
 from so101_motion.cli.telling import parted
 
@@ -79,7 +80,7 @@ def test_what_why_and_what_to_try_are_parted():
 
 def test_a_reader_who_closes_the_pipe_is_no_defect():
     @click.command()
-    @reports_errors
+    @reports_errors()
     def tells():
         raise BrokenPipeError(errno.EPIPE, "Broken pipe")
 
@@ -90,7 +91,7 @@ def test_a_reader_who_closes_the_pipe_is_no_defect():
 
 def test_a_defect_is_told_without_a_traceback_unless_asked_for(monkeypatch):
     @click.command()
-    @reports_errors
+    @reports_errors()
     def fails():
         raise RuntimeError("oh")
 
@@ -98,7 +99,7 @@ def test_a_defect_is_told_without_a_traceback_unless_asked_for(monkeypatch):
     assert result.exit_code == 1
     assert "unexpected: RuntimeError: oh" in result.stderr
     assert "Traceback" not in result.output
-    monkeypatch.setenv(shared.DEBUG, "1")
+    monkeypatch.setenv(DEBUG, "1")
     assert isinstance(CliRunner().invoke(fails).exception, RuntimeError)
 
 

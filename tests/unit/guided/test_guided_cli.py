@@ -79,7 +79,7 @@ def test_ctrl_c_loses_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (("replay", "--sim", "nowhere.json"), 2, "no such path"),
+        (("replay", "--sim", "nowhere.json"), 2, "does not exist"),
         (("record", "--sim", "x.csv", "--yes"), 2, "must end with .json"),
         (("record", "x.json"), 2, "which arm?"),
         (("replay", "--sim", "FILE", "--tolerance", "90", "--yes"), 2, "tolerance_deg"),

@@ -1,10 +1,12 @@
 import csv
 import json
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 
 from so101_motion.cli import main
+from so101_motion.cli.teleop import _tell_end
 
 
 def run(*arguments, **options):
@@ -33,6 +35,14 @@ def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
     assert "limp" in result.output
 
 
+def test_an_end_that_nobody_asked_for_is_said_and_no_success(capsys):
+    _tell_end(SimpleNamespace(is_running=True, reason=""))
+    with pytest.raises(SystemExit) as ended:
+        _tell_end(SimpleNamespace(is_running=False, reason="the follower was stopped"))
+    assert ended.value.code == 7
+    assert capsys.readouterr().err == "ended: the follower was stopped\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -41,7 +51,7 @@ def test_who_has_no_hand_on_the_leader_does_not_let_go_of_it():
         (("--leader", "sim", "--follower", "sim", "--scale", "1,2"), "5 of them"),
         (("--leader", "sim", "--follower", "sim", "--scale", "big"), "no number"),
         (("--leader", "sim", "--follower", "sim", "--speed", "999"), "180"),
-        (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv, .mcap"),
+        (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv or .mcap"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_a_sentence(arguments, says):
