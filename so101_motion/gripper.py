@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -47,6 +48,51 @@ servo's dead band and friction leave."""
 THINNEST = to_rad(1.5)
 """How far from closed the jaw must have been stopped [rad]: 2 mm between the tips. A jaw that
 stands nearer is taken for closed, for calibrations end about there."""
+
+SAME_APERTURE = 0.02
+"""An aperture nearer than this to what is wanted needs no motion; chosen."""
+
+
+class Jaw(Protocol):
+    """What ``set_jaw`` needs of a jaw; ``Gripper`` says what each promises."""
+
+    @property
+    def aperture(self) -> float:
+        """How far it is open: 0 closed, 1 open."""
+
+    @property
+    def is_holding(self) -> bool:
+        """Whether the last grab got hold of something that is still there."""
+
+    def start_move(self, aperture: float) -> Motion:
+        """Open or close to ``aperture``."""
+
+    def start_grab(self, aperture: float = ...) -> Motion:
+        """Close until something is gripped or the jaw is closed."""
+
+
+def set_jaw(jaw: Jaw, aperture: float, motion: Motion) -> None:
+    """Open or close a jaw while the arm stands; what it closes on is gripped.
+
+    A jaw that holds something and shall close further goes on holding it.
+
+    Args:
+        jaw: The jaw.
+        aperture: How far, 0 closed to 1 open.
+        motion: The motion of the arm that this is part of; whoever ends it stops the jaw.
+
+    Raises:
+        Interrupted: The motion of the arm was ended; the jaw has been told to stop.
+    """
+    here = jaw.aperture
+    if abs(aperture - here) <= SAME_APERTURE or (jaw.is_holding and aperture < here):
+        return
+    moving = jaw.start_grab(aperture) if aperture < here else jaw.start_move(aperture)
+    try:
+        motion.wait_for(moving.future)
+    except BaseException:
+        moving.interrupt("stop")
+        raise
 
 
 class Gripper:

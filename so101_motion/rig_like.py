@@ -12,7 +12,7 @@ from typing import Protocol
 
 from so101_motion.arm import Arm
 from so101_motion.clock import Clock
-from so101_motion.motion import Motion
+from so101_motion.gripper import Jaw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +47,7 @@ class Connection:
         return f"lost {now - self.lost_at:.0f} s ago: {self.problem}"
 
 
-class GripperLike(Protocol):
+class GripperLike(Jaw, Protocol):
     """A jaw that opens and closes. See ``Gripper`` for what each method promises."""
 
     @property
@@ -55,25 +55,11 @@ class GripperLike(Protocol):
         """Measured jaw angle [rad]."""
 
     @property
-    def aperture(self) -> float:
-        """How far it is open: 0 closed, 1 open."""
-
-    @property
     def is_moving(self) -> bool:
         """Whether a motion of the jaw is under way."""
 
-    @property
-    def is_holding(self) -> bool:
-        """Whether the last grab got hold of something that is still there."""
-
     def angle_of(self, aperture: float) -> float:
         """The jaw angle [rad] that an aperture stands for."""
-
-    def start_move(self, aperture: float) -> Motion:
-        """Open or close to ``aperture``."""
-
-    def start_grab(self, aperture: float = ...) -> Motion:
-        """Close until something is gripped or the jaw is closed."""
 
     def stop(self) -> None:
         """Slow to rest; returns when the jaw is at rest."""

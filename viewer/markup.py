@@ -98,6 +98,24 @@ def small(text: str) -> str:
     return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
 
 
+def to_copy(about: str, text: str) -> str:
+    """A text to be taken elsewhere, with a button that copies it; works without https as well."""
+    copy = (
+        "const t=this.previousElementSibling;t.select();"
+        "if(document.execCommand('copy'))this.textContent='Copied';t.blur()"  # Space stops again
+    )
+    return (
+        '<div style="padding:.3em .7em .5em;font-size:.82em;line-height:1.35">'
+        f'<div style="opacity:.7">{escape(about)}</div>'
+        '<textarea readonly spellcheck="false" style="display:block;width:100%;height:14em;'
+        "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
+        f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
+        f'<button type="button" onclick="{escape(copy)}" style="width:100%;padding:.4em;border:0;'
+        'border-radius:.2em;background:#ffb70f;color:#000;font:inherit;cursor:pointer">Copy</button>'
+        "</div>"
+    )
+
+
 def on_phones(title: str, subtitle: str) -> str:
     """The headline beside a phone's Stop, in the corner that panels leave free; see ``head.py``."""
     return f'<div class="so101-narrow">{headline(title, subtitle)}</div>'

@@ -135,12 +135,31 @@ class ProgramModel:
         self._change(name=name)
 
     def set_pause(self, seconds: float) -> None:
-        """Stay so long at the chosen waypoint [s]."""
-        self._change(pause=seconds)
+        """Stay so long at the chosen waypoint [s]; it is then stopped at."""
+        passed = self._program.waypoints[self._chosen_index()].passes
+        self._change(pause=seconds, passes=passed and seconds == 0.0)
+        if passed and seconds > 0.0:
+            self._sentence = words.PAUSE_STOPS
 
     def set_aperture(self, aperture: float | None) -> None:
-        """Open or close the jaw so far at the chosen waypoint, 0 to 1; None to leave it."""
-        self._change(aperture=aperture)
+        """Open or close the jaw so far at the chosen waypoint, 0 to 1; None to leave it.
+
+        A waypoint with something to do for the jaw is stopped at.
+        """
+        passed = self._program.waypoints[self._chosen_index()].passes
+        self._change(aperture=aperture, passes=passed and aperture is None)
+        if passed and aperture is not None:
+            self._sentence = words.JAW_STOPS
+
+    def set_passes(self, passes: bool) -> None:
+        """Pass the chosen waypoint without stopping, so without pause and jaw; or stop there."""
+        index = self._chosen_index()
+        if not passes:
+            self._change(passes=False)
+            return
+        before = self._program.waypoints[index]
+        self._change(passes=True, pause=0.0, aperture=None)
+        self._sentence = words.passing(before, is_last=self._program.stops_at(index))
 
     def move(self, by: int) -> None:
         """Have the chosen waypoint earlier (-1) or later (1)."""

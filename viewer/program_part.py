@@ -11,7 +11,9 @@ import viser
 from so101_motion.errors import So101Error
 from so101_motion.planning.model import RobotModel
 from so101_motion.program import Waypoint
+from so101_motion.program.rehearsal import PASSING
 from so101_motion.program.waypoints import LONGEST_PAUSE, MOST_ROUNDS
+from so101_motion.units import to_deg
 
 from . import markup
 from . import program_words as words
@@ -71,6 +73,13 @@ class ProgramPart:
         self._chosen = self._field(self._list, lambda name: model.choose(_index(name)), str)
         self._name_text = gui.add_text("Name", "", visible=False)
         self._name = self._field(self._name_text, model.rename, str)
+        self._pass_box = gui.add_checkbox(
+            "Pass through",
+            False,
+            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
+            visible=False,
+        )
+        self._pass = self._field(self._pass_box, model.set_passes, bool)
         self._pause_box = gui.add_number(
             "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
         )
@@ -183,8 +192,10 @@ class ProgramPart:
         waypoints = screen.program.waypoints
         chosen = None if screen.chosen is None else waypoints[screen.chosen]
         edits = chosen is not None and screen.can_edit
-        for widget in (self._list, self._name_text, self._pause_box, self._jaw_box, self._order):
+        for widget in (self._list, self._name_text, self._pass_box, self._order):
             widget.visible = edits
+        stops = edits and chosen is not None and not chosen.passes
+        self._pause_box.visible = self._jaw_box.visible = stops
         self._opening_slider.visible = edits and _moves_jaw(chosen)
         if chosen is None or screen.chosen is None:
             return
@@ -193,6 +204,7 @@ class ProgramPart:
             self._list.options = labels
         self._chosen.show(labels[screen.chosen])
         self._name.show(chosen.name)
+        self._pass.show(chosen.passes)
         self._pause.show(chosen.pause)
         self._jaw.show(chosen.aperture is not None)
         if chosen.aperture is not None:

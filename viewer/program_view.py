@@ -10,11 +10,15 @@ import viser
 
 from so101_motion.geometry import Array
 from so101_motion.planning.model import RobotModel
+from so101_motion.planning.plan import Plan
 from so101_motion.program import Program, Rehearsal
 
 _COLOR = (147, 51, 234)
 _ROOT = "/program"
 _ABOVE = np.array([0.0, 0.0, 0.015])
+
+_POINTS = 32
+"""How many points of the tool's way are drawn for each waypoint; chosen."""
 
 
 class ProgramView:
@@ -67,8 +71,9 @@ class ProgramView:
             self._way = None
         if rehearsal is None:
             return
-        plans = (*rehearsal.plans, *(() if rehearsal.back is None else (rehearsal.back,)))
-        pieces = [np.stack([p.tool_path[:-1], p.tool_path[1:]], axis=1) for p in plans]
+        legs = (*rehearsal.legs, *(() if rehearsal.back is None else (rehearsal.back,)))
+        lines = [self._line(leg.plan, len(leg.indices)) for leg in legs if leg.plan is not None]
+        pieces = [np.stack([line[:-1], line[1:]], axis=1) for line in lines]
         if pieces:
             self._way = self._scene.add_line_segments(
                 f"{_ROOT}/way",
@@ -77,3 +82,9 @@ class ProgramView:
                 thickness=3.0,
                 thickness_units="screen",
             )
+
+    def _line(self, plan: Plan, waypoints: int) -> Array:
+        """Points of the tool's way, as many as it takes to see ``waypoints`` of them, (n, 3)."""
+        q = plan.trajectory.q
+        chosen = np.unique(np.linspace(0, len(q) - 1, _POINTS * waypoints).astype(int))
+        return np.array([self._model.frame(q[k]).p for k in chosen])

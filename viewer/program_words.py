@@ -20,6 +20,8 @@ PLANNED = Sentence(
 ARM_MOVED = Sentence(text="The arm has moved since. Press Plan program again.")
 JAW_MOVED = Sentence(text="The gripper has moved since. Press Plan program again.")
 THINGS_CHANGED = Sentence(text="Caps or surroundings have changed. Press Plan program again.")
+PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer passed.")
+JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
 HELD_AGAIN = Sentence(text="The time for guiding is up. The arm holds where it is.")
 
 deleted = words.deleted
@@ -28,6 +30,21 @@ deleted = words.deleted
 def recorded(number: int) -> Sentence:
     """A waypoint was added."""
     return Sentence(text=f"Recorded waypoint {number}. Record more, or press Plan program.")
+
+
+def passing(before: Waypoint, *, is_last: bool) -> Sentence:
+    """A waypoint is passed from now on.
+
+    Args:
+        before: As it was.
+        is_last: Whether no other follows.
+    """
+    if is_last:
+        return Sentence(text="The arm stops at the last waypoint; this is passed when one follows.")
+    if before.pause > 0.0 or before.aperture is not None:
+        text = "Passed without stopping, so without a pause, and the gripper stays as it is."
+        return Sentence(text=text)
+    return Sentence(text="Passed without stopping.")
 
 
 def saved(file: Path) -> Sentence:
@@ -72,7 +89,10 @@ def ended(error: BaseException) -> Sentence:
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
     """The figures of a planned program as pairs of name and value."""
     round_ = f"{rehearsal.duration:.1f} s and the gripper's time"
-    pairs = [("One round", round_), ("Waypoints", f"{len(rehearsal.program)}")]
+    count = len(rehearsal.program)
+    passed = count - len(rehearsal.legs)
+    waypoints = f"{count}, {passed} of them passed" if passed else f"{count}"
+    pairs = [("One round", round_), ("Waypoints", waypoints)]
     if rehearsal.program.rounds != 1:
         rounds = rehearsal.program.rounds
         pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
@@ -81,7 +101,7 @@ def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
 
 def line(waypoint: Waypoint) -> str:
     """What happens at a waypoint beside going there."""
-    told = []
+    told = ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
         told.append(f"gripper {100.0 * waypoint.aperture:.0f} %")
     if waypoint.pause > 0.0:

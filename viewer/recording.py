@@ -189,6 +189,7 @@ def _dressed(player: str, film: Film) -> str:
     title = escape(film.title)
     policy = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
     player = re.sub(r"<title>.*?</title>", "", player, count=1, flags=re.DOTALL)
+    player = player.replace(_LIGHT, _AS_WISHED, 1)
     head = player.index("<head>") + len("<head>")
     body = player.rindex("</body>")
     return (
@@ -196,6 +197,10 @@ def _dressed(player: str, film: Film) -> str:
         f"{_card(title, film.facts)}{player[body:]}"
     )
 
+
+_LIGHT = "__VISER_EMBED_CONFIG__={darkMode:false}"
+_AS_WISHED = "__VISER_EMBED_CONFIG__={darkMode:matchMedia('(prefers-color-scheme: dark)').matches}"
+"""viser fixes the scheme when a film is made; ours is dark where the one who looks has it dark."""
 
 _CARD_STYLE = """<style>
 #so101-card { position: fixed; left: 14px; top: 14px; z-index: 1; pointer-events: none;
@@ -206,6 +211,9 @@ _CARD_STYLE = """<style>
 #so101-card b { display: block; font-size: 1.15em; margin-bottom: .3em }
 #so101-card div { display: grid; grid-template-columns: max-content 1fr; gap: .1em 1em }
 #so101-card i { font-style: normal; opacity: .65 }
+@media (prefers-color-scheme: dark) {
+  #so101-card { background: rgba(36, 36, 36, .88); color: #dee2e6 }
+}
 @media (max-width: 600px) { #so101-card { font-size: 12px } }
 </style>"""
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import SE3, Array
+from so101_motion.models.world_state_json import world_state_json
 from so101_motion.planning.collision import CollisionModel
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import FLOOR, LINKS, Attached, Mesh, Obstacle, Scene, Shape
@@ -216,6 +217,10 @@ class World:
     def as_file(self) -> bytes:
         """The scene as ``so101 plan --scene`` reads it."""
         return json.dumps(scene_to(self.scene), indent=2).encode() + b"\n"
+
+    def for_viam(self, *, arm: str) -> str:
+        """The scene as the JSON of a Viam WorldState, for a machine that calls its arm ``arm``."""
+        return json.dumps(world_state_json(self.scene, arm=arm), indent=1, ensure_ascii=False)
 
     def load(self, name: str, content: bytes) -> None:
         """Take over a scene file, or add the body in a mesh file (millimetres).

@@ -17,6 +17,7 @@ import viser
 from so101_motion import user_files
 from so101_motion.errors import So101Error
 from so101_motion.geometry import SE3, Array
+from so101_motion.machine import MachineRig
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import FLOOR_Z, Attached, Box, Capsule, Obstacle, Scene, Sphere
 from so101_motion.state import JointState
@@ -40,6 +41,11 @@ _TURNED = 0.01
 rest flickers by a tick or two."""
 
 _SAME = 1e-5
+
+_FOR_VIAM = (
+    "world_state of a Move request, seen from an arm of the name “{arm}”; if yours has another, put"
+    " that there. The floor is no part of it."
+)
 
 
 class WorldPart:
@@ -141,11 +147,14 @@ class WorldPart:
     def _add_files(self, gui: viser.GuiApi) -> None:
         self._files = gui.add_button_group(
             "Scene file",
-            ("save", "download"),
-            hint=f"save writes {self.world.file}; so101 plan --scene reads it",
+            ("save", "download", "for Viam"),
+            hint=f"save writes {self.world.file}; so101 plan --scene reads it."
+            " for Viam shows it as a WorldState, to copy",
         )
-        self._desk.on_choice(self._files, self._does_value(self._save))
+        self._desk.on_choice(self._files, self._does_value(self._keep))
         self._desk.on_asked(self._files, self._download)
+        self._for_viam = gui.add_html("", visible=False)
+        self._told_viam: Scene | None = None
         bring = gui.add_upload_button(
             "Load",
             icon=viser.Icon.UPLOAD,
@@ -186,9 +195,21 @@ class WorldPart:
         else:
             world.undo()
 
-    def _save(self, name: str) -> None:
+    def _keep(self, name: str) -> None:
         if name == "save":
             self.world.save()
+        elif name == "for Viam":
+            self._show_for_viam()
+
+    def _show_for_viam(self) -> None:
+        """Show the scene as Viam says it, until it changes or the button is pressed again."""
+        world, rig = self.world, self._desk.rig
+        if self._told_viam is world.scene:
+            self._told_viam = None
+            return
+        self._told_viam = world.scene
+        arm = rig.arm_name if isinstance(rig, MachineRig) else "arm"
+        self._for_viam.content = markup.to_copy(_FOR_VIAM.format(arm=arm), world.for_viam(arm=arm))
 
     def _download(self, client: viser.ClientHandle) -> None:
         if self._files.value == "download":
@@ -252,6 +273,7 @@ class WorldPart:
         if floor_z is not None:
             self._floor_z = floor_z
             self._floor_z_mm.show(to_mm(floor_z))
+        self._for_viam.visible = self._told_viam is world.scene
         thing = world.thing
         self._show_widgets(thing)
         self._tell_of_handles()

@@ -1,8 +1,8 @@
 """A guided path planned anew, whole, before anything moves.
 
 The hand's own timing does not count. The path is thinned (``path.py``) and cut where the arm stood
-and only the jaw moved, and where a jaw that had closed begins to open. What lies between two cuts
-is a *leg*: the planner gives it time, as fast as the caps allow and without stopping at its points,
+and only the jaw moved, where a jaw that had closed begins to open, and at either end of a stretch
+on which the jaw leads: it needs much longer than the arm. What lies between two cuts is a *leg*: the planner gives it time, as fast as the caps allow and without stopping at its points,
 and looks at it for contact like at any plan. Two fifths of the tolerance go to the thinning, two
 fifths to the rounding of what is left, and an arm that stays within the last fifth stands.
 
@@ -47,6 +47,11 @@ another path."""
 _SHARE = 0.4  # of the tolerance, for the thinning, and for the rounding
 _STANDS = 0.2  # likewise, within which an arm is said to stand
 _RESERVE = 0.8  # share of the jaw's speed that a leg may ask for; the rest lets it catch up
+_LEADS = 2.0
+"""How many times as long as the arm the jaw must need from one corner to the next to be said to
+lead there. Chosen: a whole leg is run slower for its jaw, and a hand that gives the arm a nudge of
+half a degree while the jaw closes made a path of four seconds one of four minutes."""
+
 _JAW_LOOK = to_rad(5.0)  # between two jaw angles at which a leg is looked at for contact; chosen
 _LOOKS = 25  # at a jaw that moves while the arm stands
 _STILL = 1e-3  # changes of the aperture below this are none
@@ -127,7 +132,8 @@ def plan_replay(
     approach = arm.plan(JointGoal(q=corners.q[0]), limits=limits)
     legs, q_from = [], approach.q_goal
     maker = _LegMaker(arm, gripper, _SHARE * tolerance, limits)
-    for cut in _cut(corners, _STANDS * tolerance):
+    pace = None if gripper is None else _Pace.of(gripper, limits or arm.limits)
+    for cut in _cut(corners, tolerance, pace):
         leg = maker.leg(cut, q_from)
         legs.append(leg)
         q_from = q_from if leg.plan is None else leg.plan.q_goal
@@ -170,30 +176,59 @@ class _Cut:
     t: tuple[float, float]
 
 
-def _cut(corners: GuidedPath, stands: float) -> Iterator[_Cut]:
-    """A path cut where the arm stood while the jaw moved, and where the jaw turned to opening.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pace:
+    """How fast arm and jaw may go.
+
+    Attributes:
+        joints: Shape (5,), [rad/s].
+        jaw: Shares of its travel [1/s].
+    """
+
+    joints: Array
+    jaw: float
+
+    @classmethod
+    def of(cls, gripper: Gripper, limits: MotionLimits) -> _Pace:
+        span = abs(gripper.opened - gripper.closed)
+        return cls(joints=limits.velocity, jaw=_RESERVE * float(gripper.limits.velocity[0]) / span)
+
+    def jaw_leads(self, corners: GuidedPath, k: int) -> bool:
+        """Whether the jaw needs much longer than the arm from corner ``k - 1`` to ``k``."""
+        assert corners.aperture is not None
+        jaw = abs(float(corners.aperture[k] - corners.aperture[k - 1])) / self.jaw
+        arm = float((np.abs(corners.q[k] - corners.q[k - 1]) / self.joints).max())
+        return jaw > _LEADS * arm
+
+
+def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[_Cut]:
+    """A path cut where the jaw needs the arm to stand, or to wait for it; see above.
 
     Args:
         corners: The path.
-        stands: An arm that no joint of which moves further stands [rad].
+        tolerance: An arm that no joint of which moves further than a fifth of it stands [rad], and
+            where the jaw leads, than all of it.
+        pace: How fast arm and jaw may go; None without a jaw.
     """
-    if corners.aperture is None:
+    if corners.aperture is None or pace is None:
         yield _Cut(corners=corners, begin=None, t=(0.0, corners.duration))
         return
-    corners = corners.taken(_without_halves(corners, stands))
+    corners = corners.taken(_without_halves(corners, _STANDS * tolerance))
     jaw = corners.aperture
     assert jaw is not None
-    start, begin, closes = 0, float(jaw[0]), False
+    start, begin, closes, led = 0, float(jaw[0]), False, False
     for k in range(1, len(corners)):
         change = float(jaw[k] - jaw[k - 1])
-        if abs(change) <= _STILL:
-            continue
-        standing = _is_near(corners, k - 1, k, stands)
-        if standing or (closes and change > 0.0):
+        moves = abs(change) > _STILL
+        leads = moves and pace.jaw_leads(corners, k)
+        standing = moves and _is_near(corners, k - 1, k, (1.0 if leads else _STANDS) * tolerance)
+        opens = moves and closes and change > 0.0
+        if standing or opens or ((leads or led) and k > 1):
             yield _part(corners, start, k - 1, begin)
             # The jaw has arrived before the arm goes on, wherever it was while the arm stood.
             start, begin = k - 1, float(jaw[k] if standing else jaw[k - 1])
-        closes = change < 0.0
+        led = leads and not standing
+        closes = change < 0.0 if moves else closes
     yield _part(corners, start, len(corners) - 1, begin)
 
 

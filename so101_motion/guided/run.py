@@ -16,8 +16,7 @@ import numpy as np
 from so101_motion.arm import Arm
 from so101_motion.errors import FollowingError
 from so101_motion.geometry import Array
-from so101_motion.gripper import Gripper
-from so101_motion.guided.path import JAW_TOLERANCE
+from so101_motion.gripper import Gripper, set_jaw
 from so101_motion.guided.replay import Replay, angles
 from so101_motion.motion import Motion
 from so101_motion.planning.plan import Plan
@@ -43,7 +42,7 @@ def start_replay(arm: Arm, gripper: Gripper | None, replay: Replay) -> Motion:
     runs: list[_JawRun] = []
     for leg in replay.legs:
         if gripper is not None and leg.begin is not None:
-            steps.append(partial(_set_jaw, gripper, leg.begin))
+            steps.append(partial(set_jaw, gripper, leg.begin))
         if leg.plan is None:
             continue
         if gripper is None or leg.aperture is None:
@@ -55,19 +54,6 @@ def start_replay(arm: Arm, gripper: Gripper | None, replay: Replay) -> Motion:
     motion = arm.start_series(steps)
     motion.future.add_done_callback(lambda _: _close(runs))
     return motion
-
-
-def _set_jaw(gripper: Gripper, aperture: float, motion: Motion) -> None:
-    """Open or close the jaw while the arm stands; what it closes on is gripped."""
-    here = gripper.aperture
-    if abs(aperture - here) <= JAW_TOLERANCE or (gripper.is_holding and aperture < here):
-        return
-    moving = gripper.start_grab(aperture) if aperture < here else gripper.start_move(aperture)
-    try:
-        motion.wait_for(moving.future)
-    except BaseException:
-        moving.interrupt("stop")
-        raise
 
 
 def _close(runs: list[_JawRun]) -> None:
@@ -84,6 +70,7 @@ class _JawRun:
         self._rate = np.gradient(aperture, self._dt)
         self._at = 0
         self._pursuit: Pursuit | None = None
+        self._gripped: Future[None] = Future()  # what the jaw met, if it met something
 
     def begin(self, motion: Motion) -> None:
         """Let it run; a jaw that grips and shall not open goes on gripping."""
@@ -102,6 +89,7 @@ class _JawRun:
         except FollowingError:
             if not self._closes:
                 raise
+            motion.wait_for(self._gripped)
 
     def close(self) -> None:
         """Let the jaw come to rest; has no effect when it has."""
@@ -131,4 +119,5 @@ class _JawRun:
     def _met(self, done: Future[None]) -> None:
         """What stops a jaw that closes is gripped."""
         if isinstance(done.exception(), FollowingError) and self._closes:
-            self._gripper.start_grab(float(self._aperture.min()))
+            grab = self._gripper.start_grab(float(self._aperture.min()))
+            grab.future.add_done_callback(lambda _: self._gripped.set_result(None))

@@ -14,6 +14,7 @@ from viam.proto.common import Sphere as ViamSphere
 
 from so101_motion.errors import ConfigError
 from so101_motion.geometry import Array
+from so101_motion.models.world_state_json import pcd, ply
 from so101_motion.planning.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
 from so101_motion.units import to_m, to_mm
 
@@ -46,19 +47,8 @@ def to_geometry(shape: Shape, label: str) -> Geometry:
         capsule = ViamCapsule(radius_mm=radius_mm, length_mm=length_mm)
         return Geometry(label=label, capsule=capsule)
     if isinstance(shape, PointCloud):
-        points = shape.points.astype("<f4")
-        head = (
-            "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
-            f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
-            f"POINTS {len(points)}\nDATA binary\n"
-        )
-        cloud = ViamCloud(point_cloud=head.encode() + points.tobytes())
-        return Geometry(label=label, pointcloud=cloud)
-    import trimesh
-
-    mesh = trimesh.Trimesh(shape.vertices, shape.triangles, process=False)
-    data = bytes(mesh.export(file_type="ply"))  # type: ignore[arg-type]  # a ply is bytes
-    return Geometry(label=label, mesh=ViamMesh(content_type="ply", mesh=data))
+        return Geometry(label=label, pointcloud=ViamCloud(point_cloud=pcd(shape)))
+    return Geometry(label=label, mesh=ViamMesh(content_type="ply", mesh=ply(shape)))
 
 
 def _shape(geometry: Geometry) -> Shape:

@@ -6,12 +6,14 @@ A file looks like this::
      "schema": "so101/program/1",
      "rounds": 3,
      "waypoints": [
+      {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true},
       {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80},
       {"name": "at the mug", "q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5}
      ]
     }
 
-``"rounds": "endless"`` runs it until it is stopped; a jaw that is not named stays as it is.
+``"rounds": "endless"`` runs it until it is stopped; a jaw that is not named stays as it is. The arm
+stops at each waypoint, but for those with ``"pass": true``.
 """
 
 from __future__ import annotations
@@ -133,6 +135,8 @@ def _written(waypoint: Waypoint) -> dict[str, object]:
         said["aperture_percent"] = round(100.0 * waypoint.aperture, 2)
     if waypoint.pause > 0.0:
         said["pause_s"] = waypoint.pause
+    if waypoint.passes:
+        said["pass"] = True
     return said
 
 
@@ -140,7 +144,7 @@ def _waypoint(number: int, given: object) -> Waypoint:
     key = f"waypoint {number}"
     if not isinstance(given, Mapping):
         raise ConfigError(key, given, 'must be {"name": ..., "q_deg": [...]}')
-    _refuse_unknown(given, ("name", "q_deg", "aperture_percent", "pause_s"), key)
+    _refuse_unknown(given, ("name", "q_deg", "aperture_percent", "pause_s", "pass"), key)
     aperture_percent = _number(given, "aperture_percent", key)
     try:
         return Waypoint(
@@ -148,6 +152,7 @@ def _waypoint(number: int, given: object) -> Waypoint:
             q=user_files.joints_from_deg(given.get("q_deg"), key="q_deg"),
             aperture=None if aperture_percent is None else aperture_percent / 100.0,
             pause=_number(given, "pause_s", key) or 0.0,
+            passes=_flag(given, "pass"),
         )
     except ConfigError as error:
         raise ConfigError(f"{key}: {error.key}", error.value, error.reason) from None
@@ -160,6 +165,13 @@ def _number(given: Mapping[str, object], name: str, key: str) -> float | None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ConfigError(f"{key}: {name}", value, "must be a number")
     return float(value)
+
+
+def _flag(given: Mapping[str, object], name: str) -> bool:
+    value = given.get(name, False)
+    if not isinstance(value, bool):
+        raise ConfigError(name, value, "must be true or false")
+    return value
 
 
 def _refuse_unknown(given: Mapping[str, object], known: tuple[str, ...], what: str) -> None:

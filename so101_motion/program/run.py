@@ -7,9 +7,10 @@ else moves the arm meanwhile, the run ends; it does not fight.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 
@@ -17,12 +18,19 @@ import numpy as np
 
 from so101_motion.arm import Arm
 from so101_motion.clock import Clock
-from so101_motion.errors import Interrupted, MotionError, So101Error
+from so101_motion.errors import Interrupted, MotionError, PlanningError, So101Error
 from so101_motion.geometry import Array
+from so101_motion.gripper import set_jaw
 from so101_motion.motion import Motion
-from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.plan import Plan
-from so101_motion.program.rehearsal import Rehearsal, stands_at, told
+from so101_motion.program.rehearsal import (
+    Leg,
+    Rehearsal,
+    jaw_after,
+    plan_leg,
+    stands_at,
+    told,
+)
 from so101_motion.program.waypoints import Program
 from so101_motion.rig_like import GripperLike
 from so101_motion.units import to_rad
@@ -34,9 +42,6 @@ _SAME_JAW = to_rad(5.0)
 _ARRIVED = to_rad(2.0)
 """An arm that stands nearer than this to its waypoint has arrived [rad], for not every arm keeps to
 the last digit where it was sent; beyond, somebody has moved it. Chosen."""
-
-_SAME_APERTURE = 0.02
-"""An aperture nearer than this needs no motion; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +66,6 @@ class ProgramRun:
         program: What is run.
         future: Completes after the last round, or raises what ended it; its message then begins
             with the waypoint.
-        where: How far it is.
         plan: What the arm is moving along, or moved along last; None before.
     """
 
@@ -70,8 +74,10 @@ class ProgramRun:
     ) -> None:
         self.program: Program = rehearsal.program
         self.future: Future[None] = Future()
-        self.where = Where()
         self.plan: Plan | None = None
+        self._where = Where()
+        self._under_way: tuple[Leg, float] | None = None  # and when it began
+        self._told: PlanningError | None = None  # says itself which waypoint it is about
         self._arm, self._gripper, self._clock = arm, gripper, clock
         self._rehearsal = rehearsal
         self._motion = arm.start_series(self._steps())
@@ -80,6 +86,16 @@ class ProgramRun:
     def stop(self) -> None:
         """End it early; the arm slows to rest. As ``Arm.stop``, but returns at once."""
         self._motion.interrupt("stop")
+
+    @property
+    def where(self) -> Where:
+        """How far it is."""
+        where, under_way = self._where, self._under_way
+        if under_way is None or where.doing != "moving":
+            return where
+        leg, began = under_way
+        passed = bisect_right(leg.at[:-1], self._clock.now() - began)
+        return replace(where, index=leg.indices[passed])
 
     @property
     def share(self) -> float:
@@ -95,43 +111,52 @@ class ProgramRun:
         rehearsal, program = self._rehearsal, self.program
         q, q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
         for lap in count() if program.rounds is None else range(program.rounds):
-            for index, waypoint in enumerate(program.waypoints):
-                self.where = Where(round=lap, index=index)
-                again = lap > 0 and index == 0
-                leg = self._checked(rehearsal.back if again else rehearsal.legs[index], q, q_jaw)
-                if leg is not None:
-                    self.plan = leg
-                    yield leg
-                yield partial(self._stay, index)
-                q = waypoint.q
-                if self._gripper is not None and waypoint.aperture is not None:
-                    q_jaw = self._gripper.angle_of(waypoint.aperture)
+            first = rehearsal.legs[0] if lap == 0 else rehearsal.back
+            for rehearsed in filter(None, (first, *rehearsal.legs[1:])):
+                self._under_way = None
+                self._where = Where(round=lap, index=rehearsed.indices[0])
+                leg = self._checked(rehearsed, q, q_jaw)
+                if leg.plan is not None:
+                    self.plan = leg.plan
+                    self._under_way = leg, self._clock.now()
+                    yield leg.plan
+                stop = leg.indices[-1]
+                yield partial(self._stay, stop)
+                q = program.waypoints[stop].q
+                q_jaw = jaw_after(self._gripper, program.waypoints[stop].aperture, q_jaw)
 
-    def _checked(self, leg: Plan | None, q: Array, q_jaw: float) -> Plan | None:
+    def _checked(self, leg: Leg, q: Array, q_jaw: float) -> Leg:
         """The leg as it was planned, or planned anew from where arm and jaw really are."""
         state = self._arm.state
         if float(np.max(np.abs(q - state.q_ref))) > _ARRIVED:
             raise MotionError("the arm has been moved meanwhile; plan the program again")
         as_planned = stands_at(q, state.q_ref) and abs(state.q_jaw_ref - q_jaw) <= _SAME_JAW
-        if leg is None or as_planned:
+        if leg.plan is None or as_planned:
             return leg
-        return self._arm.plan(JointGoal(q=leg.q_goal))
+        try:
+            return plan_leg(self._arm, self.program, leg.indices, state.q_ref, state.q_jaw_ref)
+        except PlanningError as error:
+            self._told = error
+            raise
 
     def _stay(self, index: int, motion: Motion) -> None:
         waypoint, gripper = self.program.waypoints[index], self._gripper
         if gripper is not None and waypoint.aperture is not None:
-            self.where = Where(round=self.where.round, index=index, doing="jaw")
+            self._where = Where(round=self._where.round, index=index, doing="jaw")
             set_jaw(gripper, waypoint.aperture, motion)
         if waypoint.pause > 0.0:
-            self.where = Where(round=self.where.round, index=index, doing="pausing")
+            self._where = Where(round=self._where.round, index=index, doing="pausing")
             motion.pause(self._clock, waypoint.pause)
 
     def _ended(self, done: Future[None]) -> None:
         error = done.exception()
+        self._where, self._under_way = self.where, None
         if error is None:
-            self.where = Where(round=self.where.round, index=len(self.program))
+            self._where = Where(round=self._where.round, index=len(self.program))
             self.future.set_result(None)
-        elif isinstance(error, So101Error) and not isinstance(error, Interrupted):
+        elif error is self._told or isinstance(error, Interrupted):
+            self.future.set_exception(error)
+        elif isinstance(error, So101Error):
             self.future.set_exception(told(error, self.program.called(self.where.index)))
         else:
             self.future.set_exception(error)
@@ -152,20 +177,3 @@ def start_program(
         rehearsal: What is run.
     """
     return ProgramRun(arm, gripper, clock, rehearsal)
-
-
-def set_jaw(gripper: GripperLike, aperture: float, motion: Motion) -> None:
-    """Open or close the jaw while the arm stands; what it closes on is gripped.
-
-    Raises:
-        Interrupted: The motion of the arm was ended; the jaw has been told to stop.
-    """
-    here = gripper.aperture
-    if abs(aperture - here) <= _SAME_APERTURE or (gripper.is_holding and aperture < here):
-        return
-    moving = gripper.start_grab(aperture) if aperture < here else gripper.start_move(aperture)
-    try:
-        motion.wait_for(moving.future)
-    except BaseException:
-        moving.interrupt("stop")
-        raise

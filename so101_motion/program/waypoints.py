@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from so101_motion.config import checked_number
@@ -21,19 +22,24 @@ MOST_ROUNDS = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoint:
-    """Where the arm goes, what the jaw does there, and how long they stay.
+    """Where the arm goes, what the jaw does there, and how long they stay; or where it only passes.
 
     Attributes:
         name: What people call it; need not be the only one of that name.
         q: Joint angles, shape (5,), [rad].
         aperture: How far the jaw is opened or closed on arrival, 0 to 1; None to leave it.
         pause: How long to stay after that [s].
+        passes: Whether the arm goes on without stopping; then nothing else is done there.
+
+    Raises:
+        ConfigError: A value cannot be meant, or what needs a stop is wanted in passing.
     """
 
     name: str
     q: Array
     aperture: float | None = None
     pause: float = 0.0
+    passes: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", checked_name(self.name, what="waypoint"))
@@ -41,6 +47,11 @@ class Waypoint:
         checked_number("pause", self.pause, lower=0.0, upper=LONGEST_PAUSE, unit="s")
         if self.aperture is not None:
             checked_number("aperture", self.aperture, lower=0.0, upper=1.0, unit="of its travel")
+        if self.passes and (self.pause > 0.0 or self.aperture is not None):
+            what = "a pause" if self.pause > 0.0 else "a move of the gripper"
+            raise ConfigError(
+                "pass", True, f"cannot be with {what}, for which the arm has to stop; leave one out"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,6 +82,18 @@ class Program:
     def called(self, index: int) -> str:
         """How messages name a waypoint: its number and its name."""
         return f"waypoint {index + 1} ({self.waypoints[index].name})"
+
+    def stops_at(self, index: int) -> bool:
+        """Whether the arm stops at a waypoint; at the last it does, even if that may be passed."""
+        return index == len(self.waypoints) - 1 or not self.waypoints[index].passes
+
+    def stretches(self) -> Iterator[range]:
+        """The waypoints from one stop to the next: those passed, and the one stopped at."""
+        begin = 0
+        for index in range(len(self.waypoints)):
+            if self.stops_at(index):
+                yield range(begin, index + 1)
+                begin = index + 1
 
     def with_waypoint(self, waypoint: Waypoint) -> Program:
         """One more, at the end."""

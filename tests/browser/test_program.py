@@ -55,6 +55,18 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     assert program.problems == []
 
 
+def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> None:
+    program.press("arm")
+    program.until(lambda: program.says("Recorded waypoint 3."))
+    program.press("up")  # what is chosen is the second now
+    program.until(lambda: program.fields("Pause (s)").count() > 0)
+    program.fields("Pass through").first.check()
+    program.until(lambda: program.says("Passed without stopping"))
+    program.until(lambda: program.fields("Pause (s)").count() == 0)
+    planned(program)
+    assert program.says("3, 1 of them passed")
+
+
 def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig) -> None:
     program.fields("Until stopped").first.check()
     rig.arm.set_speed(to_rad(30.0))

@@ -234,6 +234,25 @@ def test_a_saved_scene_is_planned_with_and_comes_back_by_load(
     assert not any("img" in node for node in world.nodes())
 
 
+def test_the_scene_is_shown_as_viam_says_it_until_it_changes(world: Guest, rig: Rig) -> None:
+    add(world, "sphere")
+    hostile = "</textarea><img src=x onerror=PWNED=1>"
+    fill(world, "Name", hostile)
+    world.until(lambda: rig.arm.scene.obstacles[0].name == hostile)
+    world.press("for Viam")
+    text = world.page.locator("textarea[readonly]")
+    world.until(lambda: text.count() == 1)
+    (group,) = json.loads(text.input_value())["obstacles"]
+    assert group["referenceFrame"] == "arm_origin"
+    assert group["geometries"][0]["label"] == hostile
+    assert group["geometries"][0]["sphere"] == {"radiusMm": 30.0}
+    assert world.page.evaluate("window.PWNED") is None
+    world.press("Copy")
+    world.until(lambda: world.button("Copied").count() == 1)
+    add(world, "box")
+    world.until(lambda: text.count() == 0)
+
+
 def test_a_mesh_can_be_loaded_and_what_is_none_is_refused(
     world: Guest, rig: Rig, tmp_path: Path
 ) -> None:

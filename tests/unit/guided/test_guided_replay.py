@@ -141,6 +141,25 @@ def test_an_arm_waits_for_a_jaw_that_is_slower(guest):
     assert together.legs[0].aperture[-1] == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.parametrize("at", [0, 1, 2])
+def test_an_arm_that_is_nudged_while_the_jaw_closes_goes_the_rest_of_the_way_as_fast(guest, at):
+    corners = [*LOOP[:3]]
+    corners.insert(at, [corners[at][0] + 0.7, *corners[at][1:]])
+    aperture = [1.0] * (at + 1) + [0.0] * (3 - at)
+    path = path_through(*corners, aperture=aperture, seconds=2.0)
+    rig = guest.rig
+    alone = plan_replay(rig.arm, path).duration
+    together = plan_replay(rig.arm, path, gripper=rig.gripper)
+    assert together.duration < alone + 4.0
+    begin = guest.clock.now()
+    guest.finish(start_replay(rig.arm, rig.gripper, together))
+    _, q, q_jaw = guest.sent(begin)
+    first = len(together.approach.trajectory)
+    closing = q[first:][np.gradient(q_jaw[first:]) < -1e-3]
+    assert np.ptp(closing, axis=0).max() < 1.5
+    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.02)
+
+
 def test_a_jaw_that_turns_to_opening_lets_go_there(guest):
     path = path_through(HERE, *LOOP[:3], aperture=[0.8, 0.2, 0.2, 0.9])
     replay = plan_replay(guest.rig.arm, path, gripper=guest.rig.gripper)

@@ -14,6 +14,7 @@ PROGRAM = Program(
         Waypoint(name="over the <mug>", q=np.radians([10, -40, 35, 60, 0]), aperture=0.8),
         Waypoint(name="at the mug", q=np.radians([10, -20, 30, 70, 0]), aperture=0.0, pause=0.5),
         Waypoint(name="über", q=np.zeros(5)),
+        Waypoint(name="aside", q=np.zeros(5), passes=True),
     ),
     rounds=3,
 )
@@ -26,7 +27,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(program: Program) -> list[tuple[object, ...]]:
-    return [(each.name, each.aperture, each.pause) for each in program.waypoints]
+    return [(each.name, each.aperture, each.pause, each.passes) for each in program.waypoints]
 
 
 @pytest.mark.parametrize("rounds", [1, 3, None])
@@ -74,6 +75,11 @@ def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
         ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": -1}]}, "waypoint 1: pause"),
         ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": "1"}]}, "must be a number"),
         ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause": 1}]}, '"pause_s"'),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pass": 1}]}, "1: pass.*true or false"),
+        (
+            {"waypoints": [{"name": "a", "q_deg": [0] * 5, "pass": True, "pause_s": 1}]},
+            "waypoint 1: pass.*a pause, for which the arm has to stop; leave one out",
+        ),
         (
             {"waypoints": [{"name": "a", "q_deg": [0] * 5, "aperture_percent": 120}]},
             "waypoint 1: aperture",
@@ -88,3 +94,10 @@ def test_a_file_that_cannot_be_meant_says_what_and_where(
     file.write_text(json.dumps(content))
     with pytest.raises(ConfigError, match=reason):
         files.read(file)
+
+
+def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path: Path) -> None:
+    file = tmp_path / "old.json"
+    old = {"schema": "so101/program/1", "waypoints": [{"name": "a", "q_deg": [0] * 5}] * 2}
+    file.write_text(json.dumps(old))
+    assert [files.read(file).stops_at(index) for index in (0, 1)] == [True, True]

@@ -10,8 +10,11 @@ import pytest
 
 from so101_motion.clock import ManualClock
 from so101_motion.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.geometry import SE3
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.scene import Capsule, Obstacle
 from so101_motion.program import Program, ProgramRun, Waypoint, rehearse, start_program
+from so101_motion.program.rehearsal import PASSING
 from so101_motion.rig import Rig, open_simulated
 from so101_motion.units import to_rad
 
@@ -68,7 +71,8 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: ManualCl
     np.testing.assert_allclose(first.q_goal, A)
     np.testing.assert_array_equal(second.q_start, first.q_goal)
     assert made.back is not None
-    np.testing.assert_allclose([made.back.q_start, made.back.q_goal], [B, A])
+    assert made.back.plan is not None
+    np.testing.assert_allclose([made.back.plan.q_start, made.back.plan.q_goal], [B, A])
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
 
 
@@ -125,7 +129,7 @@ def test_stop_ends_a_run_whatever_it_is_doing(
     run = start(rig, program(at(A, aperture=1.0, pause=5.0), at(B), rounds=None))
     until(clock, lambda: run.where.doing == doing)
     clock.advance(0.1)
-    stop = run.stop if how == "run" else lambda: rig.arm._current.interrupt("stop")
+    stop = run.stop if how == "run" else lambda: rig.arm._motions.interrupt("stop")
     stop()
     until(clock, run.future.done)
     assert isinstance(run.future.exception(), Interrupted)
@@ -177,7 +181,7 @@ def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
     rig.gripper.start_move(0.5)
     until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(clock, run)
-    assert run.plan is not rehearsal.legs[1]
+    assert run.plan is not rehearsal.legs[1].plan
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
@@ -186,3 +190,103 @@ def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> No
         rehearse(rig.arm, rig.gripper, Program())
     with pytest.raises(ConfigError, match="this arm has none"):
         rehearse(rig.arm, None, program(at(A, aperture=1.0)))
+
+
+# Waypoints that are passed
+
+AROUND = np.radians(
+    [[20, -20, 20, 20, 0], [30, -35, 30, 10, 10], [10, -45, 20, 30, 20], [-15, -30, 35, 5, 0]]
+)
+
+
+def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
+    """Waypoints of which all but the last are passed."""
+    last = len(places) - 1
+    return tuple(
+        Waypoint(name=f"{k}", q=q, passes=passes and k < last) for k, q in enumerate(places)
+    )
+
+
+def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> None:
+    made = rehearse(rig.arm, rig.gripper, program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
+    first, second = made.legs
+    assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
+    assert first.plan is not None
+    np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
+    assert first.at[-1] == first.plan.duration
+    assert made.back is not None
+    assert made.back.plan is not None
+    np.testing.assert_allclose(made.back.plan.q_start, A)
+    np.testing.assert_allclose(made.back.plan.q_goal, AROUND[-1])
+
+
+def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
+    made = rehearse(rig.arm, rig.gripper, program(at(A), at(B, passes=True), rounds=None))
+    assert [list(leg.indices) for leg in made.legs] == [[0], [1]]
+    np.testing.assert_allclose(made.legs[1].plan.q_goal, B)
+
+
+def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
+    there = np.zeros(5)
+    made = rehearse(rig.arm, rig.gripper, program(*passing(there, there)))
+    (leg,) = made.legs
+    assert leg.plan is None
+    made = rehearse(rig.arm, rig.gripper, program(*passing(there, A, A)))
+    (leg,) = made.legs
+    np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
+
+
+def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
+    rig: Rig, clock: ManualClock
+) -> None:
+    aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
+    ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
+    shape = Capsule(radius=0.02, length=0.5)
+    post = Obstacle(name="post", shape=shape, T_base_obstacle=ahead)
+    moved = rig.arm.start_move(JointGoal(q=aside))
+    until(clock, moved.future.done)
+    rig.arm.scene = rig.arm.scene.with_obstacles([post])
+    (leg,) = rehearse(rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
+    assert len(leg.plan.path) > 3
+    near = np.abs(leg.plan.trajectory.q + aside).max(axis=1).min()
+    assert near <= PASSING
+
+
+def test_a_passed_waypoint_that_cannot_be_gone_to_is_named(rig: Rig) -> None:
+    with pytest.raises(InCollision, match=r"^waypoint 2 \(1\): "):
+        rehearse(rig.arm, rig.gripper, program(*passing(A, INTO_THE_TABLE, B)))
+
+
+def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: ManualClock) -> None:
+    run = start(rig, program(*passing(*AROUND), rounds=2))
+    seen: list[tuple[int, int]] = []
+    slowest = np.inf
+
+    def look() -> bool:
+        nonlocal slowest
+        where = (run.where.round, run.where.index)
+        if not seen or seen[-1] != where:
+            seen.append(where)
+        if where == (0, 2):
+            slowest = min(slowest, float(np.abs(rig.arm.state.qd_ref).max()))
+        return run.future.done()
+
+    until(clock, look)
+    run.future.result()
+    assert seen[:-1] == [(lap, k) for lap in (0, 1) for k in range(4)]
+    assert slowest > to_rad(10.0)
+    np.testing.assert_allclose(rig.arm.state.q, AROUND[-1], atol=to_rad(0.1))
+
+
+def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
+    rig: Rig, clock: ManualClock
+) -> None:
+    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), *passing(*AROUND[1:])))
+    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    until(clock, lambda: run.where.doing == "pausing")
+    rig.gripper.start_move(0.5)
+    until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
+    finish(clock, run)
+    assert run.plan is not rehearsal.legs[1].plan
+    assert run.plan is not None
+    assert len(run.plan.path) == 4

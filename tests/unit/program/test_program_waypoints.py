@@ -44,6 +44,19 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
     assert names(moved.moved(to, index)) == names(made)
 
 
+@given(st.lists(st.booleans(), min_size=1, max_size=12))
+def test_every_waypoint_is_in_one_stretch_and_a_stretch_ends_where_the_arm_stops(
+    passes: list[bool],
+) -> None:
+    made = Program(
+        waypoints=tuple(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
+    )
+    stretches = [*made.stretches()]
+    assert [index for each in stretches for index in each] == [*range(len(passes))]
+    for each in stretches:
+        assert [made.stops_at(index) for index in each] == [False] * (len(each) - 1) + [True]
+
+
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
@@ -51,6 +64,8 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
         (lambda: Waypoint(name="a", q=np.zeros(5), pause=-1.0), "pause"),
         (lambda: Waypoint(name="a", q=np.zeros(5), pause=float("nan")), "pause"),
         (lambda: Waypoint(name="a", q=np.zeros(5), aperture=1.1), "aperture"),
+        (lambda: Waypoint(name="a", q=np.zeros(5), pause=1.0, passes=True), "a pause"),
+        (lambda: Waypoint(name="a", q=np.zeros(5), aperture=0.5, passes=True), "the gripper"),
         (lambda: Program(waypoints=(waypoint("a"),) * (MOST + 1)), "make two programs"),
         (lambda: Program(rounds=0), "rounds"),
         (lambda: program("ab").without(2), "is none of the program's 2"),

@@ -79,6 +79,12 @@ def test_a_recording_is_one_file_that_asks_for_nothing_and_runs_no_name(film):
     assert len(page) < 2_000_000
 
 
+def test_a_recording_is_dark_where_its_browser_prefers_dark(film):
+    page = recording(film).decode()
+    assert page.count("darkMode:matchMedia('(prefers-color-scheme: dark)').matches") == 1
+    assert "{darkMode:false}" not in page
+
+
 def test_a_recording_ends_with_html_and_says_when_it_cannot_be_written(film, tmp_path):
     with pytest.raises(ConfigError, match=r"must end with \.html"):
         write_recording(film, tmp_path / "film.mp4")

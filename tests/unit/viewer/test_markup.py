@@ -16,6 +16,7 @@ EVIL = '<img src=x onerror="move()">'
         markup.sentence(Sentence(text=EVIL, tone=Tone.BAD)),
         markup.headline(EVIL, EVIL),
         markup.facts([(EVIL, EVIL)]),
+        markup.to_copy(EVIL, EVIL),
         markup.bars([Bar(name=EVIL, value=1.0, lower=0.0, upper=2.0, unit=EVIL)]),
     ],
 )

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from so101_viewer import program_words as words
 from so101_viewer.guiding import GUIDED_FOR
 from so101_viewer.program_model import ProgramModel
 from so101_viewer.screen import Tone
@@ -121,6 +122,45 @@ def test_waypoints_keep_their_names_when_the_order_changes(tab: Tab) -> None:
     assert tab.model.screen().chosen == 1
     tab.record(B)
     assert tab.names == "ABC"
+
+
+def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab) -> None:
+    def first() -> tuple[object, ...]:
+        waypoint = tab.model.screen().program.waypoints[0]
+        return (waypoint.passes, waypoint.pause, waypoint.aperture)
+
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.set_passes(True)
+    assert first() == (True, 0.0, None)
+    assert tab.said.endswith("so without a pause, and the gripper stays as it is.")
+    tab.model.set_aperture(0.5)
+    assert first() == (False, 0.0, 0.5)
+    assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
+    tab.model.set_aperture(None)
+    tab.model.set_passes(True)
+    assert tab.said == "Passed without stopping."
+    tab.model.set_pause(2.0)
+    assert first() == (False, 2.0, None)
+    assert tab.said == "A pause needs a stop, so this waypoint is no longer passed."
+    tab.model.set_pause(0.0)
+    tab.model.set_passes(True)
+    tab.model.set_passes(False)
+    assert first() == (False, 0.0, None)
+    tab.model.choose(1)
+    tab.model.set_passes(True)
+    assert tab.said == "The arm stops at the last waypoint; this is passed when one follows."
+
+
+def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.set_passes(True)
+    tab.plan()
+    rehearsal = tab.model.screen().rehearsal
+    assert rehearsal is not None
+    assert dict(words.facts(rehearsal))["Waypoints"] == "2, 1 of them passed"
+    assert words.line(rehearsal.program.waypoints[0]) == "passed"
 
 
 def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:

@@ -1,0 +1,136 @@
+"""Laws of passed waypoints: gone by in order and near enough, within every cap, in less time.
+
+Smooth ways, sharp turns and ways to and fro, with things around and without.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from so101_motion.errors import PlanningError
+from so101_motion.geometry import SE3
+from so101_motion.planning import verify
+from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.model import RobotModel
+from so101_motion.planning.plan import Plan, PlanRequest
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.scene import Obstacle, Scene, Sphere
+from so101_motion.program import Program, Waypoint
+from so101_motion.program.rehearsal import PASSING, Leg, plan_leg
+from so101_motion.units import to_rad
+
+MODEL = RobotModel.load()
+CAPS = [
+    MotionLimits.uniform(
+        velocity=to_rad(velocity), acceleration=to_rad(acceleration), jerk=to_rad(10 * acceleration)
+    )
+    for velocity, acceleration in ((90.0, 100.0), (180.0, 500.0), (30.0, 300.0))
+]
+SCENES = [
+    Scene(),
+    Scene(
+        obstacles=(
+            Obstacle(
+                name="ball",
+                shape=Sphere(radius=0.05),
+                T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.25)),
+            ),
+        )
+    ),
+]
+
+
+class Arm:
+    """What plans for one, in this process."""
+
+    PLANNER = Planner(MODEL)
+
+    def __init__(self, limits: MotionLimits, scene: Scene) -> None:
+        self.limits, self.scene = limits, scene
+
+    def plan(self, goal, *, q_start, q_jaw) -> Plan:
+        request = PlanRequest(
+            q_start=q_start, goal=goal, limits=self.limits, q_jaw=q_jaw, scene=self.scene
+        )
+        return self.PLANNER.plan(request)
+
+
+@st.composite
+def ways(draw) -> np.ndarray:
+    """Where a program leads, its start first, shape (m, 5), [rad]."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    m = draw(st.integers(3, 7))
+    kind = draw(st.sampled_from(["smooth", "sharp", "to and fro"]))
+    if kind == "smooth":
+        return np.cumsum(rng.normal(0.0, 0.2, (m, 5)), axis=0).clip(-1.4, 1.4)
+    if kind == "sharp":
+        return 0.5 * rng.uniform(MODEL.lower, MODEL.upper, (m, 5))
+    return np.array([*0.4 * rng.uniform(MODEL.lower, MODEL.upper, (2, 5))] * m)[:m]
+
+
+def leg(arm: Arm, way: np.ndarray) -> Leg:
+    places = [Waypoint(name=f"{k}", q=q, passes=True) for k, q in enumerate(way[1:])]
+    return plan_leg(arm, Program(waypoints=tuple(places)), range(len(places)), way[0], 0.0)
+
+
+@settings(max_examples=25)
+@given(ways(), st.sampled_from(CAPS), st.sampled_from(SCENES))
+def test_passed_waypoints_are_gone_by_near_enough_in_order_and_within_the_caps(
+    way: np.ndarray, caps: MotionLimits, scene: Scene
+) -> None:
+    arm = Arm(caps, scene)
+    try:
+        passing = leg(arm, way)
+    except PlanningError:
+        assume(False)
+    plan = passing.plan
+    assert plan is not None
+    np.testing.assert_array_equal(plan.q_start, way[0])
+    np.testing.assert_array_equal(plan.q_goal, way[-1])
+    verify.check(plan.trajectory, caps, MODEL.lower, MODEL.upper)
+
+    times = np.arange(0.0, plan.duration, 0.001)
+    q, qd, _ = plan.trajectory.at(times)
+    assert np.all(np.abs(qd).max(axis=0) <= caps.velocity * 1.001)
+    assert list(passing.at) == sorted(passing.at)
+    for place, at in zip(way[1:], passing.at, strict=True):
+        then = np.abs(times - at) <= plan.trajectory.dt
+        assert np.abs(q[then] - place).max(axis=1).min() <= PASSING + 1e-3
+
+
+@settings(max_examples=25)
+@given(ways(), st.sampled_from(CAPS))
+def test_passing_is_seldom_slower_than_stopping_and_then_by_little(
+    way: np.ndarray, caps: MotionLimits
+) -> None:
+    """Where the way turns back the arm has to stop anyway; else a curve is longer than a corner."""
+    arm = Arm(caps, Scene())
+    try:
+        passing, stopping = leg(arm, way).plan, by_stops(arm, way)
+    except PlanningError:
+        assume(False)
+    assert passing is not None
+    assert passing.duration <= 1.05 * stopping
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_passing_on_a_way_that_bends_gently_saves_a_fifth_of_the_time(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(0.1, 0.2, 5) + rng.uniform(-0.05, 0.05, (5, 5))
+    way = np.cumsum(rng.choice([-1.0, 1.0], 5) * steps, axis=0)
+    arm = Arm(CAPS[0], Scene())
+    try:
+        passing, stopping = leg(arm, way).plan, by_stops(arm, way)
+    except PlanningError:
+        assume(False)
+    assert passing is not None
+    assert passing.duration <= 0.8 * stopping
+
+
+def by_stops(arm: Arm, way: np.ndarray) -> float:
+    """How long it takes with a stop at each waypoint [s]."""
+    plans = [leg(arm, way[k : k + 2]).plan for k in range(len(way) - 1)]
+    return sum(plan.duration for plan in plans if plan is not None)
