@@ -26,6 +26,7 @@ from so101_motion.planning.scene import Box, Obstacle, Scene
 from so101_motion.planning.servo import Servo
 from so101_motion.planning.servo_qp import ServoQp, as_problem
 from so101_motion.planning.targets import Target, Twist
+from so101_motion.planning.torque import Load, Strength
 
 DT = 0.01
 JOGS, STEPS, HELD = 40, 300, 40
@@ -96,9 +97,10 @@ def jogging(scene: Scene) -> tuple[list[float], list[bool], Watched, float, floa
     closest, excess = np.inf, 0.0
     for _ in range(JOGS):
         q = free_posture(rng, judge)
-        servo = Servo(MODEL, collision, LIMITS, DT, q)
+        load = Load(MODEL, Strength.of_servos(7.4), q, None)
+        servo = Servo(MODEL, collision, LIMITS, DT, q, load=load)
         servo._qp = watched
-        wanted = target(rng)
+        wanted, qdd = target(rng), np.zeros(5)
         for k in range(STEPS):
             if k % HELD == 0:
                 wanted = target(rng)
@@ -110,6 +112,8 @@ def jogging(scene: Scene) -> tuple[list[float], list[bool], Watched, float, floa
             closest = min(closest, judge.clearance(step.q).distance)
             excess = max(excess, float(np.max(np.abs(step.qdd) / LIMITS.acceleration)))
             excess = max(excess, float(np.max(np.abs(step.qd) / LIMITS.velocity)))
+            excess = max(excess, float(np.max(np.abs(step.qdd - qdd) / (DT * LIMITS.jerk))))
+            qdd = step.qdd
     return times, constrained, watched, closest, excess
 
 

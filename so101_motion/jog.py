@@ -10,7 +10,6 @@ What was asked for is replaced whole, so the I/O thread never waits. The servo i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
@@ -154,15 +153,11 @@ class Jog:
 
     def braking(self) -> Trajectory:
         """The way to rest from the last setpoint on, which is known to be free."""
-        servo, dt = self._servo, self._dt
-        duration = servo.braking_time
-        t = np.minimum(np.arange(math.ceil(duration / dt - 1e-9) + 1) * dt, duration)[:, None]
-        per = 1.0 / duration if duration > 0.0 else 0.0
-        q = servo.q + (t - 0.5 * per * t * t) * servo.qd
-        qd = (1.0 - per * t) * servo.qd
-        qdd = np.broadcast_to(-per * servo.qd, q.shape).copy()
-        q[-1], qd[-1], qdd[-1] = servo.q_rest, 0.0, 0.0
-        return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration)
+        dt, way = self._dt, self._servo.way_to_rest()
+        way = np.concatenate((way, way[-1:]))
+        qd, qdd = (way[2:] - way[:-2]) / (2.0 * dt), np.diff(way, 2, axis=0) / dt**2
+        qd[-1] = qdd[-1] = 0.0
+        return Trajectory(dt=dt, q=way[1:-1], qd=qd, qdd=qdd, duration=(len(way) - 3) * dt)
 
     def _target(self) -> Target:
         target, asked = self._wish

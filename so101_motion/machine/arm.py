@@ -18,22 +18,22 @@ class MachineArm(Arm):
 
     def set_speed(self, speed: float) -> None:
         """See ``Arm.set_speed``; when the machine refuses, nothing has changed."""
-        before = self._speed
+        before = self._caps
         super().set_speed(speed)
         if self.tell is not None:
             try:
                 self.tell({"set_speed": in_deg(speed)})
             except So101Error:
-                self._speed = before
+                self._caps = before
                 raise
 
     def set_acceleration(self, acceleration: float) -> None:
         """See ``Arm.set_acceleration``; likewise."""
-        before = self._acceleration
+        before = self._caps
         super().set_acceleration(acceleration)
         if self.tell is not None:
             try:
                 self.tell({"set_acceleration": in_deg(acceleration)})
             except So101Error:
-                self._acceleration = before
+                self._caps = before
                 raise

@@ -270,7 +270,7 @@ class ArmResource(Arm):
 
     def _checked(self, q: Array) -> Array:
         self._arm.model.check_limits(q)
-        self._arm.check_range(q)
+        self._arm.range.check(q)
         return q
 
     def watched(self, motion: Motion) -> Motion:

@@ -30,7 +30,7 @@ from viam.services.motion import Motion as MotionService
 
 from so101_motion.config import Attributes, checked_number
 from so101_motion.errors import ConfigError, MotionError, PlanningError
-from so101_motion.geometry import Array
+from so101_motion.geometry import SE3, Array, rotation_angle
 from so101_motion.models import convert
 from so101_motion.models.arm_resource import AT_START, ArmResource
 from so101_motion.models.commands import Request, answer
@@ -40,7 +40,15 @@ from so101_motion.models.frames import WORLD, Frames
 from so101_motion.models.planner_options import Ignored, PlannerOptions, from_goal_cloud
 from so101_motion.models.tool_constraints import ToolConstraints
 from so101_motion.models.world_state import allowing, scene_with
-from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, PoseGoal
+from so101_motion.planning.goals import (
+    Goal,
+    GoalMetric,
+    LineGoal,
+    PathGoal,
+    PoseCloud,
+    PoseGoal,
+)
+from so101_motion.planning.ik_cloud import is_in_cloud
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.plan import Plan
 from so101_motion.state import ARM_JOINTS
@@ -207,6 +215,8 @@ class So101Motion(MotionService):
             try:
                 plan = await asyncio.to_thread(arm.plan, attempt, search=search)
                 asked.check(plan.trajectory.q, lambda q: self._model.frame(q) @ T_tool_component)
+                if goal.cloud is not None:
+                    _check_end(goal, goal.cloud, self._model.frame(plan.q_goal) @ T_tool_component)
             except PlanningError as error:
                 problem = problem or error
             else:
@@ -285,9 +295,23 @@ def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
         return [goal]
     line = LineGoal(T_base_tool=goal.T_base_tool, metric=goal.metric, frame=goal.frame)
     line = replace(line, orientation_tolerance=min(asked.turn, line.orientation_tolerance))
+    lines: list[Goal] = [line]
+    if goal.cloud is not None and goal.cloud.metric is not goal.metric:
+        # Lines have no leeways: they lead to the middle of the cloud, if need be turned as there.
+        lines.append(replace(line, metric=goal.cloud.metric))
     if asked.wants_line:
-        return [line]
-    return [goal, line] if math.isinf(asked.line_share) else [line, goal]
+        return lines
+    return [goal, *lines] if math.isinf(asked.line_share) else [*lines, goal]
+
+
+def _check_end(goal: PoseGoal, cloud: PoseCloud, T_base_reached: SE3) -> None:
+    T = goal.T_base_tool.inverse @ T_base_reached
+    if not is_in_cloud(cloud, T):
+        off_mm, off_deg = to_mm(float(np.linalg.norm(T.p))), to_deg(rotation_angle(T.R))
+        raise PlanningError(
+            f"a straight line ends {off_mm:.1f} mm and {off_deg:.1f} deg from the goal, which is"
+            " outside its cloud; widen the leeways, or loosen the constraint"
+        )
 
 
 def _steps(plan: Plan, name: str) -> list[dict[str, list[float]]]:

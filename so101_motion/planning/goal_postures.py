@@ -41,7 +41,7 @@ def free_postures(job: Job, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
             continue
         try:
             if load is not None:
-                load.check_holding(solution.q[None], "at the goal")
+                load.check_goal(solution.q)
         except Overloaded as error:
             heavy = heavy or error
         else:

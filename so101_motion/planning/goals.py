@@ -55,6 +55,15 @@ class PoseCloud:
             if not 0.0 <= value < math.inf:
                 raise ConfigError(key, value, "a leeway must be 0 or more and finite")
 
+    @property
+    def metric(self) -> GoalMetric:
+        """How much of the pose counts beyond the leeways: what is left open altogether does not."""
+        if self.theta < math.pi:
+            return GoalMetric.FULL_POSE
+        if self.o_x < 1.0 or self.o_y < 1.0 or self.o_z < 2.0:
+            return GoalMetric.POSITION_AND_APPROACH
+        return GoalMetric.POSITION_ONLY
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseGoal:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.geometry import Array
+from so101_motion.geometry import SE3, Array
 from so101_motion.planning.arm_chain import ArmChain
 from so101_motion.planning.arm_grid import (
     facing,
@@ -189,6 +189,12 @@ class CloudSolver:
         return np.clip(grid.q[grid.excess <= JOINT_SLACK], m.lower, m.upper)
 
 
+def is_in_cloud(leeway: PoseCloud, T_goal_reached: SE3) -> bool:
+    """Whether a pose, seen from the goal, is in the cloud around it."""
+    T = T_goal_reached
+    return bool(_apart(T.R[None], T.p[None]).shares(leeway).max() <= 1.0)
+
+
 def _largest_tilt(leeway: PoseCloud) -> float:
     """The largest angle between wanted and reached z axis that a cloud can allow [rad]."""
     by_z = acos(max(1.0 - leeway.o_z - SLACK, -1.0))
@@ -207,7 +213,11 @@ def _offsets(within: float, step: float) -> Array:
 def _offset(cloud: Cloud, chain: ArmChain, q: Array) -> Offset:
     """How far postures (n, 5) [rad] are from the middle of a cloud."""
     R = cloud.R_base_goal.T @ chain.rotations(q)
-    position = (chain.positions(q) - cloud.p_base) @ cloud.R_base_goal
+    return _apart(R, (chain.positions(q) - cloud.p_base) @ cloud.R_base_goal)
+
+
+def _apart(R: Array, position: Array) -> Offset:
+    """How far rotations (n, 3, 3) and positions (n, 3) [m], both seen from the middle, are off."""
     axis = R[:, :, 2] - np.array([0.0, 0.0, 1.0])
     # The turn that is left when the axis is brought back the short way.
     turn = np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])

@@ -97,11 +97,7 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
         ConfigError: The frame is not one of the gripper's, a number of the pose is not finite,
             the rotation is none, or a tolerance is not positive.
     """
-    if goal.frame not in model.gripper_frames:
-        known = ", ".join(model.gripper_frames)
-        raise ConfigError(
-            "frame", goal.frame, f"is not fixed to the gripper; choose one of {known}"
-        )
+    model.check_gripper_frame(goal.frame)
     x, y, z = goal.T_base_tool.p.tolist()
     if not isfinite(x + y + z):
         raise ConfigError("T_base_tool", (x, y, z), "the position must be three finite numbers [m]")

@@ -55,6 +55,12 @@ class MotionLimits:
             tool_speed=tool_speed,
         )
 
+    def eased(self, share: float) -> MotionLimits:
+        """These limits with no more than this share of velocity and acceleration, 0 to 1."""
+        if share >= 1.0:
+            return self
+        return self.scaled_to(share * self.velocity, share * self.acceleration)
+
     def scaled_to(self, velocity: ArrayLike, acceleration: ArrayLike) -> MotionLimits:
         """These limits with velocity and acceleration lowered to the given caps where smaller."""
         return MotionLimits(

@@ -22,6 +22,7 @@ import pinocchio as pin
 import so101_description
 from numpy.typing import ArrayLike
 
+from so101_motion.config import suggest
 from so101_motion.errors import ConfigError, OutsideLimits
 from so101_motion.geometry import SE3, Array, frozen_array
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
@@ -270,6 +271,17 @@ class RobotModel:
         for k, posture in enumerate(q):
             found[k] = pin.computeGeneralizedGravity(self._arm, self._data, posture)
         return found
+
+    def check_gripper_frame(self, name: str) -> None:
+        """Refuse a frame that is not fixed to the gripper.
+
+        Raises:
+            ConfigError: Says which ones are.
+        """
+        if name not in self.gripper_frames:
+            raise ConfigError(
+                "frame", name, f"is not fixed to the gripper; {suggest(name, self.gripper_frames)}"
+            )
 
     def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
         """Which joint is furthest outside its limits, as an index into ``q``, or None.

@@ -103,6 +103,8 @@ class Planner:
         trajectory = joined([*departure, *pieces])
         if departure:
             waypoints = np.concatenate([request.q_start[None], waypoints])
+        if job.moves.load is not None:
+            job.moves.load.check_goal(trajectory.q[-1])
         tool_path = self._tool_path(trajectory.q)
         closest = job.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
         job.stages_ms["total"] = (time.perf_counter() - begin) * 1e3
@@ -226,7 +228,7 @@ class Planner:
             if not job.is_free(goal.q):
                 raise job.moves.in_collision(goal.q, "goal")
             if job.moves.load is not None:
-                job.moves.load.check_holding(goal.q[None], "at the goal")
+                job.moves.load.check_goal(goal.q)
             return self._to_any(job, q_from, iter([goal.q]))
         if isinstance(goal, PathGoal):
             return self._along(job, q_from, goal)

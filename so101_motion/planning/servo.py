@@ -7,17 +7,21 @@ works:
 
 *The room.* A wish that keeps all limits is granted as it is. Otherwise a quadratic program
 (:mod:`servo_qp`) finds what comes nearest: bounds of velocity and acceleration; and for each joint
-limit and each pair of bodies near each other, what is left of the way must suffice to brake on, so
-they are approached more and more slowly.
+limit, each pair of bodies near each other and each joint that bears nearly all it may, what is left
+must suffice to brake on, so they are approached more and more slowly.
 
-*The certificate.* Joints that brake together, each in proportion to its speed, run along a straight
-joint line. The last step left such a line that is free, to its end inside the limits. A new
-velocity is taken only if it leaves one too, which the distances at hand show or
-``CollisionModel`` proves; otherwise the arm brakes along the line it has. So whatever is asked for,
-and however wrong a linearised distance may be, the arm can always stop and never touches anything.
+*The lead.* What moves like that has no bound of jerk. It is a leader, and the arm follows it
+(:mod:`follower`): late by half the time that acceleration needs to change from one extreme to the
+other, a tenth of a second as the arm is set, and as smoothly as in any other motion.
 
-Velocities and accelerations are the first and second differences of the positions, exactly. Jerk is
-not bounded: an arm led by hand answers at once, at accelerations that are the arm's own.
+*The certificate.* Whatever the leader does, it can brake, all joints in proportion to their speed,
+and the way on which the arm then follows it to rest is known. The last step left such a way that is
+free, to its end inside the limits, and bearable. A new velocity is taken only if it leaves one too,
+which the distances at hand show or a ``Guard`` proves; otherwise the leader brakes. So whatever is
+asked for, and however wrong a linearised distance may be, the arm can always stop and never touches
+anything.
+
+Velocities and accelerations are the first and second differences of the positions, exactly.
 
 ``Step.share`` says how much of the wish was granted, and :meth:`Servo.held_by` in words what stands
 against the rest.
@@ -25,6 +29,7 @@ against the rest.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -35,11 +40,14 @@ from so101_motion.geometry import Array, frozen_array
 from so101_motion.planning.arm_measure import measure_structure
 from so101_motion.planning.bodies import NEAR
 from so101_motion.planning.collision import CollisionModel, Near
+from so101_motion.planning.follower import Follower
+from so101_motion.planning.guard import Guard
 from so101_motion.planning.limits import MotionLimits
 from so101_motion.planning.model import RobotModel
 from so101_motion.planning.servo_qp import ROWS, ServoQp
 from so101_motion.planning.servo_wish import SAME, Wish, Wisher
 from so101_motion.planning.targets import Target
+from so101_motion.planning.torque import Heavy, Load
 from so101_motion.state import ARM_JOINTS
 
 RANGE = 0.05
@@ -52,8 +60,13 @@ side the same motion leads back again, and joints that cannot turn round at once
 fro between the two. Chosen: it costs 0.1 mm of reach."""
 
 GAP = 0.002
-"""What stays free beyond the margin when something is approached [m]. Chosen: the certificate,
-which goes by the margin itself, then has nothing to refuse."""
+"""What stays free beyond the margin when something is approached [m], and what is left, as a share,
+of what a joint may hold. Chosen: the certificate, which goes by the margin itself, then has nothing
+to refuse."""
+
+BENT = 0.5
+"""Share of the smallest margin by which a way to rest may bend between the postures of it that are
+looked at. Chosen: what is proven free of the straight lines between them then holds for the way."""
 
 CLOSE = 0.02
 """A joint is said to be at its limit when it would come to rest so near it [rad]. Chosen."""
@@ -82,16 +95,17 @@ class _Room(NamedTuple):
     Attributes:
         lower: Smallest velocities, shape (5,), [rad/s].
         upper: Largest velocities, shape (5,), [rad/s].
-        G: How velocities change the distance of each pair of bodies, shape (k, 5), [m/rad].
-        b: How fast each may change at least, shape (k,), [m/s].
-        near: Those pairs.
+        G: How velocities change what is left of each thing that is approached, shape (k, 5):
+            of a distance [m/rad], of what a joint may hold [1/rad].
+        b: How fast each must change at least, shape (k,), [m/s], [1/s].
+        against: Those things.
     """
 
     lower: Array
     upper: Array
     G: Array
     b: Array
-    near: list[Near]
+    against: list[Near | Heavy]
 
     def has(self, qd: Array) -> bool:
         """Whether velocities keep all of it."""
@@ -103,21 +117,21 @@ class _Room(NamedTuple):
 class Servo:
     """Follows targets from a posture on. Belongs to one thread.
 
-    A start outside the limits may be returned to, and bodies that are too close at the start may
-    only part.
+    A start outside the limits may be returned to, bodies that are too close at the start may only
+    part, and what is too heavy there may only get lighter.
 
     Args:
         model: The arm.
         collision: What is in the way; for this servo alone.
-        limits: Velocity and acceleration caps.
+        limits: Velocity, acceleration and jerk caps.
         dt: How long a step takes [s].
         q_start: Where the arm is at rest, shape (5,), [rad].
         frame: Which frame of the gripper is led.
+        load: What the servos have to bear; None not to look at it. For this servo alone.
 
     Attributes:
         q: Where the joints are wanted now, shape (5,), [rad].
         qd: Their velocities, shape (5,), [rad/s].
-        braking_time: How long they need to come to rest, all in proportion [s].
     """
 
     def __init__(
@@ -129,20 +143,33 @@ class Servo:
         q_start: ArrayLike,
         *,
         frame: str = "tool",
+        load: Load | None = None,
     ) -> None:
-        self.q, self.qd, self.braking_time = frozen_array(q_start, (5,)), np.zeros(5), 0.0
+        self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
+        self._before = self.q
+        self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
+        self._follower = Follower(self.q, limits, dt)
         self._model, self._collision, self._limits, self._dt = model, collision, limits, dt
+        self._load, self._q_jaw = load, 0.0
+        self._guard = Guard(collision, lambda: self._q_jaw)
         self._wisher, self._qp = Wisher(model, limits, dt, frame), ServoQp()
         self._lower, self._upper = _way_of(model, self.q)
-        self._margins = collision.margins
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
+        # With an acceleration a, a way bends by a t^2 / 8 from the straight line over a time t.
+        bend = float(limits.acceleration @ collision.reach) / 8.0
+        least = float(collision.margins.min(initial=collision.margin))
+        self._every = max(1, math.floor(math.sqrt(BENT * least / bend) / dt))
         self._last: tuple[Wish, _Room] | None = None
 
-    @property
-    def q_rest(self) -> Array:
-        """Where the joints come to rest if they brake now, shape (5,), [rad]."""
-        return np.asarray(self.q + 0.5 * self.braking_time * self.qd)
+    def way_to_rest(self) -> Array:
+        """Where the joints go if nothing more is wanted, step by step, shape (m, 5), [rad].
+
+        The first is where they were a step before, the second where they are now.
+        """
+        lead = self._braking(self._lead, self._lead_qd, self._braking_time)
+        ahead = self._follower.ahead(lead[1:] if len(lead) > 1 else lead)
+        return np.concatenate((self._before[None], self.q[None], ahead))
 
     def step(self, target: Target, q_jaw: float = 0.0) -> Step:
         """Move on by one step towards a target, or brake.
@@ -151,16 +178,16 @@ class Servo:
             target: What is wanted.
             q_jaw: Jaw angle [rad].
         """
-        rest = self.q_rest
-        wish = self._wisher.wish(target, self.q, rest - self._lower, self._upper - rest)
-        time = self.braking_time
-        brake = self.qd * max(0.0, 1.0 - self._dt / time) if time > 0.0 else self.qd
+        self._q_jaw, q, time = q_jaw, self._lead, self._braking_time
+        rest = q + 0.5 * time * self._lead_qd
+        wish = self._wisher.wish(target, q, rest - self._lower, self._upper - rest)
+        brake = self._lead_qd * max(0.0, 1.0 - self._dt / time) if time > 0.0 else self._lead_qd
         if not wish.qd.any():
             self._last = None
-            return self._taken(brake, self._time_to_brake(brake), 1.0)
-        near = self._collision.nearest(self.q, q_jaw, within=self._range)
+            return self._taken(brake, 1.0)
+        near = self._collision.nearest(q, q_jaw, within=self._range)
         near.sort(key=_free)
-        room = self._room(near[:ROWS], brake)
+        room = self._room(near, brake)
         qd, share = wish.qd, 1.0
         if not room.has(qd):
             share = self._attainable(qd)
@@ -171,12 +198,11 @@ class Servo:
             qd, granted = self._qp.solve(wish.J, qd, *room[:4])
             share *= granted
             self._wisher.refuse()
-        time = self._time_to_brake(qd)
-        if not self._can_stop(qd, time, near, q_jaw):
-            qd, share, time = brake, 0.0, self._time_to_brake(brake)
+        if not self._can_stop(qd, near):
+            qd, share = brake, 0.0
             self._wisher.refuse()
         self._last = (wish, room)
-        return self._taken(qd, time, share)
+        return self._taken(qd, share)
 
     def held_by(self) -> tuple[str, ...]:
         """In words, what stood against the wish of the last step.
@@ -188,10 +214,9 @@ class Servo:
             return ()
         wish, room = self._last
         told = [word for i in range(5) if (word := self._limit_of(i, wish.qd[i]))]
-        called = self._collision.scene.called
-        for each, gain, least in zip(room.near, room.G @ wish.qd, room.b, strict=True):
+        for each, gain, least in zip(room.against, room.G @ wish.qd, room.b, strict=True):
             if gain < least:
-                told.append(f"{called(each.first)} close to {called(each.second)}")
+                told.append(self._told(each))
         if wish.is_damped:
             told.append("the arm nearly straight, or over its own base")
         return tuple(told)
@@ -199,23 +224,25 @@ class Servo:
     def _room(self, near: list[Near], brake: Array) -> _Room:
         """Velocities that leave way enough to brake, after this step as well."""
         # The joints may become a step's worth faster, and would brake as much longer.
-        time = 1.5 * self._dt + 0.5 * self.braking_time
-        below, above = (self._lower - self.q) / time, (self._upper - self.q) / time
-        G = np.array([each.gradient for each in near]).reshape(-1, 5)
-        b = np.array([GAP - _free(each) for each in near]) / time
+        time = 1.5 * self._dt + 0.5 * self._braking_time
+        below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
+        against: list[Near | Heavy] = [] if self._load is None else [*self._load.heavy(self._lead)]
+        against += near[: ROWS - len(against)]
+        G = np.array([each.gradient for each in against]).reshape(-1, 5)
+        b = np.array([GAP - _left(each) for each in against]) / time
         gain = G @ brake
         late = b - 0.5 * GAP / time  # what is short by less, the certificate need not mind
         change, top = self._limits.acceleration * self._dt, self._limits.velocity
         is_late = ((late > gain) & (gain < 0.0)).any()
         if is_late or (below > brake).any() or (above < brake).any():
             # Something takes full braking now. The others go on if they can be as late as that.
-            left = max(0.0, self.braking_time - self._dt)
+            left = max(0.0, self._braking_time - self._dt)
             top = np.minimum(top, self._limits.acceleration * left)
-        lower = np.maximum(np.maximum(self.qd - change, -top), below)
-        upper = np.minimum(np.minimum(self.qd + change, top), above)
+        lower = np.maximum(np.maximum(self._lead_qd - change, -top), below)
+        upper = np.minimum(np.minimum(self._lead_qd + change, top), above)
         # Braking is always among them.
         return _Room(
-            np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), near
+            np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), against
         )
 
     def _attainable(self, wish: Array) -> float:
@@ -225,52 +252,71 @@ class Servo:
         """
         size, limits = np.abs(wish), self._limits
         change = limits.acceleration * self._dt
-        along = np.maximum(np.sign(wish) * self.qd, 0.0) + change
+        along = np.maximum(np.sign(wish) * self._lead_qd, 0.0) + change
         moves = size > SAME
         return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
 
-    def _can_stop(self, qd: Array, time: float, near: list[Near], q_jaw: float) -> bool:
-        """Whether a step with velocities that take ``time`` to brake leaves a free line for it."""
-        way = (self._dt + 0.5 * time) * qd
-        end = self.q + way
-        if (end < self._lower - SAME).any() or (end > self._upper + SAME).any():
+    def _can_stop(self, qd: Array, near: list[Near]) -> bool:
+        """Whether a step of the leader leaves a way to rest that is free and bearable."""
+        lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
+        if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
+            return False
+        ahead = self._follower.ahead(lead)
+        every = self._every
+        way = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
+        if self._load is not None and not self._load.admits(way):
             return False
         free = self._range - self._widest
         if near:
             free = min(free, _free(near[0]))
-        travel = float(np.abs(way) @ self._collision.reach)
-        if travel <= free:
-            return True
-        if free >= 0.0:  # no point moves so far without the line's help
-            line = np.array([self.q + (free / travel) * way, end])
-            return self._collision.blocked_posture(line, q_jaw) is None
-        # Bodies that are too close may part, if no others become too close.
-        postures = (self.q, self.q + self._dt * qd, end)
-        now, next_, then = (self._collision.distances(q, q_jaw) for q in postures)
-        kept = np.minimum(now, self._margins)
-        return bool((next_ >= kept).all() and (then >= kept).all())
+        travel = float(np.abs(way - self._lead).max(axis=0) @ self._collision.reach)
+        return travel <= free or self._guard.admits(way)
 
-    def _taken(self, qd: Array, time: float, share: float) -> Step:
+    def _braking(self, q: Array, qd: Array, time: float) -> Array:
+        """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.
+
+        All joints in proportion, along a straight line.
+        """
+        k = np.arange(math.floor(time / self._dt) + 1.0)
+        lost = 0.5 * self._dt * k * (k + 1.0) / time if time > 0.0 else k
+        return np.asarray(q + (self._dt * (k - lost))[:, None] * qd)
+
+    def _taken(self, lead_qd: Array, share: float) -> Step:
+        self._lead, self._lead_qd = self._lead + self._dt * lead_qd, lead_qd
+        self._braking_time = self._time_to_brake(lead_qd)
+        q = self._follower.follow(self._lead)
+        qd = (q - self.q) / self._dt
         qdd = (qd - self.qd) / self._dt
-        self.q, self.qd = self.q + self._dt * qd, qd
-        self.braking_time = time
-        return Step(q=self.q, qd=qd, qdd=qdd, share=share)
+        self._before, self.q, self.qd = self.q, q, qd
+        return Step(q=q, qd=qd, qdd=qdd, share=share)
 
     def _time_to_brake(self, qd: Array) -> float:
         return float((np.abs(qd) / self._limits.acceleration).max())
 
+    def _told(self, each: Near | Heavy) -> str:
+        if isinstance(each, Heavy):
+            return f"{each.joint} bearing all that it may"
+        called = self._collision.scene.called
+        return f"{called(each.first)} close to {called(each.second)}"
+
     def _limit_of(self, i: int, wanted: float) -> str | None:
         """What keeps a joint from a velocity."""
         up, speed = wanted > 0.0, abs(wanted)
-        left = self._upper[i] - self.q_rest[i] if up else self.q_rest[i] - self._lower[i]
+        rest = self._lead[i] + 0.5 * self._braking_time * self._lead_qd[i]
+        left = self._upper[i] - rest if up else rest - self._lower[i]
         if left < CLOSE and speed > 0.5 * left / self._dt:
             limit = self._model.upper[i] if up else self._model.lower[i]
-            if abs(limit - self.q[i]) > 2.0 * CLOSE:
+            if abs(limit - self._lead[i]) > 2.0 * CLOSE:
                 return "the arm stretched out"
             return f"{ARM_JOINTS[i]} at its {'upper' if up else 'lower'} limit"
         if speed > self._limits.velocity[i]:
             return f"{ARM_JOINTS[i]} at its top speed"
         return None
+
+
+def _left(each: Near | Heavy) -> float:
+    """What is left of it, [m] or as a share."""
+    return _free(each) if isinstance(each, Near) else each.left
 
 
 def _free(pair: Near) -> float:

@@ -20,11 +20,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from so101_motion.config import HEAVIEST, SERVO_VOLTAGES
+from so101_motion.config import HEAVIEST, SERVO_VOLTAGES, LoadConfig
 from so101_motion.errors import ConfigError, Overloaded
 from so101_motion.geometry import Array
 from so101_motion.planning.path_geometry import PathPoints
@@ -62,6 +62,13 @@ _EVERY = 4
 """Gravity is looked at on each fourth sample: it changes with the posture alone, and near its peak
 by next to nothing."""
 
+NEARLY = 0.85
+"""From this share of what it may hold on a joint is told to be heavy. Chosen: an arm that is led
+meets the limit some degrees later."""
+
+_STEP = 1e-4
+"""Of the differences that stand for gradients [rad]."""
+
 _TOLERANCE = 1e-3
 """How far a limit may be exceeded, relative, before it counts. Chosen: far below what is known of
 the masses."""
@@ -84,6 +91,16 @@ class Payload:
             raise ConfigError("payload", self.mass, f"must be 0 to {HEAVIEST:g} kg")
         if len(self.com) != 3 or not all(abs(x) <= 1.0 for x in self.com):
             raise ConfigError("payload", self.com, "its centre must be three values within 1 m")
+
+    @classmethod
+    def of(cls, load: LoadConfig, model: RobotModel) -> Payload | None:
+        """What a configuration says is always carried, by default at the jaw's tip; or None."""
+        if load.mass <= 0.0:
+            return None
+        zero = np.zeros(5)
+        tip = (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
+        x, y, z = tip.tolist() if load.com is None else load.com
+        return cls(mass=load.mass, com=(x, y, z))
 
 
 def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:
@@ -131,10 +148,25 @@ class Strength:
         return cls(holding=HOLDING * stall, moving=MOVING * stall)
 
 
+class Heavy(NamedTuple):
+    """A joint that bears nearly all that it may, or more.
+
+    Attributes:
+        joint: Its name.
+        left: Share of what it may hold that is left; negative where it bears too much.
+        gradient: What each joint adds to that, shape (5,), [1/rad].
+    """
+
+    joint: str
+    left: float
+    gradient: Array
+
+
 class Load:
     """Judges the motions of one request by what the servos have to bear.
 
-    An arm that stands in too heavy a posture may leave it: what it bears there counts as allowed.
+    An arm that stands in too heavy a posture may leave it: what it bears there counts as allowed on
+    the way, but not where the way ends.
 
     Args:
         model: The arm with its payload.
@@ -154,12 +186,28 @@ class Load:
         too_much = np.where(there > strength.holding, there, 0.0)
         self._moving = np.maximum(strength.moving, MOVING / HOLDING * too_much)
 
+    @classmethod
+    def of(
+        cls, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
+    ) -> Load:
+        """As made from the bare arm."""
+        loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
+        return cls(loaded, strength, q_start, payload)
+
+    def check_goal(self, q: Array) -> None:
+        """Refuse a posture ``q``, shape (5,), [rad], in which the arm cannot be left.
+
+        Raises:
+            Overloaded: As for :meth:`check_holding`, wherever the arm comes from.
+        """
+        self._check_holding(q[None], np.full(5, self._strength.holding), "at the goal")
+
     def check_holding(self, q: Array, where: str) -> float:
-        """Refuse postures ``q`` (m, 5) [rad] in which gravity alone is too much.
+        """Refuse postures ``q`` (m, 5) [rad] on the way in which gravity alone is too much.
 
         Args:
             q: The postures.
-            where: How the message ends, such as ``"at the goal"``.
+            where: How the message ends, such as ``"on the way"``.
 
         Returns:
             The largest share of what may be held.
@@ -167,12 +215,27 @@ class Load:
         Raises:
             Overloaded: Names the joint that is furthest off, its torque, and what it may bear.
         """
-        torques = self._model.holding_torques(q)
-        shares = np.abs(torques) / self._holding
-        k, i = np.unravel_index(int(np.argmax(shares)), shares.shape)
-        if shares[k, i] > 1.0 + _TOLERANCE:
-            raise self._overloaded(q[k], int(i), float(torques[k, i]), self._holding, "hold", where)
-        return float(shares[k, i])
+        return self._check_holding(q, self._holding, where)
+
+    def heavy(self, q: Array) -> list[Heavy]:
+        """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
+        torques = self._model.holding_torques(q[None])[0]
+        left = 1.0 - np.abs(torques) / self._strength.holding
+        heavy = np.flatnonzero(left < 1.0 - NEARLY)
+        if len(heavy) == 0:
+            return []
+        around = self._model.holding_torques(q + _STEP * np.eye(5))
+        gradients = (torques - around) * (np.sign(torques) / (_STEP * self._strength.holding))
+        return [Heavy(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
+
+    def admits(self, way: Array) -> bool:
+        """Whether every posture of ``way``, shape (m, 5), [rad], is bearable, or no worse.
+
+        No joint that bears too much where the way begins may come to bear more on it.
+        """
+        borne = np.abs(self._model.holding_torques(way))
+        allowed = np.maximum((1.0 + _TOLERANCE) * self._strength.holding, borne[0])
+        return bool((borne <= allowed).all())
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that asks too much of a servo.
@@ -221,6 +284,14 @@ class Load:
         b = self._model.torques(q, q_s, q_ss) - gravity
         limit = np.abs(gravity) + GRID_SHARE * (self._moving - np.abs(gravity))
         return Rows(a / limit, b / limit, gravity / limit)
+
+    def _check_holding(self, q: Array, limits: Array, where: str) -> float:
+        torques = self._model.holding_torques(q)
+        shares = np.abs(torques) / limits
+        k, i = np.unravel_index(int(np.argmax(shares)), shares.shape)
+        if shares[k, i] > 1.0 + _TOLERANCE:
+            raise self._overloaded(q[k], int(i), float(torques[k, i]), limits, "hold", where)
+        return float(shares[k, i])
 
     def _torques(self, trajectory: Trajectory) -> Array:
         """What the joints exert along a motion; a motion that was just judged costs nothing."""

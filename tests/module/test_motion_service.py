@@ -21,6 +21,7 @@ from viam.proto.common import (
     Vector3,
     WorldState,
 )
+from viam.proto.common import PoseCloud as GoalCloud
 from viam.proto.robot import FrameSystemConfig
 from viam.proto.service.motion import (
     CollisionSpecification,
@@ -33,6 +34,8 @@ from viam.resource.manager import ResourceManager
 from viam.services.motion import MotionClient
 from viam.services.motion.service import MotionRPCService
 
+from so101_motion.geometry import SE3, rotation_by
+from so101_motion.models import convert
 from so101_motion.models.frames import set_machine
 from so101_motion.models.motion_service import So101Motion
 
@@ -148,6 +151,26 @@ async def test_a_line_is_kept_when_asked_for(arm, motion):
     await in_time(arm, motion.move("arm", at(220, 50, 100), constraints=straight))
     path = arm.resource.rig.arm.newest[1].tool_path
     assert np.abs(path[:, [0, 2]] - (0.22, 0.1)).max() < 1e-3
+
+
+async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
+    await in_time(arm, motion.move("arm", at(200, 0, 100)))
+    here = arm.resource.rig.arm.T_base()
+    nodded = SE3(rotation_by([0.0, 0.3, 0.0]) @ here.R, here.p + np.array([0.02, 0.0, 0.02]))
+    wanted = PoseInFrame(reference_frame="world", pose=convert.to_pose(nodded))
+    wanted.goal_cloud.CopyFrom(GoalCloud(o_x=0.02, o_y=0.02, o_z=0.02, theta=180))
+    straight = Constraints(linear_constraint=[LinearConstraint(line_tolerance_mm=1)])
+    assert await in_time(arm, motion.move("arm", wanted, constraints=straight))
+    there = arm.resource.rig.arm.T_base()
+    np.testing.assert_allclose(there.R[:, 2], nodded.R[:, 2], atol=0.03)
+
+    aside = PoseInFrame(reference_frame="world", pose=convert.to_pose(there))
+    aside.pose.y += 80.0
+    aside.goal_cloud.CopyFrom(GoalCloud(o_x=0.02, o_y=0.02, o_z=0.02, theta=180))
+    with pytest.raises(GRPCError, match="outside its cloud; widen the leeways"):
+        await motion.move("arm", aside, constraints=straight)
+    aside.goal_cloud.CopyFrom(GoalCloud(o_x=1, o_y=1, o_z=2, theta=180))
+    assert await in_time(arm, motion.move("arm", aside, constraints=straight))
 
 
 async def test_a_line_that_cannot_be_is_refused_with_how_far_it_goes(arm, motion):

@@ -11,6 +11,7 @@ from so101_motion.planning.model import RobotModel
 from so101_motion.planning.scene import Box, Obstacle, Scene, Sphere
 from so101_motion.planning.servo import Servo
 from so101_motion.planning.targets import STILL, Twist
+from so101_motion.planning.torque import Load, Payload, Strength
 
 MODEL = RobotModel.load()
 DT = 0.01
@@ -57,9 +58,9 @@ def between(q: np.ndarray, share: float) -> np.ndarray:
 
 
 @settings(max_examples=25)
-@given(seeds, st.floats(0.2, 3.0), st.floats(0.5, 9.0))
+@given(seeds, st.floats(0.2, 3.0), st.floats(0.5, 9.0), st.floats(0.05, 0.5))
 def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_stop(
-    seed: int, velocity: float, acceleration: float
+    seed: int, velocity: float, acceleration: float, jerk_time: float
 ) -> None:
     rng = np.random.default_rng(seed)
     scene, q_jaw = a_scene(rng), float(rng.uniform(0.0, 1.7))
@@ -67,14 +68,15 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     start = a_free_posture(rng, judge, q_jaw)
     if start is None:
         return
-    limits = MotionLimits.uniform(velocity=velocity, acceleration=acceleration, jerk=100.0)
+    jerk = acceleration / jerk_time
+    limits = MotionLimits.uniform(velocity=velocity, acceleration=acceleration, jerk=jerk)
     servo = Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, start)
     steps = []
     for _ in range(rng.integers(1, 7)):
         target = a_target(rng)
         steps += [servo.step(target, q_jaw) for _ in range(rng.integers(1, 40))]
-    rest, stopping = servo.q_rest, int(np.ceil(servo.braking_time / DT)) + 1
-    steps += [servo.step(STILL, q_jaw) for _ in range(stopping)]
+    announced = servo.way_to_rest()[2:]
+    steps += [servo.step(STILL, q_jaw) for _ in range(len(announced) + 1)]
 
     q = np.array([start, start, start, *(step.q for step in steps)])
     qd, qdd = np.diff(q, axis=0) / DT, np.diff(q, 2, axis=0) / DT**2
@@ -82,20 +84,35 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     assert np.all(q <= MODEL.upper + 1e-9)
     assert np.abs(qd).max() <= velocity * (1.0 + 1e-9) + 1e-12
     assert np.abs(qdd).max() <= acceleration * (1.0 + 1e-6) + 1e-9
+    assert np.abs(np.diff(q, 3, axis=0)).max() / DT**3 <= jerk * (1.0 + 1e-6) + 1e-6
     assert np.allclose(qd[2:], [step.qd for step in steps], atol=1e-9)
     assert np.allclose(qdd[1:], [step.qdd for step in steps], atol=1e-6)
     assert all(0.0 <= step.share <= 1.0 for step in steps)
     assert min(judge.distances(each, q_jaw).min() for each in q) > 0.0
     assert min(judge.distances(each, q_jaw).min() for each in between(q, 0.5)) > 0.0
-    # It came to rest, on the line to where it said it would.
+    # It came to rest, on the way that it announced.
     assert not servo.qd.any()
-    line = q[-stopping - 1 :] - q[-stopping - 1]
-    way = rest - q[-stopping - 1]
-    length = float(np.linalg.norm(way))
-    if length > 1e-9:
-        done = line @ way / length**2
-        assert np.all((done >= -1e-9) & (done <= 1.0 + 1e-9))
-        assert np.allclose(line, np.outer(done, way), atol=1e-9)
+    assert np.allclose(q[-len(announced) - 1 : -1], announced, atol=1e-9)
+
+
+@settings(max_examples=15)
+@given(seeds, st.floats(0.0, 0.5), st.floats(0.6, 2.0))
+def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
+    seed: int, mass: float, holding: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    start = a_free_posture(rng, CollisionModel(MODEL), 0.0)
+    payload = Payload(mass=mass, com=tuple(rng.uniform(-0.1, 0.15, 3)))
+    strength = Strength(holding=holding, moving=1.25 * holding)
+    limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=50.0)
+    load = Load.of(MODEL, strength, start, payload)
+    servo = Servo(MODEL, CollisionModel(MODEL), limits, DT, start, load=load)
+    q = [start]
+    for _ in range(4):
+        target = a_target(rng)
+        q += [servo.step(target).q for _ in range(40)]
+    borne = np.abs(MODEL.with_payload(mass, payload.com).holding_torques(np.array(q)))
+    assert np.all(borne <= np.maximum(1.005 * holding, borne[0] + 1e-3))
 
 
 @settings(max_examples=15)

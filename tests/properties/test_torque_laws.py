@@ -60,6 +60,7 @@ def test_no_servo_has_to_exert_more_than_it_can_or_the_motion_is_refused(
     held = np.abs(loaded.holding_torques(motion.q))
     moved = np.abs(loaded.torques(motion.q, motion.qd, motion.qdd))
     assert np.all(held <= 1.01 * np.maximum(holding, there))
+    assert np.all(held[-1] <= 1.002 * holding)
     allowed = np.where(there > holding, np.maximum(more * holding, 1.25 * there), more * holding)
     assert np.all(moved <= 1.002 * np.maximum(allowed, held))
     report = violations(motion, limits, MODEL.lower, MODEL.upper)

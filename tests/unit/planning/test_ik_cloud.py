@@ -7,6 +7,7 @@ from so101_motion.errors import ConfigError, PlanningError, Unreachable
 from so101_motion.geometry import SE3, rot_x, rot_y, rot_z
 from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
 from so101_motion.planning.ik import IkSolver
+from so101_motion.planning.ik_cloud import is_in_cloud
 from so101_motion.planning.model import RobotModel
 
 HOME = np.zeros(5)
@@ -56,6 +57,7 @@ def test_every_solution_is_in_the_cloud_and_no_two_are_alike(model, ik, frame, s
     assert found
     for q in found:
         assert_inside(model, goal, q)
+        assert is_in_cloud(goal.cloud, seen_from_goal(model, goal, q))
     apart = np.linalg.norm(np.array(found)[:, None] - np.array(found)[None], axis=2)
     assert apart[~np.eye(len(found), dtype=bool)].min(initial=1.0) > 0.1
 
@@ -68,6 +70,34 @@ def test_without_leeways_the_cloud_is_the_pose(model, ik, frame, seed):
     solution = ik.solve(goal, HOME)
     assert_inside(model, goal, solution.q)
     assert solution.error_position < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("T_goal_reached", "is_inside"),
+    [
+        (SE3.identity(), True),
+        (SE3.from_translation([0.01, 0.0, -0.02]), True),
+        (SE3.from_translation([0.011, 0.0, 0.0]), False),
+        (SE3.from_translation([0.0, 0.001, 0.0]), False),
+        (SE3(rot_y(0.39), np.zeros(3)), True),
+        (SE3(rot_x(0.42), np.zeros(3)), False),
+        (SE3(rot_z(3.0), np.zeros(3)), True),
+    ],
+)
+def test_a_pose_is_in_a_cloud_or_it_is_not(T_goal_reached, is_inside):
+    assert is_in_cloud(cone(0.4, x=0.01, z=0.02), T_goal_reached) is is_inside
+
+
+@pytest.mark.parametrize(
+    ("cloud", "metric"),
+    [
+        (PoseCloud(x=0.1, theta=3.0, o_x=1.0, o_y=1.0, o_z=2.0), GoalMetric.FULL_POSE),
+        (cone(0.4), GoalMetric.POSITION_AND_APPROACH),
+        (cone(np.pi), GoalMetric.POSITION_ONLY),
+    ],
+)
+def test_what_a_cloud_leaves_open_altogether_does_not_count(cloud, metric):
+    assert cloud.metric is metric
 
 
 @pytest.mark.parametrize("metric", GoalMetric)

@@ -92,16 +92,25 @@ def test_a_reach_that_is_too_heavy_to_hold_is_refused_with_joint_torque_and_post
 
 
 def test_what_a_servo_may_exert_is_not_said_to_be_what_it_has_to_where_it_stands() -> None:
-    heavy = PlanRequest(
-        q_start=0.9 * STRETCHED,
-        goal=JointGoal(q=STRETCHED),
-        limits=LIMITS,
-        payload=Payload(mass=0.3, com=AT_THE_TIP),
-        strength=WEAK,
-    )
+    further = PathGoal(waypoints=np.array([STRETCHED, FOLDED]))
     says = r"may exert 1\.15 N m, and no more than \d\.\d\d to leave"
     with pytest.raises(Overloaded, match=says):
-        PLANNER.plan(heavy)
+        PLANNER.plan(request(further, 0.3, q_start=0.9 * STRETCHED))
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        JointGoal(q=0.95 * STRETCHED),
+        JointGoal(q=STRETCHED),
+        PathGoal(waypoints=np.array([0.5 * FOLDED, 0.95 * STRETCHED])),
+        PoseGoal(T_base_tool=MODEL.frame(0.95 * STRETCHED)),
+        LineGoal(T_base_tool=MODEL.frame(0.97 * STRETCHED)),
+    ],
+)
+def test_an_arm_that_hangs_in_a_posture_too_heavy_for_it_is_not_sent_to_another(goal) -> None:
+    with pytest.raises(Overloaded, match=r"at the goal.*may exert 1\.15 N m; reach less far"):
+        PLANNER.plan(request(goal, 0.25, q_start=STRETCHED))
 
 
 def test_a_way_through_a_reach_that_is_too_heavy_is_refused() -> None:
