@@ -255,8 +255,8 @@ CONNECT = Step(
 MOTORS = Step(
     name="motors",
     title="Motor ids",
-    instruction="New motors all have the id 1, so they get their own one at a time, from the"
-    " gripper to the shoulder. Connect only the motor that is asked for.",
+    instruction="A motor goes by its number, its id. New ones all have 1, so they get their own"
+    " one at a time, from the gripper to the shoulder. Connect only the motor that is asked for.",
     minutes=6,
     check=_numbered,
 )
@@ -317,7 +317,8 @@ _CALIBRATION = (POSE, RECORD, SAVE, TEST, CONFIGURE)
 FULL = Workflow(
     name="full",
     title="Full Setup",
-    purpose="A new kit: the motors get their ids, then the arm is calibrated and tested.",
+    purpose="A new kit: each motor gets its number, the id. You screw the arm together, which takes"
+    " an hour or two more. Then it is calibrated and tested.",
     steps=(CONNECT, MOTORS, CHAIN, *_CALIBRATION),
 )
 

@@ -77,7 +77,10 @@ def _missing(joint: str, servo_id: int, seen: Seen, other_baud: int | None) -> M
         fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
     elif all(i < servo_id for i in seen.servos):
         error = f"servo {servo_id} ({joint}) does not answer"
-        fix = f"check the cable between servos {servo_id - 1} and {servo_id}; {_AGAIN}"
+        # Whoever is behind a broken cable is silent as well.
+        heard = [i for i in (*seen.servos, *seen.shared) if i < servo_id]
+        last = max(heard, default=servo_id - 1)
+        fix = f"check the cable between servos {last} and {last + 1}; {_AGAIN}"
     else:
         error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
         fix = f"connect it alone and discover {joint}, it may have another id; {_AGAIN}"

@@ -95,7 +95,7 @@ class MotorSetup:
             found = replace(found, sentence=self._what_was_found(found), fix="")
             trouble = supply_trouble(facts)
             if trouble is not None:
-                found = replace(found, sentence=f"{found.sentence}, but {trouble[0]}")
+                found = replace(found, sentence=f"{found.sentence}: {trouble[0]}")
                 found = replace(found, fix=trouble[1])
             self._show(found)
         return found

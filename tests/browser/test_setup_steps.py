@@ -79,7 +79,7 @@ def finish(hand: Hand) -> None:
     hand.until(is_ended, "finishing", seconds=60.0)
 
 
-def test_what_is_wrong_is_named_with_what_to_do_and_is_looked_at_again(
+def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
     kit: FreshKit, tmp_path: Path
 ) -> None:
     with serve(kit, tmp_path) as app:
@@ -95,11 +95,26 @@ def test_what_is_wrong_is_named_with_what_to_do_and_is_looked_at_again(
         assert hand.can("Look again")
         kit.world.power(12.0)
         set_up(hand, kit, "gripper")
-        hand.expect("Unplug the motor of gripper, then connect only the motor of wrist_roll")
+        hand.expect("Unplug the motor of gripper and write its name on it")
         assert not hand.can("Write id 5 to this motor")  # the finished one is still connected
 
         hand.press("Skip wrist_roll")
         hand.expect("connect only the motor of wrist_flex")
+
+    with serve(kit, tmp_path) as app:
+        hand = hand_on(app)
+        hand.expect("Step 2 of 3, about 8 min left, once the arm is connected again")
+        hand.press("Next")
+        hand.expect("connect only the motor of wrist_roll")
+        hand.press("Abort the setup")
+        hand.expect("Aborted: nothing was moved")
+        assert hand.can("Motor Setup Only")
+        hand.press("Motor Setup Only")
+        hand.press("Next")
+        hand.expect("connect only the motor of wrist_roll")
+        hand.press("Back")
+        hand.press("Back")
+        hand.expect("What do you need?")
 
 
 def test_the_chain_says_that_the_supply_is_wrong(kit: FreshKit, tmp_path: Path) -> None:
@@ -121,30 +136,6 @@ def test_the_chain_says_that_the_supply_is_wrong(kit: FreshKit, tmp_path: Path) 
         kit.world.power(12.0)
         hand.press("Verify again")
         hand.until(lambda: hand.can("Next"), "going on")
-
-
-def test_what_was_done_before_a_crash_is_done_and_abort_says_how_it_leaves_the_arm(
-    kit: FreshKit, tmp_path: Path
-) -> None:
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.press("Motor Setup Only")
-        hand.press("Next")
-        set_up(hand, kit, "gripper")
-    with serve(kit, tmp_path) as app:
-        hand = hand_on(app)
-        hand.expect("Step 2 of 3, about 8 min left, once the arm is connected again")
-        hand.press("Next")
-        hand.expect("connect only the motor of wrist_roll")
-        hand.press("Abort the setup")
-        hand.expect("Aborted: nothing was moved")
-        assert hand.can("Motor Setup Only")
-        hand.press("Motor Setup Only")
-        hand.press("Next")
-        hand.expect("connect only the motor of wrist_roll")
-        hand.press("Back")
-        hand.press("Back")
-        hand.expect("What do you need?")
 
 
 def test_a_port_that_is_not_there_is_waited_for(tmp_path: Path) -> None:
@@ -225,6 +216,10 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         hand.press("I hold it there")
         hand.expect("The pose is taken")
         assert kit.offsets != held
+        hand.press("Back")
+        hand.expect("The calibration is under way: press Next")
+        assert hand.can("Next")
+        assert not hand.can("Verify again")
         hand.press("Abort the setup")
         hand.expect("the motors hold what they held before")
         assert kit.offsets == held

@@ -142,10 +142,16 @@ def _travel(view: JointView) -> Travel:
         end=end,
         at=at,
         figures=_figures(view),
-        text="" if view.ticks is not None and is_plain else view.sentence,
+        text="" if view.ticks is not None and is_plain else _advice(view),
         tone="bad" if view.ticks is None else _TONES[view.verdict],
         is_done=view.is_done,
     )
+
+
+def _advice(view: JointView) -> str:
+    """What there is to say beside the figures."""
+    advice = view.sentence.partition("; ")[2]
+    return advice if view.verdict is Verdict.ALMOST and advice else view.sentence
 
 
 def _figures(view: JointView) -> str:
@@ -303,15 +309,23 @@ def saved_before(now: Situation) -> Path | None:
 # How it ends
 
 
+def is_under_way(calibrator: Calibrates) -> bool:
+    """Whether a calibration is."""
+    return calibrator.situation.view.state is not State.IDLE
+
+
+def untouched(calibrator: Calibrates) -> str:
+    """How the arm is left when no calibration is under way, in words."""
+    torque = _torque(calibrator.situation.holds)
+    return f"nothing is under way, so nothing was changed; {torque}"
+
+
 def put_back(calibrator: Calibrates) -> str:
     """Put back what a calibration under way has changed; what that has come to, in words.
 
     Raises:
         So101Error: It cannot be put back now.
     """
-    now = calibrator.situation
-    if now.view.state is State.IDLE:
-        return f"nothing is under way, so nothing was changed; {_torque(now.holds)}"
     ended = calibrator.abort()
     trouble = f". But: {ended.trouble}" if ended.trouble else ""
     return f"the motors hold what they held before; {_torque(ended.holds)}{trouble}"

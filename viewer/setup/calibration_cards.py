@@ -37,7 +37,9 @@ def travels(items: Iterable[Travel]) -> str:
 
 def _travel(item: Travel) -> str:
     colour = _COLOURS[item.tone]
-    mark = f'<b style="color:{GOOD}">✓</b>' if item.is_done else ""
+    mark = ""
+    if item.is_done:  # what can be saved, but better not yet, is no tick
+        mark = f'<b style="color:{colour}">{"!" if item.tone == "warm" else "✓"}</b>'
     at = ""
     if item.at is not None:
         at = (
@@ -75,7 +77,7 @@ def summary(lines: Iterable[Line]) -> str:
         + (_below(line.reason, line.tone, 4) if line.reason else "")
         for line in lines
     )
-    return _table(("joint", "travel", "quality", "ends moved"), rows)
+    return _table(("joint", "travel", "quality", "since before"), rows)
 
 
 def report(joints: Sequence[JointAccuracy]) -> str:

@@ -7,7 +7,7 @@ from html import escape
 from typing import Literal
 
 from so101_motion.adapters import Candidate
-from so101_motion.calib.setup_view import MotorView, Verification
+from so101_motion.calib.setup_view import MotorCheck, MotorView, Verification
 from so101_motion.checkup import Check
 from so101_motion.workflow import Workflow
 
@@ -55,6 +55,7 @@ def step_list(rows: Iterable[Row]) -> str:
     for number, row in enumerate(rows, start=1):
         mark, weight, colour, back = {
             "done": ("✓", 400, GOOD, "transparent"),
+            "passed over": ("!", 400, WARM, "transparent"),
             "now": (f"{number}", 700, "inherit", f"color-mix(in srgb,{_AMBER} 22%,transparent)"),
             "left": (f"{number}", 400, DIM, "transparent"),
         }[row.place]
@@ -185,22 +186,35 @@ def _motor_line(view: MotorView, state: MotorLook) -> str:
     return (
         '<div style="display:grid;grid-template-columns:1.1em 1fr max-content;gap:.2em">'
         f'<b style="color:{colour}">{mark}</b><b>{escape(view.joint)}</b>'
-        f'<span style="color:{DIM}">{escape(_identity(view))}</span></div>'
+        f'<span style="color:{DIM}">{escape(_identity(view, state))}</span></div>'
     )
 
 
-def _identity(view: MotorView) -> str:
+def _identity(view: MotorView, state: MotorLook) -> str:
     """The id and the rate it has, and the id it is to have."""
-    if view.found_id is None:
+    if view.found_id is None or state in ("now", "waiting"):
         return f"gets id {view.target_id}"
     rate = "" if view.baud is None else f", {_rate(view.baud)}"
-    if view.state in ("configured", "verified"):
-        return f"id {view.found_id}{rate}"
-    return f"id {view.found_id}{rate} → {view.target_id}"
+    if state in ("found", "trouble") and view.found_id != view.target_id:
+        return f"id {view.found_id} → {view.target_id}{rate}"
+    return f"id {view.found_id}{rate}"
 
 
 def _rate(baud: int) -> str:
     return f"{baud // 1_000_000} Mbaud" if baud >= 1_000_000 else f"{baud / 1000:g} kbaud"
+
+
+def troubles(found: Verification) -> list[tuple[str, str]]:
+    """What is wrong in the chain and what to do, once for all that need the same done."""
+    alike: dict[tuple[str, str], list[MotorCheck]] = {}
+    for check in found.motors.values():
+        if check.error:
+            alike.setdefault((check.status, check.fix), []).append(check)
+    told = []
+    for (_status, fix), (first, *others) in alike.items():
+        ids = ", ".join(str(check.servo_id) for check in others)
+        told.append((f"{first.error}; the same with {ids}" if ids else first.error, fix))
+    return told
 
 
 def grid(found: Verification) -> str:
@@ -220,9 +234,7 @@ def grid(found: Verification) -> str:
             f'{escape(check.joint)}</div><div style="color:{DIM};font-size:.9em">'
             f"{escape(about)}</div></div>"
         )
-    wrong = "".join(
-        _marked("✗", BAD, check.error, check.fix) for check in found.motors.values() if check.error
-    )
+    wrong = "".join(_marked("✗", BAD, *one) for one in troubles(found))
     return (
         '<div style="display:grid;grid-template-columns:1fr 1fr;gap:.35em;'
         f'padding:.3em .8em;font-size:.82em">{"".join(cells)}</div>{wrong}'

@@ -11,15 +11,15 @@ from dataclasses import replace
 import viser
 
 from so101_motion.calib.setup_view import Verification
-from so101_motion.checkup import Check
 from so101_motion.workflow import CHAIN
 
-from . import cards
+from . import calibrating, cards
+from .page import StepPage
 from .picture import GREEN, ORANGE
-from .steps import Workshop
+from .workshop import Workshop
 
 
-class ChainPage:
+class ChainPage(StepPage):
     """The page of the third step.
 
     Args:
@@ -27,7 +27,7 @@ class ChainPage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
+        super().__init__(shop, CHAIN)
         self._shown: Verification | None = None
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -43,11 +43,8 @@ class ChainPage:
         self._shown = None
         bench = self._shop.bench
         one_by_one = bench is not None and bench.calibrator.motor_setup.view.next_joint is None
-        if self._shop.seen.servos is not None or not one_by_one:
+        if not self._is_calibrating and (self._shop.seen.servos is not None or not one_by_one):
             self._look()
-
-    def leave(self) -> None:
-        """Nothing goes on."""
 
     def refresh(self) -> bool:
         """Whether something else was found."""
@@ -59,36 +56,40 @@ class ChainPage:
         """Tell what was found, and light the motors that are not as they must be."""
         found = self._shop.seen.servos
         self._verify.label = "Verify all six" if found is None else "Verify again"
-        self._verify.disabled = bool(self._shop.doing)
+        self._verify.disabled = bool(self._shop.doing) or self._is_calibrating
         self._grid.content = "" if found is None else cards.grid(found)
         is_told = found is not None and any(check.error for check in found.motors.values())
         is_open = found is None or is_told or bool(self._shop.doing)
         self._said.content = "" if is_open else cards.said(self.check())
+        if self._is_calibrating:
+            self._said.content = cards.note("The calibration is under way: press Next.")
         if found is not None:
             wrong = tuple(joint for joint, check in found.motors.items() if check.status != "ok")
             lit, colour = (wrong, ORANGE) if wrong else (tuple(found.motors), GREEN)
             self._shop.picture.light(lit, colour)
 
-    def check(self) -> Check:
-        """Whether all six are as they must be."""
-        return CHAIN.check(self._shop.known)
-
     def can_go_on(self) -> str | None:
         """That something is wrong with the chain; what it is stands above."""
-        if self.check().verdict != "fail":
+        if self.check().verdict != "fail" or self._is_calibrating:
             return None
         is_first = self._shop.seen.servos is None
         return "verify them first" if is_first else "verify them once all is mended"
 
-    def abort(self) -> str:
-        """Nothing is written in this step."""
+    def _as_it_was(self) -> str:
         return "nothing was changed, and nothing was moved"
 
-    def _look(self) -> None:
+    @property
+    def _is_calibrating(self) -> bool:
+        """Whether somebody has come back from a calibration, which has the motors to itself."""
         bench = self._shop.bench
-        if bench is not None:
-            verify = bench.calibrator.motor_setup.verify
-            self._shop.do("looking at all six motors", verify, self._take)
+        return bench is not None and calibrating.is_under_way(bench.calibrator)
+
+    def _look(self) -> None:
+        self._do(
+            "looking at all six motors",
+            lambda bench: bench.calibrator.motor_setup.verify(),
+            self._take,
+        )
 
     def _take(self, found: Verification) -> None:
         self._shop.seen = replace(self._shop.seen, servos=found)

@@ -7,7 +7,6 @@ import json
 import viser
 
 from so101_motion import adapters
-from so101_motion.checkup import Check
 from so101_motion.configuration import configuration
 from so101_motion.hardware_config import SERVO_IDS
 from so101_motion.rig import open_hardware
@@ -17,7 +16,8 @@ from so101_motion.workflow import CONFIGURE
 from ..desk import Desk
 from . import calibrating, calibration_cards, cards
 from .bench import Bench
-from .steps import Workshop
+from .page import StepPage
+from .workshop import Workshop
 
 
 class Outlook:
@@ -52,7 +52,7 @@ class Outlook:
         self._rig.close()
 
 
-class ConfigurePage:
+class ConfigurePage(StepPage):
     """The page of the configuration.
 
     Args:
@@ -60,7 +60,7 @@ class ConfigurePage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
+        super().__init__(shop, CONFIGURE)
         self._text = self._url = ""
         self._is_shown = False
 
@@ -82,10 +82,7 @@ class ConfigurePage:
         if bench is not None and self._shop.saved is None:
             self._shop.saved = calibrating.saved_before(bench.calibrator.situation)
         if bench is not None and not bench.is_remote:
-            self._shop.do("writing the configuration", lambda: snippet(bench), self._take)
-
-    def leave(self) -> None:
-        """Nothing goes on."""
+            self._do("writing the configuration", snippet, self._take)
 
     def refresh(self) -> bool:
         """Whether there is something new to show."""
@@ -131,23 +128,12 @@ class ConfigurePage:
             )
         self._ways.content = said + cards.note(f"Later, from a terminal: {_command(bench)}")
 
-    def check(self) -> Check:
-        """Whether there is something to use."""
-        return CONFIGURE.check(self._shop.known)
-
-    def can_go_on(self) -> str | None:
-        """That there is not."""
-        check = self.check()
-        return check.sentence if check.verdict == "fail" else None
-
-    def abort(self) -> str:
-        """Nothing is begun here."""
+    def _as_it_was(self) -> str:
         return "what was saved stays, and the arm is left as it is"
 
     def _preview(self) -> None:
-        bench = self._shop.bench
-        if bench is not None and not self._url:
-            self._shop.do("opening the preview", lambda: Outlook(bench), self._show_preview)
+        if not self._url:
+            self._do("opening the preview", Outlook, self._show_preview)
 
     def _show_preview(self, outlook: Outlook) -> None:
         self._shop.opened.append(outlook)

@@ -21,13 +21,15 @@ from so101_motion.workflow import CONNECT
 from . import cards
 from .bench import Bench
 from .benches import Ports
-from .steps import Workshop
+from .page import StepPage
+from .workshop import Workshop
 
 PERIOD = 1.0
 """How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""
 
 _BARE = (
     "With a new kit that is as it should be: its motors are connected later, one at a time. Go on."
+    " With an arm that is screwed together, first do what is said above."
 )
 
 _MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
@@ -110,7 +112,7 @@ class Connection:
         return None
 
 
-class ConnectionPage:
+class ConnectionPage(StepPage):
     """The page of the first step.
 
     Args:
@@ -119,7 +121,8 @@ class ConnectionPage:
     """
 
     def __init__(self, shop: Workshop, ports: Ports) -> None:
-        self._shop, self._ports = shop, ports
+        super().__init__(shop, CONNECT)
+        self._ports = ports
         self._lookout = Lookout(ports.look)
         self.model = Connection()
 
@@ -172,15 +175,9 @@ class ConnectionPage:
 
     def check(self) -> Check:
         """Whether there is a port that can be used."""
-        return self._of_several() or CONNECT.check(self._shop.known)
+        return self._of_several() or super().check()
 
-    def can_go_on(self) -> str | None:
-        """The trouble with the port."""
-        check = self.check()
-        return check.sentence if check.verdict == "fail" else None
-
-    def abort(self) -> str:
-        """Nothing was begun."""
+    def _as_it_was(self) -> str:
         return "nothing was changed"
 
     # How

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from so101_motion.calib.progress import Progress
-from so101_motion.workflow import WORKFLOWS, Step, Workflow
+from so101_motion.workflow import MOTORS, TEST, WORKFLOWS, Known, Step, Workflow
 
-Place = Literal["done", "now", "left"]
+Place = Literal["done", "passed over", "now", "left"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +21,7 @@ class Row:
 
     Attributes:
         title: What the step is called.
-        place: Whether it is behind us, on the page, or still to come.
+        place: Whether it is behind us, done or not, on the page, or still to come.
         minutes: How long it takes.
     """
 
@@ -56,19 +56,22 @@ class Course:
         """Whether no step follows."""
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
-    @property
-    def rows(self) -> tuple[Row, ...]:
-        """The list of steps; empty while nothing is chosen."""
+    def rows(self, known: Known) -> tuple[Row, ...]:
+        """The list of steps, judged by what is known; empty while nothing is chosen."""
         if self.workflow is None:
             return ()
         return tuple(
-            Row(
-                title=step.title,
-                minutes=step.minutes,
-                place="done" if k < self.place else "now" if k == self.place else "left",
-            )
+            Row(title=step.title, minutes=step.minutes, place=self._place(k, step, known))
             for k, step in enumerate(self.workflow.steps)
         )
+
+    def _place(self, k: int, step: Step, known: Known) -> Place:
+        if k >= self.place:
+            return "now" if k == self.place else "left"
+        # Without the others one does not get on, so they were done, known or not any more.
+        verdict = step.check(known).verdict if step in (MOTORS, TEST) else "ok"
+        is_left_out = verdict == "warn" or (step is TEST and verdict == "fail")
+        return "passed over" if is_left_out else "done"
 
     @property
     def where(self) -> str:

@@ -15,7 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from so101_motion.calib import record
 from so101_motion.calib.record import JOINTS
 from so101_motion.calib.setup_view import MotorCheck, MotorView, SetupView, Verification
 from so101_motion.calib.steps import Command, State
@@ -24,6 +23,8 @@ from so101_motion.calib.verdict import Verdict
 from so101_motion.calib.view import CalibrationView, JointView
 from so101_motion.calibrator import Ended, Situation
 from so101_motion.errors import CalibrationError, So101Error
+
+from .calibrating import held
 
 PERIOD = 0.12
 """How often the sensor is read [s]; chosen: bars that move with the hand."""
@@ -153,18 +154,9 @@ class MachineCalibrator:
 
 def _ended(answer: Told, joints: Mapping[str, JointView]) -> Ended:
     """What is in force now, from the answer and the joints that have it."""
-    calibration = {
-        joint: replace(
-            record.default(joint),
-            homing_offset=view.homing_offset,
-            range_min=view.range_min,
-            range_max=view.range_max,
-        )
-        for joint, view in joints.items()
-    }
     stored = Stored(
         path=Path(str(answer["calibration_file"])),
-        calibration=calibration,
+        calibration=held(joints),
         zeros={},
         notes=(f"On the machine: {answer.get('message', '')}",),
     )

@@ -16,14 +16,14 @@ from functools import partial
 import viser
 
 from so101_motion.calib.setup_view import MOVES, SETUP_ORDER, MotorView, SetupView
-from so101_motion.checkup import Check
 from so101_motion.workflow import MOTORS
 
 from ..fields import put
 from . import cards
 from .cards import MotorLook
+from .page import StepPage
 from .picture import GREEN, ORANGE
-from .steps import Workshop
+from .workshop import Workshop
 
 PAUSE = 0.6
 """How long to wait between two looks at the cable [s]; chosen: a look alone takes up to two."""
@@ -34,6 +34,11 @@ one motor and plug in another."""
 
 AS_NEW = 1
 """The id of every new motor, which therefore tells nothing."""
+
+_LOOKING = (
+    "Looking at the cable all the time; there is nothing to press. The six motors of a follower's"
+    " kit are alike: take any. Those of a leader differ: see its guide for which goes where."
+)
 
 _NONE = "none"
 _NOBODY = "no servo answers"
@@ -110,7 +115,7 @@ class Motors:
         if motor.state == "found":
             if self.doubt(view, motor.joint):  # so it is while plugs change hands
                 return "now", self.request(view, motor.joint), ""
-            return ("trouble" if motor.fix else "found"), motor.sentence, motor.fix
+            return ("trouble" if motor.fix else "found"), _found(motor), motor.fix
         if motor.state == "failed" and _NOBODY not in motor.sentence:
             return (
                 "trouble",
@@ -126,14 +131,21 @@ class Motors:
         settled = [m for m in view.motors.values() if m.state == "configured"]
         there = [m.joint for m in settled if m.target_id == found != AS_NEW]
         done = there or [m.joint for m in settled]
-        unplug = f"unplug the motor of {done[-1]}, then " if done else ""
+        unplug = f"unplug the motor of {done[-1]} and write its name on it, then " if done else ""
         return (
             f"{unplug}connect only the motor of {joint}, which {MOVES[joint]}, to the adapter, with"
             " the power on"
         )
 
 
-class MotorsPage:
+def _found(motor: MotorView) -> str:
+    """What was found, without what stands above it anyway."""
+    if motor.fix or motor.model is None or motor.volts is None:
+        return motor.sentence
+    return f"found it: {motor.model}, firmware {motor.firmware}, {motor.volts:.1f} V"
+
+
+class MotorsPage(StepPage):
     """The page of the second step.
 
     Args:
@@ -141,7 +153,7 @@ class MotorsPage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
+        super().__init__(shop, MOTORS)
         self.model = Motors()
         self._shown: tuple[SetupView, str] | None = None
         self._is_here = False
@@ -208,10 +220,6 @@ class MotorsPage:
             self._write.label = f"Write id {view.motors[joint].target_id} to this motor"
             self._skip.label = f"Skip {joint}"
 
-    def check(self) -> Check:
-        """Whether all motors have their ids."""
-        return MOTORS.check(self._shop.known)
-
     def can_go_on(self) -> str | None:
         """How many motors are left; what is the matter with one, its card says."""
         left = 6 - self._view.step
@@ -219,8 +227,7 @@ class MotorsPage:
             return None
         return f"{left} motor{'s are' if left > 1 else ' is'} still to be set up or skipped"
 
-    def abort(self) -> str:
-        """Nothing moves in this step."""
+    def _as_it_was(self) -> str:
         return (
             "nothing was moved; the motors that have their ids keep them, and all are as they were"
         )
@@ -243,7 +250,7 @@ class MotorsPage:
             return "All motors are settled. Press Next."
         if is_found:
             return "Nothing is written until you press the button. The motor does not move."
-        return self.model.hint or "Looking at the cable all the time; there is nothing to press."
+        return self.model.hint or _LOOKING
 
     def _assign(self) -> None:
         bench, joint = self._shop.bench, self.model.joint(self._view)

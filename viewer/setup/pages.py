@@ -7,14 +7,15 @@ from .chain import ChainPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage
 from .motors import MotorsPage
+from .page import StepPage
 from .pose import PosePage
 from .record import RecordPage
 from .save import SavePage
-from .steps import SetupStep, Workshop
 from .trial import TrialPage
+from .workshop import Workshop
 
 
-def make_pages(shop: Workshop, ports: Ports) -> dict[str, SetupStep]:
+def make_pages(shop: Workshop, ports: Ports) -> dict[str, StepPage]:
     """The page of every step of ``so101_motion.workflow``, by the step's name."""
     return {
         "connect": ConnectionPage(shop, ports),

@@ -15,18 +15,21 @@ import viser
 from so101_motion.adapters import own_folder
 from so101_motion.calib.progress import NAME, Progress
 from so101_motion.errors import So101Error
-from so101_motion.workflow import CONNECT, WORKFLOWS, Workflow
+from so101_motion.workflow import CONNECT, MOTORS_ONLY, WORKFLOWS, Workflow
 
 from ..desk import Counter, Desk
 from . import cards
 from .bench import Bench
 from .benches import Given, Ports, given
 from .course import Course
+from .page import StepPage
 from .pages import make_pages
 from .picture import Picture
-from .steps import SetupStep, Workshop
+from .workshop import Workshop
 
 TITLE = "Setup"
+
+_MOTORS_DONE = "All done. Screw the arm together, then choose Calibration Only."
 
 
 class SetupPart:
@@ -56,7 +59,7 @@ class SetupPart:
         self.shop = Workshop(desk=desk, picture=picture, progress=progress, fixed=fixed)
         self.course = Course(progress)
         self._pages = make_pages(self.shop, ports)
-        self._current: SetupStep | None = None
+        self._current: StepPage | None = None
         self._left_behind = ""
         self._is_stale = True
         with desk.tabs.add_tab(TITLE, viser.Icon.TOOL):
@@ -112,11 +115,11 @@ class SetupPart:
         if self.shop.bench is None:
             self._connect()
         else:
-            done = self.course.is_last
+            done, workflow = self.course.is_last, self.course.workflow
             self.course.go_on()
             self._turn_to_step()
             if done:
-                self._left_behind = "All done."
+                self._left_behind = _MOTORS_DONE if workflow is MOTORS_ONLY else "All done."
                 self.shop.progress.clear()
 
     def _go_back(self) -> None:
@@ -200,7 +203,7 @@ class SetupPart:
         waits = self.shop.bench is None and course.place > 0
         about = f"{course.where}, once the arm is connected again" if waits else course.where
         self._head.content = cards.headline(course.workflow.title, about)
-        self._steps.content = cards.step_list(course.rows)
+        self._steps.content = cards.step_list(course.rows(self.shop.known))
         self._torque.content = cards.torque(self.shop.torque.told)
         reason = self._reason()
         self._next.label = "Finish" if course.is_last else "Next"

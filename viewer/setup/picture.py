@@ -49,6 +49,7 @@ class Picture:
         self._model = RobotModel.load()
         self._root = scene.add_frame("/setup", show_axes=False, visible=False)
         self._arm = RobotView(scene, "/setup/arm", color=_PALE)
+        self._arm.set_visible(False)  # it is sent when it takes the stage
         self._ghost = RobotView(scene, "/setup/ghost", color=_GHOST, opacity=0.35)
         self._ghost.show(())
         self.is_shown = False
@@ -60,6 +61,7 @@ class Picture:
         if shown != self.is_shown:
             self.is_shown = shown
             self._root.visible = shown
+            self._arm.set_visible(shown)
             self._on_stage(not shown)
 
     def rest(self) -> None:

@@ -15,13 +15,13 @@ import viser
 from so101_motion.calib.likely import HOMING_POSE, Likely
 from so101_motion.calib.steps import State
 from so101_motion.calib.stillness import STILL, Stillness
-from so101_motion.checkup import Check
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.workflow import POSE
 
 from . import calibrating, calibration_cards, cards
-from .steps import Workshop
-from .watch import Watch
+from .bench import Bench
+from .page import CalibrationPage
+from .workshop import Workshop
 
 _LET_GO = (
     "The arm must be screwed together by now; that takes an hour or two, and this page waits. Hold"
@@ -30,13 +30,13 @@ _LET_GO = (
 )
 _MATCH = (
     "Match the blue ghost: upper arm upright, forearm and gripper level and straight ahead, the jaw"
-    " half open. Then turn the gripper until it opens straight upwards, and look closely: nothing"
-    " else tells where the zero of wrist_roll is."
+    " half open. Then turn the gripper until it opens straight upwards, and look closely: how you"
+    " hold it is what it takes for straight from now on."
 )
 _TAKEN = "The pose is taken. Relax, and go on."
 
 
-class PosePage:
+class PosePage(CalibrationPage):
     """The page of the homing pose.
 
     Args:
@@ -44,8 +44,7 @@ class PosePage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
-        self._watch = Watch(shop)
+        super().__init__(shop, POSE)
         self._stillness: Stillness | None = None  # while the pose is about to be taken
         self._still = 0.0
 
@@ -80,7 +79,7 @@ class PosePage:
 
     def refresh(self) -> bool:
         """Look at the arm; take the pose when it has been still."""
-        news = self._watch.refresh()
+        news = super().refresh()
         return self._await_stillness() or news
 
     def show(self) -> None:
@@ -131,20 +130,6 @@ class PosePage:
             said += cards.failed(view.error)
         self._said.content = said
 
-    def check(self) -> Check:
-        """Whether the pose is taken."""
-        return POSE.check(self._shop.known)
-
-    def can_go_on(self) -> str | None:
-        """That it is not."""
-        check = self.check()
-        return check.sentence if check.verdict == "fail" else None
-
-    def abort(self) -> str:
-        """Put back what a calibration under way has changed."""
-        bench = self._shop.bench
-        return "nothing was changed" if bench is None else calibrating.put_back(bench.calibrator)
-
     # What the buttons do
 
     def _start(self) -> None:
@@ -157,21 +142,15 @@ class PosePage:
             self._shop.saved = self._shop.tested = None
 
     def _start_over(self) -> None:
-        bench = self._shop.bench
-        if bench is None:
-            return
-
-        def again() -> None:
+        def again(bench: Bench) -> None:
             bench.calibrator.abort()
             bench.calibrator.start()
 
-        if self._shop.do("putting the motors back, to begin again", again):
+        if self._do("putting the motors back, to begin again", again):
             self._shop.saved = self._shop.tested = None
 
     def _put_back(self) -> None:
-        bench = self._shop.bench
-        if bench is not None:
-            self._shop.do("putting the motors back", bench.calibrator.reset)
+        self._do("putting the motors back", lambda bench: bench.calibrator.reset())
 
     def _wait_for_stillness(self) -> None:
         if not self._shop.doing:

@@ -10,16 +10,15 @@ from __future__ import annotations
 import viser
 
 from so101_motion.calib.steps import State
-from so101_motion.checkup import Check
 from so101_motion.workflow import RECORD
 
 from ..fields import Field
 from . import calibrating, calibration_cards, cards
-from .steps import Workshop
-from .watch import Watch
+from .page import CalibrationPage
+from .workshop import Workshop
 
 
-class RecordPage:
+class RecordPage(CalibrationPage):
     """The page of the travels.
 
     Args:
@@ -27,8 +26,7 @@ class RecordPage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
-        self._watch = Watch(shop)
+        super().__init__(shop, RECORD)
         self._accepted: tuple[str, ...] = ()
         self._refused = ""  # why the recording could not end, said once
         self._missing: tuple[str, ...] = ()  # what was missing then
@@ -58,10 +56,6 @@ class RecordPage:
 
     def leave(self) -> None:
         """What is recorded stays, and the recording goes on."""
-
-    def refresh(self) -> bool:
-        """Look at the arm."""
-        return self._watch.refresh()
 
     def show(self) -> None:
         """Tell how far each joint is."""
@@ -107,10 +101,6 @@ class RecordPage:
         )
         self._accepts.show(bool(self._accepted))
 
-    def check(self) -> Check:
-        """Whether all travels are known."""
-        return RECORD.check(self._shop.known)
-
     def can_go_on(self) -> str | None:
         """Which are not."""
         shop = self._shop
@@ -125,17 +115,10 @@ class RecordPage:
             "finish the recording" if check.sentence == "the recording goes on" else check.sentence
         )
 
-    def abort(self) -> str:
-        """Put back what a calibration under way has changed."""
-        bench = self._shop.bench
-        return "nothing was changed" if bench is None else calibrating.put_back(bench.calibrator)
-
     # What the widgets do
 
     def _record(self) -> None:
-        bench = self._shop.bench
-        if bench is not None:
-            self._shop.do("beginning to record", bench.calibrator.start_recording)
+        self._do("beginning to record", lambda bench: bench.calibrator.start_recording())
 
     def _take_as_is(self, is_meant: bool) -> None:
         now = self._watch.now
@@ -143,10 +126,8 @@ class RecordPage:
         self._accepted = offered if is_meant else ()
 
     def _stop(self) -> None:
-        bench, accepted = self._shop.bench, self._accepted
-        if bench is not None:
-            calibrator = bench.calibrator
-            self._shop.do("finishing", lambda: calibrator.stop_recording(accept=accepted))
+        accepted = self._accepted
+        self._do("finishing", lambda bench: bench.calibrator.stop_recording(accept=accepted))
 
 
 def _instruction(state: State, missing: tuple[str, ...], short: tuple[str, ...]) -> str:
@@ -155,8 +136,10 @@ def _instruction(state: State, missing: tuple[str, ...], short: tuple[str, ...])
     if state is not State.RECORDING:
         return RECORD.instruction
     if short:
-        farther = f"{', '.join(short)} may go a little farther"
-        return f"All can be saved, but {farther}. Put the arm down, then finish."
+        return (
+            f"Not quite at both stops yet: {', '.join(short)}. Move on to them, or, if that is as"
+            " far as it goes, put the arm down, then finish."
+        )
     if not missing:
         return "All joints have been at their stops. Put the arm down, then finish."
     return (

@@ -10,14 +10,18 @@ from so101_motion.calib import zero, zero_meaning
 from so101_motion.calib.steps import State
 from so101_motion.calib.store import Stored
 from so101_motion.calibrator import Ended
-from so101_motion.checkup import Check
 from so101_motion.planning.model import RobotModel
 from so101_motion.state import ARM_JOINTS
 from so101_motion.workflow import SAVE
 
 from . import calibrating, calibration_cards, cards
-from .steps import Workshop
-from .watch import Watch
+from .page import CalibrationPage
+from .workshop import Workshop
+
+_BESIDE = (
+    " What this file says now is kept. Since before: how far the two ends of each travel have"
+    " moved."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +33,7 @@ class _Told:
     meanings: tuple[str, ...]
 
 
-class SavePage:
+class SavePage(CalibrationPage):
     """The page of the result.
 
     Args:
@@ -37,8 +41,7 @@ class SavePage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
-        self._watch = Watch(shop)
+        super().__init__(shop, SAVE)
         self._lines: tuple[calibrating.Line, ...] = ()
         self._told: _Told | None = None
         self._is_undone = False
@@ -68,13 +71,6 @@ class SavePage:
             if shop.bench is not None:
                 shop.saved = calibrating.saved_before(shop.bench.calibrator.situation)
 
-    def leave(self) -> None:
-        """Nothing goes on."""
-
-    def refresh(self) -> bool:
-        """Look at the arm."""
-        return self._watch.refresh()
-
     def show(self) -> None:
         """Tell what is about to be saved, or was."""
         now, busy = self._watch.now, bool(self._shop.doing)
@@ -86,8 +82,9 @@ class SavePage:
             self._lines = calibrating.summary(now.joints, self._shop.before)
         saved = self._shop.saved
         self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
+        is_in_force = self._told is not None and not self._is_undone
         self._table.content = (
-            calibration_cards.summary(self._lines) if is_open or self._told is not None else ""
+            calibration_cards.summary(self._lines) if is_open or is_in_force else ""
         )
         self._save.visible, self._save.disabled = is_open, busy
         self._save.label = "Try to save again" if is_open and self._shop.trouble else "Save"
@@ -96,9 +93,9 @@ class SavePage:
         )
         self._undo.disabled = busy
         if is_open:
+            kept = _BESIDE if self._shop.before else ""
             self._said.content = cards.note(
-                f"It is stored in the motors and in {now.calibration_file}. What this file said"
-                " before is kept."
+                f"It will be stored in the motors and in {now.calibration_file}.{kept}"
             )
         else:
             self._said.content = self._about_saved()
@@ -113,38 +110,18 @@ class SavePage:
             said += cards.failed(told.trouble)
         return said + "".join(cards.note(cards.capital(text)) for text in told.meanings)
 
-    def check(self) -> Check:
-        """Whether it is saved."""
-        return SAVE.check(self._shop.known)
-
-    def can_go_on(self) -> str | None:
-        """That it is not."""
-        check = self.check()
-        return check.sentence if check.verdict == "fail" else None
-
-    def abort(self) -> str:
-        """Put back what a calibration under way has changed; what is saved stays."""
-        bench = self._shop.bench
-        return "nothing was changed" if bench is None else calibrating.put_back(bench.calibrator)
-
     # What the buttons do
 
     def _store(self) -> None:
-        bench = self._shop.bench
-        if bench is not None:
-            save = bench.calibrator.save
-            is_first = not self._shop.before
-            self._shop.do(
-                "storing it in the motors and in the file",
-                lambda: _told(save(), is_first=is_first),
-                self._take,
-            )
+        is_first = not self._shop.before
+        self._do(
+            "storing it in the motors and in the file",
+            lambda bench: _told(bench.calibrator.save(), is_first=is_first),
+            self._take,
+        )
 
     def _restore(self) -> None:
-        bench = self._shop.bench
-        if bench is not None:
-            restore = bench.calibrator.restore
-            self._shop.do("going back", lambda: _told(restore()), self._take_back)
+        self._do("going back", lambda bench: _told(bench.calibrator.restore()), self._take_back)
 
     def _take(self, told: _Told, *, is_undone: bool = False) -> None:
         self._told, self._is_undone = told, is_undone

@@ -8,8 +8,8 @@ import viser
 
 from ..desk import Counter
 from . import cards
-from .steps import Workshop
 from .torque import Torque
+from .workshop import Workshop
 
 _WIDTH = 250
 

@@ -24,10 +24,13 @@ from so101_motion.workflow import TEST
 from ..fields import Field, put
 from . import calibration_cards, cards
 from .bench import Bench
-from .steps import Workshop
+from .page import StepPage
+from .workshop import Workshop
 
 _STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 _LIMP = "The joints are limp. Bring the arm to a pose that is free all around, and have it held."
+_MENDED = "Once that is mended, have the joints held again. Keep a hand on the arm."
+_CLEAR = "Tick the box when nothing is in its way and no hand is near it."
 _SEEN = "Did the arm do what its picture did, the same joints to the same sides?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
 
@@ -83,7 +86,7 @@ class Trial:
         self.progress = progress
 
 
-class TrialPage:
+class TrialPage(StepPage):
     """The page of the final test.
 
     Args:
@@ -91,7 +94,7 @@ class TrialPage:
     """
 
     def __init__(self, shop: Workshop) -> None:
-        self._shop = shop
+        super().__init__(shop, TEST)
         self._trial: Trial | None = None
         self._is_agreed = False
         self._shown: tuple[object, ...] = ()
@@ -196,7 +199,7 @@ class TrialPage:
                 TEST.title, "This arm cannot be moved from here. You may go on."
             )
         if not holds:
-            return cards.instruction(TEST.title, _LIMP)
+            return self._about_hold()
         if trial is None or trial.outline is None:
             return cards.instruction(TEST.title, TEST.instruction)
         if trial.is_running:
@@ -212,11 +215,15 @@ class TrialPage:
         )
         if trial.trouble is not None:
             said += cards.failed(str(trial.trouble))
-        return said
+        return said + cards.note(_CLEAR)
 
-    def check(self) -> Check:
-        """What the test has found."""
-        return TEST.check(self._shop.known)
+    def _about_hold(self) -> str:
+        """Why the arm does not hold, and what to do."""
+        state = self._state()
+        if state is None or state.mode is not Mode.FAULT:
+            return cards.instruction(TEST.title, _LIMP)
+        trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
+        return cards.instruction(TEST.title, "") + trouble + cards.note(_MENDED)
 
     def can_go_on(self) -> str | None:
         """That the arm still moves; an arm need not be tested, nor pass."""
@@ -227,6 +234,9 @@ class TrialPage:
         """End the test; the arm holds where it is."""
         if self._trial is not None:
             self._trial.end()
+        return super().abort()
+
+    def _as_it_was(self) -> str:
         state = self._state()
         holds = state is not None and state.mode in _STANDS
         where = "the arm is held where it stands" if holds else "the arm is limp, so support it"
@@ -245,9 +255,9 @@ class TrialPage:
         self._trial = trial
 
     def _take_in_hand(self) -> None:
-        bench = self._shop.bench
-        if bench is not None:
-            self._shop.do("holding the joints", bench.calibrator.hold, lambda _: self._plan())
+        self._do(
+            "holding the joints", lambda bench: bench.calibrator.hold(), lambda _: self._plan()
+        )
 
     def _agree_to(self, is_clear: bool) -> None:
         self._is_agreed = is_clear

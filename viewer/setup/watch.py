@@ -7,7 +7,7 @@ import time
 from so101_motion.calib.likely import Likely, likely
 from so101_motion.calibrator import Situation
 
-from .steps import Workshop
+from .workshop import Workshop
 
 _PERIOD = 0.07
 """Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""

@@ -56,6 +56,11 @@ def test_a_motor_that_is_found_alone_can_be_written_to(motors: Motors) -> None:
     found = view(gripper=NEW)
     assert motors.can_write(found)
     assert motors.look(found, found.motors["gripper"]) == ("found", NEW["sentence"], "")
+    facts = {**NEW, "model": "sts3215", "firmware": "3.10", "volts": 12.04}
+    known = view(gripper=facts)
+    assert (
+        motors.look(known, known.motors["gripper"])[1] == "found it: sts3215, firmware 3.10, 12.0 V"
+    )
     assert not motors.can_write(view())
     assert not motors.can_write(view(gripper=TWO))
 
@@ -73,7 +78,8 @@ def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next(motors: Motors
     look, words, _ = motors.look(still, still.motors["wrist_roll"])
     assert look == "now"
     assert words.startswith(
-        "unplug the motor of gripper, then connect only the motor of wrist_roll"
+        "unplug the motor of gripper and write its name on it, then connect only the motor of"
+        " wrist_roll"
     )
 
 

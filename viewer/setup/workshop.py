@@ -1,8 +1,7 @@
-"""What a step's page is, and what all pages share.
+"""What all pages share: the arm that is worked on, what is known of it, and one pair of hands.
 
-A page shows one step of ``so101_motion.workflow`` and lets people do it. It never waits: what talks
-to motors runs beside it (``Workshop.do``), and ``refresh`` sees what has come of it. All pages work
-for every browser at once and keep nothing in the browser, so a reload loses nothing.
+A page never waits: what talks to motors runs beside it (``Workshop.do``), one thing at a time, and
+what has come of it is collected by the page's own thread.
 """
 
 from __future__ import annotations
@@ -13,8 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
-
-import viser
 
 from so101_motion.calib.progress import Progress
 from so101_motion.calib.record import Calibration
@@ -32,46 +29,6 @@ from .torque import TorqueWatch
 T = TypeVar("T")
 
 log = logging.getLogger(__name__)
-
-
-class SetupStep(Protocol):
-    """The page of one step. All of it but ``abort`` is called from the page's thread."""
-
-    def build(self, gui: viser.GuiApi) -> None:
-        """Make the widgets, once, where the caller has put the cursor."""
-        ...
-
-    def enter(self) -> None:
-        """The step begins, or is come back to: set the picture up, begin to look."""
-        ...
-
-    def leave(self) -> None:
-        """Another step begins; nothing of this one may go on."""
-        ...
-
-    def refresh(self) -> bool:
-        """Take note of what happened since the last call; whether there is news to show."""
-        ...
-
-    def show(self) -> None:
-        """Bring the widgets and the picture up to date."""
-        ...
-
-    def check(self) -> Check:
-        """How far the step is; the workflow's own check of what is known."""
-        ...
-
-    def can_go_on(self) -> str | None:
-        """Why one cannot go on yet, as a sentence; None if one can."""
-        ...
-
-    def abort(self) -> str:
-        """End what this step has begun, in a worker's thread; what that has come to, in words.
-
-        Raises:
-            So101Error: It cannot be ended now; the message says what to do.
-        """
-        ...
 
 
 class Closable(Protocol):
