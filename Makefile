@@ -20,7 +20,7 @@ check: $(STAMP) browser
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-bench: $(STAMP)
+bench: $(STAMP) browser
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks.bench_ik
 	$(BIN)/python -m benchmarks.bench_retime
@@ -32,6 +32,7 @@ bench: $(STAMP)
 	$(BIN)/python -m benchmarks.bench_follow
 	$(BIN)/python -m benchmarks.bench_stream
 	$(BIN)/python -m benchmarks.bench_teleop
+	$(BIN)/python -m benchmarks.bench_page
 
 pictures: $(STAMP) browser
 	$(BIN)/python docs/make_screenshots.py

@@ -24,7 +24,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -44,7 +44,11 @@ IDLE_SHARE, REOPEN_EVERY = 0.05, 8
 
 _TICKS = os.sysconf("SC_CLK_TCK")
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
-_BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+_VIEW = (
+    *(sys.executable, "-m", "so101_motion.cli", "view"),
+    *("--sim", "--no-browser", "--web-port", "0"),
+)
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _FEW_PICTURES = """
 window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 250);
 window.cancelAnimationFrame = clearTimeout;
@@ -122,11 +126,14 @@ class Soak:
 
 
 @contextlib.contextmanager
-def running_page() -> Iterator[Process]:
-    """``so101 view --sim`` until the end of the block."""
-    command = [sys.executable, "-m", "so101_motion.cli", "view", "--sim", "--no-browser"]
+def running_page(command: Sequence[str] = _VIEW) -> Iterator[Process]:
+    """A page in a process of its own, until the end of the block.
+
+    Args:
+        command: Serves it and prints ``open`` and the link; else ``so101 view --sim``.
+    """
     with subprocess.Popen(
-        [*command, "--web-port", "0"],
+        command,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -246,7 +253,7 @@ def soak_for(seconds: float, *, windows: int = 3) -> Soak:
     """
     soak = Soak()
     with running_page() as process, sync_playwright() as playwright:
-        found = next(filter(None, map(shutil.which, _BROWSERS)), None)
+        found = next(filter(None, map(shutil.which, BROWSERS)), None)
         browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
         seats = Windows(browser, process.url, soak)
         for _ in range(windows):

@@ -103,8 +103,8 @@ class Stage:
             self._ghost.show(())
             return
         T_ghost = self._model.link_placements(screen.q_ghost, screen.state.q_jaw)
-        self._ghost.move(T_ghost)
         self._ghost.show({link for link in T_ghost if _apart(T_ghost[link], T_live[link])})
+        self._ghost.move(T_ghost)
         self._ghost.paint(_GHOST if screen.aim.problem is None else _GHOST_BAD)
 
     def _draw_way(self) -> None:
