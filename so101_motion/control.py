@@ -39,6 +39,10 @@ stand, but nobody expects that any more; chosen, rides out a busy machine."""
 _RECENT = 1.0
 """How much of the past an error carries [s]."""
 
+_LOOKS = 4
+"""How often joints are looked at before they are held. Chosen: with 7 % of the answers spoiled, one
+of six is not heard in any of them once in 7,000 times."""
+
 
 class Control:
     """The joints of one port. Used by the I/O thread only, ``state`` excepted.
@@ -173,6 +177,7 @@ class Control:
             if self.mode is not Mode.GUIDING:
                 self._seed()
                 return
+            self._looked()
             self._driver.guide(None)
             self._arm.seat(self._driver.read().q)
         self._enter(Event.HOLD)
@@ -295,9 +300,7 @@ class Control:
         if self.is_moving:
             for player in players:
                 player.step(k)
-            self._driver.write(
-                self._arm.command, float(self._jaw.command[0]), self._arm.reference.qd
-            )
+            self._send()
         if self._watch is not None:
             self._watch()
         reading = self._driver.read()
@@ -307,6 +310,8 @@ class Control:
             self._arm.seat(reading.q)
         self._arm.regard(reading.q, reading.stray)
         self._jaw.regard(np.array([reading.q_jaw]), reading.stray)
+        if reading.alarms and self.mode is Mode.HOLDING:
+            self._relieve(reading)
         self.state = self._snapshot(reading, now, late)
         self._recent.append(self.state)
         self._arm.check(reading.q, reading.qd, reading.alarms)
@@ -341,13 +346,32 @@ class Control:
             self.fail(error)
             raise
 
+    def _send(self) -> None:
+        self._driver.write(self._arm.command, float(self._jaw.command[0]), self._arm.reference.qd)
+
     def _seed(self) -> None:
-        reading = self._driver.read()
+        reading = self._looked()
         self._seat(reading)
         self._driver.write(reading.q, reading.q_jaw)
         self._driver.set_torque(True)
         self._enter(Event.HOLD)
         self._fault = None
+
+    def _relieve(self, reading: JointReading) -> None:
+        """What was pushed until its servo gave up stays there; the jaw's grip is left alone."""
+        if self._arm.relieve(reading.alarms, reading.q):
+            self._send()
+
+    def _looked(self) -> JointReading:
+        """Where the joints are; asked again while an answer is lost, for a limp one may move."""
+        reading = self._driver.read()
+        missing = reading.unheard
+        for _ in range(_LOOKS - 1):
+            if not missing:
+                break
+            reading = self._driver.read()
+            missing &= reading.unheard
+        return reading
 
     def _seat(self, reading: JointReading) -> None:
         self._arm.seat(reading.q)

@@ -8,6 +8,7 @@ be there; those that answer are asked for their position now and then, and can b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TypeVar
 
 from so101_motion.clock import Clock
@@ -32,8 +33,7 @@ class Onlooker:
     """A port with servos that are not to be touched. Used by the I/O thread, but for what it shows.
 
     Args:
-        port: The serial port as given.
-        baud: Bits per second; other rates are for a while.
+        opener: Opens the port, wherever its adapter is by now; at other rates for a while.
         clock: What time it is.
         ids: The servo of each joint that may be there.
         patience: How long to wait for an answer beyond the time on the wire [s].
@@ -44,14 +44,14 @@ class Onlooker:
     """
 
     def __init__(
-        self, port: str, baud: int, clock: Clock, *, ids: Mapping[str, int], patience: float
+        self, opener: PortOpener, clock: Clock, *, ids: Mapping[str, int], patience: float
     ) -> None:
         self.positions: Mapping[str, Ticks] = {}
         self.driven: frozenset[str] = frozenset()
-        self._port, self._home_baud, self._clock, self._patience = port, baud, clock, patience
+        self._opener, self._clock, self._patience = opener, clock, patience
         self._joints = {servo_id: joint for joint, servo_id in ids.items()}
         self._due = clock.now()
-        self._baud = baud
+        self._baud = opener.baud
         self._connection = self._connect()
 
     @property
@@ -83,7 +83,7 @@ class Onlooker:
     def look(self) -> None:
         """Bring ``positions`` up to date, if it is time and the port is there."""
         now = self._clock.now()
-        if now < self._due or self._baud != self._home_baud:
+        if now < self._due or self._baud != self._opener.baud:
             return
         self._due = now + _PERIOD
         try:
@@ -105,7 +105,7 @@ class Onlooker:
 
     def _connect(self) -> Connection:
         return Connection(
-            PortOpener(self._port, self._baud),
+            partial(self._opener, self._baud),
             self._clock,
             names=self._joints,
             patience=self._patience,

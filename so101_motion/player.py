@@ -41,12 +41,15 @@ from so101_motion.planning.trajectory import Setpoint, Trajectory
 from so101_motion.pursuit import Pursuit
 from so101_motion.state import JointState
 from so101_motion.stream import Stream
-from so101_motion.units import to_deg
+from so101_motion.units import to_deg, to_rad
 
 _JUMP = 1e-4
 """How far the first setpoint of a motion may be from the reference [rad], and how much faster
 [rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
 
+_PUSHED = to_rad(3.0)
+"""How far off its place a resting joint must be to have been pushed [rad]; chosen, ten times what
+its weight leaves."""
 
 _NO_ALARMS: Mapping[str, str] = {}
 
@@ -130,6 +133,20 @@ class Player:
         self._entry.regard(q, stray)
         if self._entry and self._motion is None:
             self.reference = _at_rest(self._entry.inside(self.reference.q))
+
+    def relieve(self, alarms: Mapping[str, str], q: Array) -> bool:
+        """Let a resting joint that is in trouble stay where it has been pushed, shape (n,), [rad].
+
+        Returns:
+            Whether there is one; the reference has changed then.
+        """
+        if self._motion is not None:
+            return False
+        pushed = np.isin(self._channel.joints, list(alarms))
+        pushed &= (np.abs(q - self.reference.q) > _PUSHED) & ~self._entry.mask
+        if pushed.any():
+            self.reference = _at_rest(np.where(pushed, q, self.reference.q))
+        return bool(pushed.any())
 
     # Beginning and ending
 

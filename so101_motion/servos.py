@@ -315,13 +315,8 @@ class Servos:
             self._onlooker = self._look_on(settings)
 
     def _look_on(self, settings: ServoSettings) -> Onlooker:
-        return Onlooker(
-            settings.port,
-            settings.baudrate,
-            self._clock,
-            ids=settings.ids(),
-            patience=self._patience,
-        )
+        ids = settings.ids()
+        return Onlooker(self._opener, self._clock, ids=ids, patience=self._patience)
 
     def _seen(self, onlooker: Onlooker) -> JointReading:
         onlooker.look()

@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from so101_motion.drivers.droop import Gravity, Trim
 from so101_motion.drivers.lead import BRAKING, braking, stopping_distance
+from so101_motion.drivers.registers import Fault
 from so101_motion.drivers.servo_setup import ServoCondition
 from so101_motion.drivers.ticks import JointMap, Ticks
 
@@ -37,6 +38,7 @@ class Aim:
         self.q = [0.0] * 6
         self.held: list[Ticks | None] = [None] * 6
         self.is_set = False
+        self._overloaded: set[int] = set()
         self._maps = maps
         self._qd: Sequence[float] | None = None
         self._braking = [BRAKING] * 6
@@ -44,8 +46,20 @@ class Aim:
     def found(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up and was found like this."""
         self.held[i] = servo.goal_ticks if servo.torque else None
+        self._overloaded.discard(i)
         self.trim.set_gain(i, servo.p_gain)
         self._braking[i] = braking(servo.max_acceleration)
+
+    def heard(self, i: int, faults: int) -> None:
+        """What the status byte of joint ``i``'s servo was.
+
+        One that has given up on its load does not take it up again before its goal is where it
+        stands. So nothing is added to that goal, and what weighs on the joint has to wait a moment.
+        """
+        if faults & Fault.OVERLOAD:
+            self._overloaded.add(i)
+        elif self._overloaded:
+            self._overloaded.discard(i)
 
     def point(self, q: list[float], now: float, qd: Sequence[float] | None = None) -> None:
         """The joints are wanted at ``q`` [rad].
@@ -68,6 +82,8 @@ class Aim:
         if self._qd is not None:
             for i, qd in enumerate(self._qd):
                 offset[i] += stopping_distance(qd, self._braking[i])
+        for i in self._overloaded:
+            offset[i] = 0.0
         return {
             joint.servo_id: joint.to_goal(self.q[i] + offset[i])
             for i, joint in self._maps.items()

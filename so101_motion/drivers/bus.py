@@ -9,7 +9,8 @@ Three rules keep a wrong value from ever being believed:
 
 * Input is discarded before every question and after every answer that was not right.
 * An answer must come from the right servo and have the right length. The length is the only mark
-  a question leaves on its answer, so it is varied while an old answer may still be on its way.
+  a question leaves on its answer, so it is varied while an old answer may still be on its way
+  (``stragglers.py``).
 * What is written to one servo is read back. The acknowledgement alone proves little: it may be a
   late one, or be lost although the servo obeyed.
 
@@ -28,19 +29,14 @@ from dataclasses import dataclass
 
 import scservo_sdk
 
-from so101_motion.drivers.protocol import (
-    Answer,
-    Answers,
-    Lengths,
-    packet_size,
-    sync_write_packet,
-)
-from so101_motion.drivers.registers import BROADCAST, END, ID, LOCK, MODEL_NUMBER, Fault, Register
+from so101_motion.drivers.protocol import Answer, Answers, packet_size, sync_write_packet
+from so101_motion.drivers.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
 from so101_motion.drivers.sdk import Port, WaitingHandler, sync_read_packet
+from so101_motion.drivers.stragglers import Stragglers
 from so101_motion.drivers.tally import Tallies
 from so101_motion.errors import CorruptReply, NoReply, ServoFault
 
-__all__ = ["OVERDUE", "PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "patience_in"]
+__all__ = ["PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "patience_in"]
 
 _log = logging.getLogger(__name__)
 
@@ -62,10 +58,6 @@ kernel that hands over what a port has received when it finds the time."""
 
 _LONGEST = 0.2
 """But no longer than this [s]."""
-
-OVERDUE = 0.25
-"""For how long an answer that did not come is still reckoned with [s]; chosen, far above what any
-adapter holds back."""
 
 _REST = 0.003
 """How long to wait for the others once the first answers to a sync read have come, beyond the time
@@ -122,9 +114,7 @@ class Bus:
         self._patience = patience
         self._sdk = scservo_sdk.PacketHandler(0)
         self._handler = WaitingHandler(port, patience)
-        self._lengths = Lengths(OVERDUE)
-        self._start = 0  # what has been asked for of late, and who may answer with what length
-        self._answered_with: dict[tuple[int, int], float] = {}
+        self._stragglers = Stragglers()
 
     def label(self, servo_id: int) -> str:
         """What a servo is called in a message."""
@@ -164,12 +154,12 @@ class Bus:
             CorruptReply: No answer was sound.
         """
         for tried in range(1 + RETRIES):
-            self._expect_copies()
-            begin, length = self._span((servo_id,), start, count)
+            now = time.monotonic()
+            begin, length = self._stragglers.span((servo_id,), start, count, now)
             answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length, tried)
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
-            self._lengths.miss(servo_id, length, time.monotonic())
+            self._stragglers.missed(servo_id, length, time.monotonic())
             self.tallies[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
@@ -310,13 +300,13 @@ class Bus:
         asked = [i for i in servo_ids if i in given_up] + [
             i for i in servo_ids if i not in given_up
         ]
-        if start != self._start:
-            self._expect_copies()
         for attempt in range(tries):
             if attempt:
                 for servo_id in asked:
                     self.tallies[servo_id].retries += 1
-            begin, length = self._span(asked, start, count)
+            begin, length = self._stragglers.span(
+                asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
+            )
             skip = start - begin
             for servo_id, answer in self._sync_read_once(asked, begin, length, attempt).items():
                 found[servo_id] = (
@@ -375,6 +365,13 @@ class Bus:
         """How long to wait for an answer that was asked for ``tried`` times before [s]."""
         return min(self._patience * _PERSISTENCE[tried], max(self._patience, _LONGEST))
 
+    def _longest(self, servos: int) -> int:
+        """How many bytes so many servos can send within our patience with a control cycle."""
+        # Without any, answers are there at once, as from a port in a test.
+        patience = self._patience or PATIENCE
+        room = (patience - min(_REST, 0.5 * patience)) * self.port.baud / 10.0
+        return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
+
     def _sync_read_once(
         self, asked: list[int], start: int, count: int, tried: int
     ) -> dict[int, Answer]:
@@ -403,25 +400,8 @@ class Bus:
         now = time.monotonic()
         for servo_id in asked:
             if servo_id not in answers.found:
-                self._lengths.miss(servo_id, count, now)
+                self._stragglers.missed(servo_id, count, now)
                 self.tallies[servo_id].missed(garbled=garbled)
-
-    def _span(self, servo_ids: Collection[int], start: int, count: int) -> tuple[int, int]:
-        """First address and length to ask for, so that the answer can be told from stragglers."""
-        length = self._lengths.choose(servo_ids, count, time.monotonic())
-        now = time.monotonic()
-        self._start = start
-        self._answered_with.update({(servo_id, length): now for servo_id in servo_ids})
-        return min(start, END - length), length
-
-    def _expect_copies(self) -> None:
-        """The next answers mean something else, so copies of the last ones must be told apart.
-
-        (A control cycle asks for the same over and over. There a copy would merely be old.)
-        """
-        for (servo_id, length), when in self._answered_with.items():
-            self._lengths.hit(servo_id, length, when)
-        self._answered_with.clear()
 
     def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
         label, tries = self.label(servo_id), 1 + RETRIES

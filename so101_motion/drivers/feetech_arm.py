@@ -15,10 +15,10 @@ outside its limits, where no goal can keep it, is left as it is until a goal ins
 
 *One silent servo costs nobody else anything*, and no answer is asked for twice in a cycle: there is
 no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
-is taken to go where it is sent (``unseen.py``), for half a second if none is. Then ``read`` raises
-``NoReply`` once, which ends what is under way; after that the others are read as before, and the
-silent one is asked along. When it answers again it is set up anew, and if it had restarted it is
-made to hold where it is and ``ServoFault`` is raised once, because the joint may stand elsewhere
+is taken to go where it is sent (``whereabouts.py``), for half a second if none is. Then ``read``
+raises ``NoReply`` once, which ends what is under way; after that the others are read as before, and
+the silent one is asked along. When it answers again it is set up anew, and if it had restarted it
+is made to hold where it is and ``ServoFault`` is raised once, because the joint may stand elsewhere
 now.
 
 *The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
@@ -44,11 +44,10 @@ from so101_motion.drivers.health import VITALS_START, JointHealth, Vitals
 from so101_motion.drivers.presence import not_there
 from so101_motion.drivers.sdk import Port
 from so101_motion.drivers.servo_setup import ServoCondition, engage
-from so101_motion.drivers.slope import Slope
 from so101_motion.drivers.strays import Strays
 from so101_motion.drivers.tally import Tallies
-from so101_motion.drivers.ticks import JointMap, Ticks, to_acceleration_units, to_speed_ticks
-from so101_motion.drivers.unseen import Unseen
+from so101_motion.drivers.ticks import JointMap, to_acceleration_units, to_speed_ticks
+from so101_motion.drivers.whereabouts import Whereabouts
 from so101_motion.errors import BusError, ServoFault
 from so101_motion.geometry import Array
 from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
@@ -66,6 +65,8 @@ SETTLE_VELOCITY = to_rad(3.0)
 
 SETTLE_TIMEOUT = 2.0
 """How long settling may take [s]: ten time constants of the trim's integral."""
+
+_NOWHERE: Sequence[None] = (None,) * 6
 
 _REWRITE = 0.03
 """After how long without a setpoint the goals are sent again, with what the trim has learnt [s]."""
@@ -122,8 +123,7 @@ class FeetechArm:
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
-        self._q, self._qd, self._slope = [0.0] * 6, [0.0] * 6, Slope(6)
-        self._unseen = Unseen(6)
+        self._at = Whereabouts(self._maps)
         self._aim, self._strays = Aim(self._maps, gravity), Strays(self._maps, self._chain.ram)
         self._guide: Guide | None = None
         self._vitals = Vitals(clock.now())
@@ -153,7 +153,7 @@ class FeetechArm:
                 self._aim.is_set and self._torque and self._clock.now() - self._written >= _REWRITE
             ):
                 self._send(bus)
-        q, qd = self._q, self._qd
+        q, qd = self._at.q, self._at.qd
         stray = self._strays.nearest(q) if self._strays else {}
         return JointReading(
             q=np.array(q[:5]),
@@ -188,7 +188,7 @@ class FeetechArm:
                 if self._strays:
                     goals = self._aim.goals(self._presence.silent)
                     for i in self._strays.lead(bus, self._aim.q, goals):
-                        self._aim.held[i] = self._maps[i].to_ticks(self._q[i])
+                        self._aim.held[i] = self._at.ticks(i)
                 self._send(bus)
 
     def set_torque(self, on: bool) -> None:
@@ -227,7 +227,7 @@ class FeetechArm:
             elif not (self._torque and self._aim.is_set):
                 raise RuntimeError("hold the joints before they are guided")
             else:
-                self._guide = Guide(how, self._aim.trim, self._q)
+                self._guide = Guide(how, self._aim.trim, self._at.q)
                 self._guided = self._clock.now()
 
     def close(self) -> None:
@@ -292,15 +292,14 @@ class FeetechArm:
         if not self._chain.is_met:
             self._aim.is_set, self._guide = False, None
             self._torque = self._chain.meet()
-            self._slope.clear()
+            self._at.forget()
         return self._chain.bus()
 
     def _take_over(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up; learn how it stands."""
         joint = self._maps[i]
         self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
-        self._q[i] = joint.to_rad(servo.present_ticks)
-        self._unseen.note(i, self._q[i], None)
+        self._at.found(i, servo.present_ticks)
         self._aim.found(i, servo)
         self._strays.found(i, crawls=servo.crawls)
 
@@ -327,36 +326,29 @@ class FeetechArm:
     def _catch(self, bus: Bus, servo_id: int) -> None:
         """Hold a limp joint where it is."""
         i = self._index[servo_id]
-        here = self._maps[i].to_ticks(self._q[i])
+        here = self._at.ticks(i)
         if self._strays.may_be_driven(bus, i, here):
-            self._aim.held[i] = goal = self._maps[i].to_goal(self._q[i])
+            self._aim.held[i] = goal = self._maps[i].to_goal(self._at.q[i])
             engage(bus, servo_id, goal)
 
     # Measuring
 
     def _measure(self, bus: Bus) -> None:
-        now, position = self._clock.now(), reg.PRESENT_POSITION
+        now = self._clock.now()
         found = bus.sync_read(
             tuple(self._index),
             VITALS_START,
             self._vitals.count(now),
             given_up=self._presence.unanswering,
         )
-        wanted = self._aim.q if self._aim.is_set and self._torque else None
-        for servo_id, i in self._index.items():
-            if servo_id in found:
-                ticks = position.decode(found[servo_id].data[: position.size])
-                self._q[i] = self._maps[i].to_rad(Ticks(ticks))
-                self._unseen.note(i, self._q[i], wanted)
-            else:
-                self._q[i] = self._unseen.stand_in(i, wanted)
-        self._slope.add(now, self._q)
-        self._qd = self._slope.value()
+        self._at.look(found, self._wanted(), now)
+        for servo_id, answer in found.items():
+            self._aim.heard(self._index[servo_id], answer.faults)
         if self._aim.is_set and self._torque and self._guide is None:
             if self._strays:
-                self._strays.arrive(bus, self._q)
+                self._strays.arrive(bus, self._at.q)
             fresh = {self._index[servo_id] for servo_id in found} - self._strays.left
-            self._aim.trim.measure(self._q, self._qd, fresh, now)
+            self._aim.trim.measure(self._at.q, self._at.qd, fresh, now)
         self._vitals.take(now, found)
         change = self._presence.judge(found, now)
         if change.fallen or self._presence.all_silent:
@@ -364,6 +356,14 @@ class FeetechArm:
             raise not_there(bus, change.fallen or tuple(self._index), found)
         if change.back:
             self._take_back(bus, change.back)
+
+    def _wanted(self) -> Sequence[float | None]:
+        """Where each joint has been sent [rad]; None if it is limp or a hand leads it."""
+        if not (self._aim.is_set and self._torque):
+            return _NOWHERE
+        if self._guide is None:
+            return self._aim.q
+        return [*_NOWHERE[:5], self._aim.q[5]]
 
     # Commanding
 
@@ -382,7 +382,7 @@ class FeetechArm:
     def _yield(self, bus: Bus, guide: Guide) -> None:
         """Send guided joints goals and torque limits, and the jaw its own."""
         now = self._clock.now()
-        q_goal, shares = guide.step(self._q, self._qd, now - self._guided)
+        q_goal, shares = guide.step(self._at.q, self._at.qd, now - self._guided)
         self._guided = now
         goals = self._aim.goals(self._presence.silent)
         data = {}
@@ -400,7 +400,8 @@ class FeetechArm:
             data[servo_id] = (
                 reg.GOAL_POSITION.encode(goal) + inert + speed + reg.TORQUE_LIMIT.encode(limit)
             )
-        bus.sync_write(reg.GOAL_POSITION.address, data)
+        if data:
+            bus.sync_write(reg.GOAL_POSITION.address, data)
 
     def _end_guiding(self, bus: Bus) -> None:
         """The joints hold where they are, pulling no harder than before, and then may again."""
@@ -408,7 +409,7 @@ class FeetechArm:
         if guide is None:
             return
         self._aim.is_set = False
-        self._aim.point([*self._q[:5], self._aim.q[5]], self._clock.now())
+        self._aim.point([*self._at.q[:5], self._aim.q[5]], self._clock.now())
         self._send(bus)
         limits = {servo_id: ram[reg.TORQUE_LIMIT] for servo_id, ram in self._chain.ram.items()}
         self._chain.put_all(reg.TORQUE_LIMIT, limits)
@@ -422,7 +423,7 @@ class FeetechArm:
         for servo_id, goal in self._aim.goals(self._presence.silent).items():
             i = self._index[servo_id]
             held = self._aim.held[i]
-            here = self._maps[i].to_ticks(self._q[i]) if held is None else held
+            here = self._at.ticks(i) if held is None else held
             if self._strays.may_be_driven(bus, i, here):
                 engage(bus, servo_id, goal)
                 self._aim.held[i] = goal

@@ -156,14 +156,21 @@ class PortOpener:
     Args:
         name: The port as configured.
         baud: Bits per second.
+
+    Attributes:
+        baud: As given.
     """
 
     def __init__(self, name: str, baud: int = 1_000_000) -> None:
-        self._name, self._baud = name, baud
+        self.baud = baud
+        self._name = name
         self._usb: UsbIdentity | None = None
 
-    def __call__(self) -> SerialPort:
+    def __call__(self, baud: int | None = None) -> SerialPort:
         """The port, open.
+
+        Args:
+            baud: Another rate, this once.
 
         Raises:
             PortUnavailable: Why it cannot be had.
@@ -171,7 +178,7 @@ class PortOpener:
         name = find_again(self._name, self._usb)
         if name is None:
             raise PortUnavailable(self._name, "its adapter is not plugged in; plug it in again")
-        port = SerialPort(name, self._baud)
+        port = SerialPort(name, self.baud if baud is None else baud)
         self._usb = self._usb or identity(name)
         return port
 

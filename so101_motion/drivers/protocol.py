@@ -9,26 +9,18 @@ lengths. A broken packet can therefore cost its own servo's answer and nobody el
 
 ``sync_write_packet`` is the one packet that the vendor's SDK does not build for us: a hundred times
 a second, byte by byte, it took more time than all the rest of sending. A test compares the two.
-
-``Lengths`` makes the length tell answers apart. A servo can be asked for more bytes than are
-needed, and the answer has exactly as many as were asked for; so as long as an answer is overdue,
-the next question to that servo uses another length, and the straggler is skipped when it comes.
 """
 
 from __future__ import annotations
 
-import math
-from collections import deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from so101_motion.drivers.registers import BROADCAST, END
+from so101_motion.drivers.registers import BROADCAST
 
 _SYNC_WRITE = 0x83
 _HEADER = b"\xff\xff"
 _OVERHEAD = 6  # header 2, id, length, flags, checksum
-_COPIES = 4  # of how many answers a copy is reckoned with
-_CHOICE = 40  # lengths to choose from; chosen: as many questions as a control loop asks in 0.2 s
 
 
 def packet_size(count: int) -> int:
@@ -127,49 +119,3 @@ class Answers:
             return False
         self.found[servo_id] = Answer(packet[3:-1], packet[2])
         return True
-
-
-class Lengths:
-    """Which answer lengths may still be out there, servo by servo.
-
-    Args:
-        overdue: After how long an answer that did not come will not come any more [s].
-    """
-
-    def __init__(self, overdue: float) -> None:
-        self._overdue = overdue
-        self._missing: dict[int, dict[int, float]] = {}  # until when, by servo and length
-        self._copies: dict[int, deque[tuple[int, float]]] = {}  # lengths and until when, by servo
-        self._until = -math.inf  # when the last of them will be over
-
-    def choose(self, servo_ids: Iterable[int], count: int, now: float) -> int:
-        """The smallest length from ``count`` up that no straggler of these servos can have.
-
-        If all that still leave a cycle room are taken, the one whose straggler is due soonest;
-        that many stragglers need a stream of questions that nobody waits for.
-        """
-        if now >= self._until:
-            return count
-        taken: dict[int, float] = {}
-        for servo_id in servo_ids:
-            for length, until in (
-                *self._copies.get(servo_id, ()),
-                *self._missing.get(servo_id, {}).items(),
-            ):
-                if until > now:
-                    taken[length] = max(until, taken.get(length, now))
-        if count not in taken:
-            return count
-        longest = max(count, min(count + _CHOICE, END) - 1)
-        return min(range(count, longest + 1), key=lambda length: taken.get(length, now))
-
-    def miss(self, servo_id: int, count: int, now: float) -> None:
-        """An answer of this length has not come in time [s]."""
-        self._until = max(self._until, now + self._overdue)
-        self._missing.setdefault(servo_id, {})[count] = self._until
-
-    def hit(self, servo_id: int, count: int, now: float) -> None:
-        """An answer of this length has come [s]; a copy of it might follow."""
-        copies = self._copies.setdefault(servo_id, deque(maxlen=_COPIES))
-        self._until = max(self._until, now + self._overdue)
-        copies.append((count, self._until))

@@ -2,9 +2,11 @@
 
 The hand's own timing does not count. The path is thinned (``path.py``) and cut where the arm stood
 and only the jaw moved, where a jaw that had closed begins to open, and at either end of a stretch
-on which the jaw leads: it needs much longer than the arm. What lies between two cuts is a *leg*: the planner gives it time, as fast as the caps allow and without stopping at its points,
-and looks at it for contact like at any plan. Two fifths of the tolerance go to the thinning, two
-fifths to the rounding of what is left, and an arm that stays within the last fifth stands.
+on which the jaw leads: it needs much longer than the arm. What lies between two cuts is a *leg*:
+the planner gives it time, as fast as the caps allow and without stopping at its points, and looks
+at it for contact like at any plan. Two fifths of the tolerance go to the thinning, two fifths to
+the rounding of what is left, and an arm that stays within the last fifth stands. So does one that
+stays within the tolerance where the jaw leads: a hand that closes the jaw nudges the arm.
 
 The jaw moves with the arm: how far it is open is a matter of where on its leg the arm is, not of
 time. A leg on which it would have to be faster than it may is run slower. See ``run.py``.

@@ -1,8 +1,11 @@
+import os
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hardware_harness import PATIENCE, hardware_bench, rad
+from serial.tools import list_ports
 
 from so101_motion.calib import record, store
 from so101_motion.calib.access import BusAccess
@@ -168,6 +171,33 @@ def test_a_port_that_goes_away_meanwhile_is_there_again_later(bench):
     assert rig.arm.state.mode is Mode.CALIBRATING
     loan.give_back(hold=True)
     assert rig.arm.state.mode is Mode.HOLDING
+
+
+def test_an_adapter_that_came_back_under_another_name_is_the_one_that_is_lent(bench, monkeypatch):
+    name, listed = os.path.realpath(bench.port), []
+
+    def plugged_in():
+        listed[:] = [
+            SimpleNamespace(
+                device=os.path.realpath(bench.port), vid=0x1A86, pid=0x55D3, serial_number="5A68"
+            )
+        ]
+
+    plugged_in()
+    monkeypatch.setattr(list_ports, "comports", lambda: list(listed))
+    rig = bench.open(port=name)
+    bench.emulator.unplug()
+    taken = os.openpty()  # somebody else has the old name now
+    bench.emulator.plug()
+    plugged_in()
+    bench.advance(3.0)
+    loan = rig.lend_bus("motor setup")
+    assert loan.call(lambda bus: bus.answering(range(1, 7))) == [1, 2, 3, 4, 5, 6]
+    memory(bench, "elbow_flex").set(emu.BAUD, 1)
+    loan.at_baud(500_000)
+    assert loan.call(lambda bus: bus.answering(range(1, 7))) == [3]
+    for fd in taken:
+        os.close(fd)
 
 
 def test_the_port_talks_at_another_rate_when_asked(bench):

@@ -3,6 +3,7 @@
 import fcntl
 import io
 import os
+import queue
 import select
 import struct
 import termios
@@ -242,6 +243,32 @@ def test_program_announces_its_port_obeys_its_input_and_ends_when_told(link):
             program.join(5.0)
     assert not program.is_alive()
     assert not link.is_symlink()
+
+
+def test_program_in_the_background_leaves_what_is_typed_to_the_shell(link, monkeypatch):
+    """A program that reads its terminal in the background is stopped by the system."""
+    group, told, stop = [os.getpgrp() + 1], queue.Queue(), threading.Event()
+    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: group[0])
+    keyboard, near = os.openpty()
+    with os.fdopen(near) as commands:
+        program = threading.Thread(
+            target=run_emulator,
+            args=(EmulatorOptions(link=link),),
+            kwargs={"announce": told.put, "stop": stop, "commands": commands},
+            name="so101-emulator-program",
+        )
+        program.start()
+        try:
+            assert told.get(timeout=5.0) == str(link)
+            os.write(keyboard, b"volcano\n")
+            with pytest.raises(queue.Empty):
+                told.get(timeout=0.2)
+            group[0] = os.getpgrp()
+            assert "volcano" in told.get(timeout=5.0)
+        finally:
+            stop.set()
+            program.join(5.0)
+    os.close(keyboard)
 
 
 def test_program_lives_on_without_input(link):

@@ -22,6 +22,12 @@ LED = """
 3.3 shoulder_lift release
 """
 
+NUDGE = """
+0 shoulder_pan start
+0.9 shoulder_pan 2.4
+1.0 shoulder_pan release
+"""
+
 
 def lead(bench, script=LED):
     bench.emulator.advance()
@@ -30,7 +36,7 @@ def lead(bench, script=LED):
 
 def finish(bench, motion):
     """Let time pass until ``motion`` is over, and its own thread do what it does between legs."""
-    for _ in range(4000):
+    for _ in range(2000):
         if wait([motion.future], timeout=0.002).done:
             break
         bench.advance(0.02)
@@ -57,16 +63,20 @@ def test_what_a_hand_has_shown_the_arm_does_and_the_jaw_grips(bench, rig):
     recorder = PathRecorder(rig.executor, rig.gripper)
     lead(bench)
     bench.advance(3.4)
+    lead(bench, NUDGE)  # as a person does who has only two hands
     bench.finish(rig.gripper.start_grab())
     path = recorder.end()
     end = bench.arm_deg(rig)
     rig.arm.set_manual(False)
     assert np.ptp(np.degrees(path.q[:, 0])) == pytest.approx(30.0, abs=2.0)
     assert path.aperture[-1] < 0.1 < 0.6 < path.aperture[0]
+    closing = np.degrees(path.q[path.aperture < 0.6])
+    assert np.ptp(closing, axis=0).max() > 0.5, "and yet the jaw closes at its own speed"
 
     bench.finish(rig.gripper.start_move(0.7))
     bench.world.put_object(0.03)
     replay = plan_replay(rig.arm, path, gripper=rig.gripper)
+    assert replay.duration < path.duration + 2.0
     begin, tape = bench.clock.now(), []
     stop = rig.executor.listen(lambda state: tape.append((state.t, *state.q)))
     finish(bench, start_replay(rig.arm, rig.gripper, replay))

@@ -6,6 +6,7 @@ from hardware_harness import MIDDLES_DEG, hardware_bench, rad
 
 from so101_motion.calib import record, store
 from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.errors import (
     ConfigError,
     FollowingError,
@@ -265,6 +266,28 @@ def test_a_hot_servo_ends_the_motion_by_name_and_refuses_until_it_is_cool(bench)
     bench.world.warm("elbow_flex", 30.0)
     bench.advance(1.0)
     bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+
+
+def test_an_arm_that_is_pushed_until_a_servo_gives_up_stays_where_it_was_pushed(bench):
+    """It would sink otherwise: a servo that has given up carries less than the arm weighs."""
+    rig = bench.open()
+    bench.finish(bench.go(rig, 0, 50, -60, 0, 0))
+    here = bench.q_deg[1]
+    script = f"0 shoulder_lift start\n0.5 shoulder_lift {here + 16}\n3 shoulder_lift release"
+    bench.world.hand = Hand(parse_script(script), bench.clock.now())
+    bench.advance(2.8)
+    pushed = bench.q_deg[1]
+    bench.advance(1.0)
+    left = bench.q_deg
+    bench.advance(1.0)
+
+    assert left[1] == pytest.approx(pushed, abs=4.0)
+    assert left[1] > here + 8.0
+    assert bench.q_deg == pytest.approx(left, abs=0.5)
+    assert not rig.arm.state.reading.alarms
+    assert rig.servos.health[1].latched == ("overload",)
+    bench.finish(bench.go(rig, 0, 50, -60, 0, 0))
+    assert bench.q_deg[1] == pytest.approx(here, abs=0.6)
 
 
 def test_a_warm_servo_slows_the_arm_down(bench):

@@ -30,8 +30,9 @@ COASTING = 14.0
 """How far a joint at 80 deg/s goes from where it was last seen to where it stands [deg]: 10, by its
 lag and its braking distance."""
 
-SETTLING = 1.0
-"""How far a joint may still go after an abrupt stop, back to where it was told to stand [deg]."""
+SETTLING = 1.5
+"""How far a joint may still go after an abrupt stop, back to where it was told to stand [deg]: up
+to 1.2 at 80 deg/s, depending on where in its period the servo is caught."""
 
 NO_JUMP = [0.5, 1.0, 1.0, 1.0, 0.5]
 """How far joints may move by themselves [deg]: less than half a degree, but for those whose weight

@@ -55,7 +55,7 @@ class _Typing:
 
     def wait(self, seconds: float, stop: threading.Event) -> list[str]:
         """What is typed within this time, or none at the end of it or of the file."""
-        if self._source is None:
+        if self._source is None or not _is_typed_to_us(self._source):
             stop.wait(seconds)
             return []
         if not select.select([self._source], [], [], seconds)[0]:
@@ -65,6 +65,17 @@ class _Typing:
             self._source = None
         *lines, self._rest = (self._rest + data).split(b"\n")
         return [line.decode(errors="replace").strip() for line in lines]
+
+
+def _is_typed_to_us(source: TextIO) -> bool:
+    """Whether it is not the terminal of a shell that has put us into the background.
+
+    What is typed there is meant for the shell, and whoever reads it even so is stopped.
+    """
+    try:
+        return os.tcgetpgrp(source.fileno()) == os.getpgrp()
+    except OSError:  # a pipe, a file, somebody else's terminal
+        return True
 
 
 def run_emulator(

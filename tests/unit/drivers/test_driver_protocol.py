@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 from so101_motion.drivers.protocol import (
     Answer,
     Answers,
-    Lengths,
     checksum,
     packet_size,
     sync_write_packet,
@@ -109,25 +108,6 @@ def test_of_two_answers_the_later_one_counts():
     answers = Answers({1}, 2)
     answers.feed(packet(1, b"\x01\x00") + packet(1, b"\x02\x00"))
     assert answers.found[1].data == b"\x02\x00"
-
-
-def test_the_next_question_has_another_length_while_an_answer_is_overdue():
-    lengths = Lengths(overdue=0.25)
-    lengths.miss(3, 2, now=1.0)
-    lengths.miss(3, 3, now=1.1)
-    assert lengths.choose((3,), 2, now=1.2) == 4
-    assert lengths.choose((1, 3), 2, now=1.2) == 4
-    assert lengths.choose((1,), 2, now=1.2) == 2
-    assert lengths.choose((3,), 2, now=1.3) == 2  # the first one will not come any more
-    assert lengths.choose((3,), 2, now=1.5) == 2
-
-
-def test_a_copy_of_an_answer_is_reckoned_with_for_a_while():
-    lengths = Lengths(overdue=0.25)
-    for _ in range(10):
-        lengths.hit(1, lengths.choose((1,), 2, now=0.0), now=0.0)
-    assert lengths.choose((1,), 2, now=0.0) in range(2, 7)
-    assert lengths.choose((1,), 2, now=0.3) == 2
 
 
 @pytest.mark.parametrize(("count", "size"), [(0, 6), (2, 8), (15, 21)])

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import OVERDUE
 from so101_motion.drivers.feetech_arm import JOINTS, SETTLE_VELOCITY, FeetechArm
+from so101_motion.drivers.stragglers import OVERDUE
 from so101_motion.drivers.ticks import RAD_PER_TICK, JointMap, Ticks
 from so101_motion.errors import NoReply, PortUnavailable, ServoFault
 

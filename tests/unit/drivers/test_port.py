@@ -191,6 +191,18 @@ def test_an_opener_remembers_which_adapter_it_opened(plugged, terminal):
         opener()
 
 
+def test_an_opener_opens_the_same_adapter_at_another_rate(plugged, terminal):
+    plugged += [Listed(terminal.name, serial_number="5A68")]
+    opener = PortOpener(terminal.name, 500_000)
+    for asked, baud in ((250_000, 250_000), (None, 500_000)):
+        port = opener(asked)
+        assert port.baud == baud
+        port.close()
+    plugged[0] = Listed(terminal.name, serial_number="other")
+    with pytest.raises(PortUnavailable, match="not plugged in"):
+        opener(250_000)
+
+
 def test_an_opener_learns_the_adapter_when_it_opens_the_port(plugged, terminal):
     plugged += [Listed(terminal.name, serial_number="5A68")]
     opener = PortOpener(terminal.name)
