@@ -14,6 +14,7 @@ from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.errors import MotorSetupError
 
 LIFELIKE = Pacing(realtime=True, latency=0.002)
+AT_MOST = 3.0  # [s]
 
 
 @pytest.fixture
@@ -36,24 +37,36 @@ def loose():
         one.close()
 
 
+def fastest(call):
+    """What ``call`` takes [s]; the best of three, as others may have had the processor."""
+    took = []
+    for _ in range(3):
+        begin = time.monotonic()
+        call()
+        took.append(time.monotonic() - begin)
+        if took[-1] < AT_MOST:
+            break
+    return min(took)
+
+
 def test_a_servo_at_the_likeliest_rate_is_found_at_once(loose):
     _, setup = loose(1_000_000)
-    begin = time.monotonic()
-    setup.discover("gripper")
-    assert time.monotonic() - begin < 1.0
+    assert fastest(lambda: setup.discover("gripper")) < 1.0
 
 
 def test_a_servo_at_the_rate_that_is_looked_at_last_is_found_within_three_seconds(loose):
     _, setup = loose(76_800)
-    begin = time.monotonic()
-    assert setup.discover("gripper").baud == 76_800
-    assert time.monotonic() - begin < 3.0
+    found = []
+    assert fastest(lambda: found.append(setup.discover("gripper"))) < AT_MOST
+    assert found[-1].baud == 76_800
 
 
 def test_silence_is_told_within_three_seconds(loose):
     emulator, setup = loose(1_000_000)
     emulator.world.power(0.0)
-    begin = time.monotonic()
-    with pytest.raises(MotorSetupError, match="power supply"):
-        setup.discover("gripper")
-    assert time.monotonic() - begin < 3.0
+
+    def look():
+        with pytest.raises(MotorSetupError, match="power supply"):
+            setup.discover("gripper")
+
+    assert fastest(look) < AT_MOST

@@ -190,5 +190,5 @@ def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_pa
         timeout=60,
     )
     assert done.returncode != 0
-    assert "the preview needs viser" in done.stderr
+    assert "needs viser, which is not installed" in done.stderr
     assert "pip install 'so101-motion[viewer]'" in done.stderr
