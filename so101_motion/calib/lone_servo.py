@@ -21,6 +21,9 @@ from so101_motion.calib.servo_search import (
 from so101_motion.drivers import registers as reg
 from so101_motion.errors import CorruptReply, MotorSetupError
 
+_MORE = 3
+"""How often to listen again for a servo that must be there: an answer may be lost. Chosen."""
+
 
 def find_alone(
     tuner: Tuner, joint: str, *, hint: int | None, tell: Callable[[int], None]
@@ -78,6 +81,10 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
     """
     servo_id = SERVO_IDS[joint]
     heard = listen(tuner)
+    for _ in range(_MORE):
+        if not heard.is_silence:
+            break
+        heard = listen(tuner)
     if heard.ids != (servo_id,) or heard.garbled:
         raise _not_taken(joint, f"now {_list(heard.ids) or 'nobody'} answers, not {servo_id} alone")
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))

@@ -40,6 +40,11 @@ class Heard:
     ids: tuple[int, ...]
     garbled: bool
 
+    @property
+    def is_silence(self) -> bool:
+        """Whether there was nothing at all."""
+        return not self.ids and not self.garbled
+
 
 class Tuner:
     """A lent bus at any rate; at the end of a ``with`` block it is back at the port's own.
@@ -123,7 +128,7 @@ def first_heard(
     # single answer may have been lost.
     order = [rate for baud in rates for rate in (baud, tuner.home)]
     for heard in sweep(tuner, order, tell):
-        if heard.ids or heard.garbled:
+        if not heard.is_silence:
             return heard
     return None
 
@@ -135,7 +140,7 @@ def all_heard(tuner: Tuner, *, tell: Callable[[int], None] = lambda baud: None) 
         PortUnavailable: The port is gone.
     """
     rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
-    return [heard for heard in sweep(tuner, rates, tell) if heard.ids or heard.garbled]
+    return [heard for heard in sweep(tuner, rates, tell) if not heard.is_silence]
 
 
 def sweep(

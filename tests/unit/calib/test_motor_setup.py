@@ -371,6 +371,21 @@ def test_lost_and_garbled_answers_cost_retries_or_a_plain_error_and_never_an_id(
     assert setup.assign("gripper").changed == ()
 
 
+@pytest.mark.parametrize("lost", range(20))
+def test_a_moment_of_silence_never_means_that_the_id_was_not_taken(lost):
+    bus, setup = loose()
+    jobs = iter(range(1000))
+
+    def be_silent_once():
+        bus.plug(*(() if next(jobs) == lost else (6,)))
+
+    bus.before = be_silent_once
+    try:
+        setup.assign("gripper")
+    except (MotorSetupError, BusError) as error:
+        assert getattr(error, "problem", "") != "not taken"
+
+
 class _PlugPulled(Exception):
     pass
 
