@@ -85,7 +85,7 @@ class Arm:
         self.compliance = Compliance()
         self.slowdown: Callable[[], float] = lambda: 1.0
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
-        self._motions = Succession(lambda: executor.stop(Channel.ARM).result())
+        self._motions = Succession(lambda: executor.stop(Channel.ARM))
 
     # What it is doing
 
@@ -253,7 +253,7 @@ class Arm:
         caps, executor = self._eased(limits), self._executor
 
         def begin(motion: Motion) -> Future[None]:
-            self._leave_manual()
+            self._leave_manual(motion)
             return motion.begin(
                 lambda: executor.retarget(q_goal, caps, channel=Channel.ARM), executor.interrupt
             )
@@ -266,7 +266,7 @@ class Arm:
         Blocks until the arm is at rest, then returns the stream to push points into.
         """
         with self._motions.at_rest():
-            self._leave_manual()
+            self._leave_manual(Motion())
             return self._executor.open_stream(self._eased(limits))
 
     def open_jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
@@ -284,7 +284,7 @@ class Arm:
         """
         self.model.check_gripper_frame(frame)
         with self._motions.at_rest():
-            self._leave_manual()
+            self._leave_manual(Motion())
             executor, scene, q = self._executor, self.scene, self.state.q_ref
             model = self.model.narrowed(*self._range)  # the I/O thread's own
             servo = Servo(
@@ -365,13 +365,13 @@ class Arm:
     def _plan_and_move(
         self, motion: Motion, goal: Goal, limits: MotionLimits | None, search: Search | None
     ) -> None:
-        self._leave_manual()
+        self._leave_manual(motion)
         request = self._request(goal, limits, search)
         plan = self._noted(request, motion.wait_for(self._planner(request)))
         self._execute(motion, plan)
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
-        self._leave_manual()
+        self._leave_manual(motion)
         off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
         if off > START_TOLERANCE:
             raise MotionError(
@@ -385,11 +385,12 @@ class Arm:
         )
         running.result()
 
-    def _leave_manual(self) -> None:
+    def _leave_manual(self, motion: Motion) -> None:
+        """Hold an arm that yields or is limp; not for a motion that has been ended meanwhile."""
         state = self.state
         if state.lent_to is not None:
             raise MotionError(lent_out(state.lent_to))
         if state.mode is Mode.FAULT:
             raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
         if state.mode in (Mode.LIMP, Mode.GUIDING):
-            self._executor.hold().result()
+            motion.begin(self._executor.hold, lambda _holding, _by: None).result()

@@ -63,7 +63,7 @@ class Watch(Protocol):
 
 
 class Pursuit:
-    """Hands out setpoints; made by ``Arm.open_pursuit`` and ``Gripper.open_pursuit``.
+    """Hands out setpoints; made for an arm that mirrors another, and by ``Gripper.open_pursuit``.
 
     Args:
         aim: Told the present setpoint, says where to go; None for staying. Called by the I/O thread

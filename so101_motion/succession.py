@@ -22,13 +22,13 @@ class Succession:
     """The motions of one arm.
 
     Args:
-        come_to_rest: Slows the arm down, whatever it does; returns when it is at rest.
+        come_to_rest: Slows the arm down, whatever it does; returns what completes at rest.
 
     Attributes:
         current: The newest motion; over, before the first.
     """
 
-    def __init__(self, come_to_rest: Callable[[], object]) -> None:
+    def __init__(self, come_to_rest: Callable[[], Future[None]]) -> None:
         self.current = Motion()
         self.current.future.set_result(None)
         self._come_to_rest = come_to_rest
@@ -42,8 +42,10 @@ class Succession:
         """
         motion = Motion()
         with self._lock:
-            previous, self.current = self.current, motion
-        self._threads.submit(self._run, motion, previous, run)
+            previous = self.current
+            self._threads.submit(self._run, motion, previous, run)
+            self.current = motion
+            previous.interrupt(SUPERSEDED)
         return motion
 
     def turn(self, begin: Callable[[Motion], Future[None]]) -> Motion:
@@ -56,16 +58,22 @@ class Succession:
         with self._lock:
             running = begin(motion)
             previous, self.current = self.current, motion
+            previous.interrupt(SUPERSEDED)
         running.add_done_callback(motion.take_outcome)
-        previous.interrupt(SUPERSEDED)
         return motion
 
     @contextmanager
     def at_rest(self) -> Iterator[None]:
         """End the motion under way; none is begun while the block runs."""
-        self._end(self._newest())
-        with self._lock:
-            yield
+        while True:
+            newest = self._newest()
+            newest.interrupt(SUPERSEDED)
+            newest.future.exception()
+            self._come_to_rest().result()
+            with self._lock:
+                if self.current is newest:
+                    yield
+                    return
 
     def interrupt(self, by: str) -> None:
         """End the newest motion early; returns at once."""
@@ -82,14 +90,21 @@ class Succession:
 
     def _run(self, motion: Motion, previous: Motion, run: Callable[[Motion], None]) -> None:
         try:
-            self._end(previous)
+            previous.future.exception()  # it has been told to make way
+            self._rest_for(motion)
             run(motion)
         except BaseException as error:  # whoever waits for the motion must hear of it
             motion.future.set_exception(error)
         else:
             motion.future.set_result(None)
 
-    def _end(self, previous: Motion) -> None:
-        previous.interrupt(SUPERSEDED)
-        previous.future.exception()
-        self._come_to_rest()
+    def _rest_for(self, motion: Motion) -> None:
+        """Bring the arm to rest for a motion, unless something newer has been asked for since.
+
+        That may be under way already, or have let go of the arm.
+        """
+        with self._lock:
+            if self.current is not motion:
+                motion.interrupt(SUPERSEDED)
+            resting = motion.begin(self._come_to_rest, lambda _resting, _by: None)
+        resting.result()

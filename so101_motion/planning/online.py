@@ -32,6 +32,10 @@ from so101_motion.planning.trajectory import Setpoint, Trajectory
 SAME_POSITION = 1e-9
 """Goals closer than this [rad] are where the joints already are. Chosen: far below a servo tick."""
 
+LESS_JERK = 1.0 - 1e-9
+"""Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
+below what can be told from the caps."""
+
 
 def point_to_point(
     q_start: ArrayLike, q_goal: ArrayLike, limits: MotionLimits, dt: float
@@ -256,6 +260,19 @@ def _stopping(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.I
 
 
 def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
+    """What ruckig finds, if need be with a hair less jerk.
+
+    It gives up where a joint has its largest acceleration for a mere instant and rounding hides
+    that: with the arm's own caps, on many a move by exactly 2 degrees.
+    """
+    try:
+        return _searched(request)
+    except PlanningError:
+        request.max_jerk = [LESS_JERK * jerk for jerk in request.max_jerk]
+        return _searched(request)
+
+
+def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
     n = request.degrees_of_freedom
     found = ruckig.Trajectory(n)
     try:

@@ -219,3 +219,38 @@ def test_what_stands_around_the_arm_is_planned_around(arm):
     with pytest.raises(InCollision, match="'box'"):
         arm.plan(JointGoal(q=READY))
     assert arm.plan(goal) is not None
+
+
+@pytest.fixture
+def late_move(arm, clock):
+    """A move that is asked for but cannot begin before ``gate`` is set."""
+    gate = threading.Event()
+    arm.start_series([lambda motion: gate.wait(10.0)])
+    yield gate, arm.start_move(JointGoal(q=READY))
+    gate.set()
+
+
+@pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING])
+def test_a_move_that_was_ended_takes_no_hold_of_an_arm_that_was_let_go(
+    arm, clock, late_move, mode
+) -> None:
+    gate, move = late_move
+    if mode is Mode.LIMP:
+        in_time(clock, lambda: arm.set_torque(False))
+    else:
+        in_time(clock, lambda: arm.set_manual(True))
+    gate.set()
+    with pytest.raises(Interrupted, match="stop"):
+        finish(clock, move)
+    clock.advance(0.2)
+    assert arm.state.mode is mode
+
+
+def test_a_move_that_was_superseded_does_not_stop_what_superseded_it(arm, clock, late_move) -> None:
+    gate, move = late_move
+    retarget = arm.start_retarget(ASIDE)
+    gate.set()
+    with pytest.raises(Interrupted, match="a newer motion"):
+        finish(clock, move)
+    finish(clock, retarget)
+    np.testing.assert_allclose(arm.state.q_ref, ASIDE)

@@ -1,5 +1,6 @@
 """Motions that supersede each other, of an arm that is only told when to come to rest."""
 
+import threading
 from concurrent.futures import Future
 
 import pytest
@@ -14,15 +15,38 @@ def told() -> list[str]:
     return []
 
 
+def resting(told: list[str]) -> Future[None]:
+    told.append("rest")
+    done: Future[None] = Future()
+    done.set_result(None)
+    return done
+
+
 @pytest.fixture
 def motions(told):
-    succession = Succession(lambda: told.append("rest"))
+    succession = Succession(lambda: resting(told))
     yield succession
     succession.close()
 
 
 def until_interrupted(motion: Motion) -> None:
     motion.wait_for(Future())
+
+
+def under_way(motions: Succession, lasts: threading.Event | None = None) -> Motion:
+    """A motion that has begun, and lasts until it is interrupted, or until it is let go."""
+    begun = threading.Event()
+
+    def run(motion: Motion) -> None:
+        begun.set()
+        if lasts is None:
+            until_interrupted(motion)
+        else:
+            lasts.wait(5.0)
+
+    motion = motions.start(run)
+    assert begun.wait(5.0)
+    return motion
 
 
 def test_before_the_first_motion_nothing_is_under_way(motions) -> None:
@@ -53,7 +77,7 @@ def test_what_a_motion_raises_is_heard_by_who_waits_for_it(motions) -> None:
 
 
 def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
-    first = motions.start(until_interrupted)
+    first = under_way(motions)
     running: Future[None] = Future()
 
     def begin(motion: Motion) -> Future[None]:
@@ -87,8 +111,52 @@ def test_the_arm_is_at_rest_while_something_else_is_opened(motions, told) -> Non
         assert told[-1] == "rest"
 
 
+@pytest.mark.parametrize("how", ["interrupted", "superseded"])
+def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, how: str) -> None:
+    gate = threading.Event()
+    first = under_way(motions, gate)
+    second = motions.start(lambda motion: told.append("moves"))
+    if how == "interrupted":
+        motions.interrupt("stop")
+    else:
+        running: Future[None] = Future()
+        running.set_result(None)
+        motions.turn(lambda motion: running)
+    gate.set()
+    with pytest.raises(Interrupted, match="stop" if how == "interrupted" else "a newer motion"):
+        second.result(5.0)
+    first.result(5.0)
+    assert told == ["rest"]
+
+
+def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
+    """Even if no thread is free to wait for it: a stop tells the newest alone."""
+    gate = threading.Event()
+    first = under_way(motions, gate)
+    waiting = [motions.start(until_interrupted) for _ in range(6)]
+    with pytest.raises(Interrupted, match="a newer motion"):
+        waiting[-2].wait_for(Future())
+    assert not first.future.done()
+    gate.set()
+
+
+def test_what_is_opened_makes_way_for_what_was_asked_for_just_before(told) -> None:
+    """A motion asked for while the arm comes to rest is ended first, like any other."""
+    newer = []
+
+    def rest() -> Future[None]:
+        if not newer:
+            newer.append(motions.start(until_interrupted))
+        return resting(told)
+
+    motions = Succession(rest)
+    with motions.at_rest():
+        assert newer[0].future.done()
+    motions.close()
+
+
 def test_closing_ends_what_is_under_way(told) -> None:
-    motions = Succession(lambda: told.append("rest"))
+    motions = Succession(lambda: resting(told))
     first = motions.start(until_interrupted)
     motions.close()
     with pytest.raises(Interrupted, match="shutdown"):

@@ -218,6 +218,25 @@ def test_a_time_that_is_none_is_a_mistake(tour: Trajectory) -> None:
         online.stop_on_path(tour, float("nan"), HARD, DT)
 
 
+@pytest.mark.parametrize("acceleration", [50.0, 100.0, 200.0])
+def test_a_joint_that_just_reaches_its_largest_acceleration_may_be_anywhere(
+    acceleration: float,
+) -> None:
+    caps = np.radians([90.0, acceleration, 10.0 * acceleration])
+    limits = MotionLimits.uniform(velocity=caps[0], acceleration=caps[1], jerk=caps[2])
+    step = np.radians(acceleration / 50.0)
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q = np.radians(np.round(rng.uniform(-40.0, 40.0, 5)))
+        q_goal = q + step * rng.choice([-1.0, 1.0], 5)
+        for motion in (
+            online.point_to_point(q, q_goal, limits, 0.01),
+            online.from_state(q, np.zeros(5), np.zeros(5), q_goal, limits, 0.01),
+        ):
+            assert motion.duration == pytest.approx(0.4)
+            np.testing.assert_array_equal(motion.q[-1], q_goal)
+
+
 def test_what_ruckig_refuses_is_a_planning_error() -> None:
     absurd = MotionLimits.uniform(velocity=1e-300, acceleration=1e-300, jerk=1e-300, n=1)
     with pytest.raises(PlanningError, match="no motion from this state"):
