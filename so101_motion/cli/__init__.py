@@ -52,7 +52,8 @@ class _So101(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         ctx.meta[_AS_JSON] = "--json" in args  # known even if the verb's own words are wrong
-        return super().parse_args(ctx, args)
+        with reports_errors(as_json=ctx.meta[_AS_JSON]):
+            return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         with reports_errors(as_json=ctx.meta[_AS_JSON]):

@@ -55,6 +55,7 @@ def told(result: Result) -> dict[str, Any]:
         ("plan --sim --xyz 1,2", 2, ""),
         ("viam import none.json", 2, ""),
         ("no-such-verb", 2, ""),
+        ("--no-such-option", 2, ""),
     ],
 )
 def test_with_json_a_program_gets_one_object_and_a_person_the_sentence(
