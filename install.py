@@ -128,9 +128,17 @@ def compile_wheels() -> int:
         command = (
             *(python, "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-input"),
             *("--no-deps", "--no-binary", ",".join(COMPILED), "--wheel-dir", str(WHEELS)),
-            *("--constraint", "constraints.txt", *COMPILED),
+            *compiled_versions(),
         )
         return subprocess.run(command, cwd=HERE, check=False).returncode
+
+
+def compiled_versions() -> list[str]:
+    """Which versions are compiled: those of ``constraints.txt`` where there are no wheels."""
+    pins = (HERE / "constraints.txt").read_text().splitlines()
+    wanted = tuple(f"{name}==" for name in COMPILED)
+    here = [pin for pin in pins if pin.startswith(wanted) and "platform_machine ==" not in pin]
+    return [pin.partition(";")[0].strip() for pin in here]
 
 
 def run(command: tuple[str, ...], limit: float, lock: int) -> int:

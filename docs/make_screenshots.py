@@ -107,6 +107,7 @@ def setup(browser: Browser, file: Path) -> None:
                 put(float(share), done)
                 put(0.25 + 0.5 * float(share), ("wrist_flex",))
                 page.wait_for_timeout(40)
+            page.wait_for_timeout(300)  # a hand rests at a stop
             put(0.6, done)
             _take(page, file)
         servos.close()

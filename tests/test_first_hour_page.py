@@ -47,6 +47,7 @@ def test_what_is_not_ours_is_what_a_newcomer_may_type():
     assert others == [
         "./setup.sh",
         ". .venv/bin/activate",
+        "pip install --constraint constraints.txt --editable '.[viewer]'",
         "export SO101_PORT=/tmp/so101",
     ]
     assert (ROOT / "run.sh").exists()

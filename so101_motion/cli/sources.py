@@ -70,10 +70,14 @@ class Source:
         if self.port is None:
             rig = open_simulated(q_start=self.q_start)
         else:
+            from so101_motion.calib import store
             from so101_motion.hardware_config import SERVO_IDS
             from so101_motion.servos import ServoSettings
 
-            file = self.calibration_file or _known_calibration(self.port, self.say)
+            if self.calibration_file is None:
+                file = _known_calibration(self.port, self.say)
+            else:  # the rig would go on without one that cannot be used; who named it shall know
+                file = store.read(store.resolve(str(self.calibration_file))).path
             asked = ServoSettings(port=self.port, calibration_file=file)
             rig = open_hardware(asked.with_arm(SERVO_IDS))
         return _capped(rig, self.speed, self.acceleration)

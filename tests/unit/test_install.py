@@ -53,6 +53,11 @@ def test_a_new_version_is_noticed(installer):
     assert not installer.is_installed()
 
 
+def test_what_is_compiled_is_what_has_sources(installer):
+    """toppra's newest is there as a wheel for x86-64 Linux alone, and cannot be compiled."""
+    assert installer.compiled_versions() == ["ruckig==0.19.4", "toppra==0.6.3"]
+
+
 def test_two_installations_do_not_run_at_once(installer, capsys):
     with installer.the_lock(0.0) as first:
         assert first is not None

@@ -34,6 +34,14 @@ def test_what_is_typed_wins_over_the_environment():
     assert "address='m:1'" in ask(SO101_MACHINE="m:1").stdout
 
 
+def test_a_calibration_that_was_named_and_cannot_be_used_moves_nothing(tmp_path):
+    there = tmp_path / "arm.json"
+    there.write_text("{")
+    for file, says in ((tmp_path / "none.json", "No such file"), (there, "arm.json")):
+        with pytest.raises(errors.CalibrationError, match=says):
+            Source(port="/dev/none", calibration_file=file).open()
+
+
 @pytest.mark.parametrize(
     ("arguments", "environment", "says"),
     [
