@@ -9,7 +9,8 @@ set -eu
 
 cd -- "$(dirname -- "$0")"
 files="meta.json run.sh setup.sh install.py first_run.sh pyproject.toml constraints.txt
-    README.md CHANGELOG.md LICENSE NOTICE docs examples so101_motion viewer urdf"
+    README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE NOTICE docs examples
+    benchmarks/README.md so101_motion viewer urdf"
 
 mkdir -p dist
 if [ "${1:-}" = --wheels ] || [ "$(uname -s)-$(uname -m)" != Linux-x86_64 ]; then
