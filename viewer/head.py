@@ -3,9 +3,9 @@
 viser's page is one compressed file that takes its settings from the address and the websocket. Four
 things it cannot be told that way are put into its ``<head>``: to be dark where the browser prefers
 dark (nothing is stored, nobody is asked), the colours of our own pieces of HTML in both schemes,
-Escape that stops even while a field has the focus, and, on a phone, where panels are folded away, a
-Stop that stays in sight. All of it works without the network and without a fixed seam in viser: the
-phone's Stop presses the key that stops.
+Escape that stops even while a field has the focus, as Space does in one that takes no words, and,
+on a phone, where panels are folded away, a Stop that stays in sight. All of it works without the
+network and without a fixed seam in viser: the phone's Stop presses the key that stops.
 """
 
 from __future__ import annotations
@@ -51,8 +51,10 @@ _SCRIPT = """
   const press = (key, code) => document.documentElement.dispatchEvent(
     new KeyboardEvent('keydown', { key, code, bubbles: true }));
   addEventListener('keydown', (event) => {
-    const field = ['INPUT', 'TEXTAREA', 'SELECT'].includes(event.target.tagName);
-    if (event.key === 'Escape' && field) press('Escape', 'Escape');
+    const { tagName, type, inputMode, readOnly } = event.target;
+    if (!['INPUT', 'TEXTAREA', 'SELECT'].includes(tagName)) return;
+    const words = !readOnly && type !== 'checkbox' && !['numeric', 'decimal'].includes(inputMode);
+    if (event.key === 'Escape' || (event.key === ' ' && !words)) press(event.key, event.code);
   }, true);
   addEventListener('DOMContentLoaded', () => {
     document.title = 'SO-101 motion';

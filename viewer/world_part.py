@@ -148,8 +148,7 @@ class WorldPart:
         self._files = gui.add_button_group(
             "Scene file",
             ("save", "download", "for Viam"),
-            hint=f"save writes {self.world.file}; so101 plan --scene reads it."
-            " for Viam shows it as a WorldState, to copy",
+            hint="What save writes, so101 plan --scene reads; for Viam: a WorldState, to copy",
         )
         self._desk.on_choice(self._files, self._does_value(self._keep))
         self._desk.on_asked(self._files, self._download)

@@ -163,6 +163,20 @@ def test_escape_stops_even_while_a_field_has_the_focus(
     guest.until(lambda: at_rest(rig))
 
 
+def test_space_stops_while_a_field_that_takes_no_words_has_the_focus(
+    guest: Guest, crawl: Callable[[], None], rig: Rig
+) -> None:
+    world = guest.page.get_by_role("tab", name="World")
+    floor = guest.page.get_by_role("checkbox").last
+    for field in (guest.fields("Target (mm)").first, floor):
+        if field is floor:
+            world.click()
+        crawl()
+        field.click()
+        guest.page.keyboard.press("Space")
+        guest.until(lambda: at_rest(rig), seconds=5.0)  # it would take longer to arrive
+
+
 def test_names_never_become_part_of_the_page(rig: Rig, visit: Visit) -> None:
     name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
     with serve(rig, port=0, title=name) as preview:

@@ -226,6 +226,33 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         assert hand.can("Full Setup")
 
 
+def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: Path) -> None:
+    def serve_it() -> SetupApp:
+        kept = tmp_path / "setup.json"
+        return serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=kept)
+
+    with closing(Kit(tmp_path)) as kit:
+        kit.put(0.5)
+        with serve_it() as app:
+            hand = hand_on(app)
+            hand.press("Calibration Only")
+            hand.press("Next")
+            hand.expect("Step 2 of 7")
+            hand.press("Next")
+            hand.press("Let go of the joints")
+            hand.press("I hold it there")
+            hand.expect("The pose is taken")
+            hand.press("Next")
+            hand.expect("Still to do: shoulder_pan")
+        with serve_it() as app:
+            hand = hand_on(app)
+            hand.press("Next")
+            hand.expect("Press Back, and take it again")
+            assert not hand.can("Next")
+            hand.press("Back")
+            hand.expect("it sinks at once")
+
+
 def calibrate(hand: Hand, kit: Kit, middle: float) -> None:
     """From the page of the homing pose to the summary; the pose is a share of each travel."""
     kit.put(middle)

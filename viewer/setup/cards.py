@@ -192,6 +192,8 @@ def _motor_line(view: MotorView, state: MotorLook) -> str:
 
 def _identity(view: MotorView, state: MotorLook) -> str:
     """The id and the rate it has, and the id it is to have."""
+    if state == "skipped":
+        return "skipped"
     if view.found_id is None or state in ("now", "waiting"):
         return f"gets id {view.target_id}"
     rate = "" if view.baud is None else f", {_rate(view.baud)}"

@@ -17,6 +17,11 @@ from . import calibrating, calibration_cards, cards
 from .page import CalibrationPage
 from .workshop import Workshop
 
+_TOO_EARLY = (
+    "There is no homing pose to count from: this program was ended after it was taken, or the"
+    " calibration was. Press Back, and take it again."
+)
+
 
 class RecordPage(CalibrationPage):
     """The page of the travels.
@@ -69,7 +74,8 @@ class RecordPage(CalibrationPage):
         missing = calibrating.left(joints) if is_on else ()
         short = calibrating.short(joints) if is_on and not missing else ()
         self._shop.picture.light(missing)
-        self._todo.content = cards.instruction(RECORD.title, _instruction(state, missing, short))
+        todo = _TOO_EARLY if self._lacks_pose() else _instruction(state, missing, short)
+        self._todo.content = cards.instruction(RECORD.title, todo)
         has_bars = state in (State.RECORDING, State.COMPLETED)
         bars = calibration_cards.travels(calibrating.travels(joints)) if has_bars else ""
         note = calibrating.picture_note(seen, joints) if is_on else ""
@@ -103,17 +109,21 @@ class RecordPage(CalibrationPage):
 
     def can_go_on(self) -> str | None:
         """Which are not."""
-        shop = self._shop
-        if shop.saved is None and shop.known.view.state in (State.IDLE, State.STARTED):
+        if self._lacks_pose():
             return "go back first: the homing pose is not taken"
         check = self.check()
         if check.verdict != "fail":
             return None
-        if shop.known.view.error:
+        if self._shop.known.view.error:
             return "first see to what is said above"
         return (
             "finish the recording" if check.sentence == "the recording goes on" else check.sentence
         )
+
+    def _lacks_pose(self) -> bool:
+        """Whether there is nothing to record yet, or not any more: this program was ended."""
+        shop = self._shop
+        return shop.saved is None and shop.known.view.state in (State.IDLE, State.STARTED)
 
     # What the widgets do
 

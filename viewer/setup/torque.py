@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from .bench import Bench
 
 SETTLED = 0.4
-"""How long something else must hold to be told [s]; chosen. A look at the motors takes the port
-through other baud rates, and for that moment nothing is known of anybody's torque."""
+"""For how long what is told must not have been seen before something else is told [s]; chosen. A
+look at the motors takes the port through other baud rates, and a busy computer loses answers; for
+that moment nothing is known of anybody's torque."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,10 +54,13 @@ class TorqueWatch:
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
         self.told = torque(None)
         self._now = now
-        self._other: tuple[Torque, float] | None = None
+        self._doubted: float | None = None  # since when what is told has not been seen
 
     def look(self, bench: Bench | None, *, is_blind: bool) -> bool:
         """Look again; whether there is something else to tell.
+
+        What is known is told at once where nothing was, for one answer is proof and the next ones
+        may be lost.
 
         Args:
             bench: What is worked on.
@@ -64,12 +68,13 @@ class TorqueWatch:
         """
         seen = torque(bench)
         is_new = bench is not None and self.told == torque(None)
-        if (is_blind and not is_new) or seen == self.told:
-            self._other = None
+        is_news = is_new or bench is None or (self.told.is_on is None and seen.is_on is not None)
+        if seen == self.told or (is_blind and not is_news):
+            self._doubted = None
             return False
-        if self._other is None or self._other[0] != seen:
-            self._other = (seen, self._now())
-        if bench is not None and not is_new and self._now() - self._other[1] < SETTLED:
+        if self._doubted is None:
+            self._doubted = self._now()
+        if not is_news and self._now() - self._doubted < SETTLED:
             return False
-        self.told, self._other = seen, None
+        self.told, self._doubted = seen, None
         return True

@@ -35,3 +35,10 @@ def test_a_motor_that_is_waited_for_shows_the_id_it_gets_and_not_who_is_on_the_c
     assert "gets id 5" in waited
     assert "id 6" not in waited
     assert "id 6 → 5, 1 Mbaud" in cards.motor(other, state="found", words="", fix="")
+
+
+def test_a_motor_that_was_skipped_is_not_said_to_get_its_id() -> None:
+    view = MotorView(joint="wrist_roll", target_id=5)
+    told = cards.motor_list([(view, "skipped")])
+    assert "skipped" in told
+    assert "gets id" not in told

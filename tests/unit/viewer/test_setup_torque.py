@@ -54,3 +54,19 @@ def test_a_bench_that_was_put_away_is_told_at_once() -> None:
     watch.look(bench(), is_blind=False)
     assert watch.look(None, is_blind=False)
     assert watch.told == torque(None)
+
+
+def test_motors_that_answer_are_told_although_answers_are_lost_again_and_again() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)
+    assert watch.look(silent, is_blind=False)
+    assert watch.look(held, is_blind=True)
+    assert watch.told == torque(held)
+    told = set()
+    for k in range(40):  # the joints are let go of, and every other answer is lost
+        now[0] += 0.3 * SETTLED
+        watch.look(silent if k % 2 else limp, is_blind=False)
+        told.add(watch.told.text)
+    assert watch.told == torque(limp)
+    assert torque(silent).text not in told
