@@ -36,8 +36,9 @@ AS_NEW = 1
 """The id of every new motor, which therefore tells nothing."""
 
 _LOOKING = (
-    "Looking at the cable all the time; there is nothing to press. The six motors of a follower's"
-    " kit are alike: take any. Those of a leader differ: see its guide for which goes where."
+    "Looking at the cable all the time, no need to press anything before a motor is found. The six"
+    " motors of a follower's kit are alike: take any. Those of a leader differ: see its guide for"
+    " which goes where."
 )
 
 _NONE = "none"
