@@ -86,6 +86,7 @@ class HardwareArmConfig:
         position_tolerance: Largest position error that counts as arrived [m]; None for ours.
         approach_tolerance: Largest error of the approach direction [rad]; None for ours.
         compliance: How it yields to a hand in manual mode.
+        lets_go: Whether its joints are let go of when the process ends in order.
         unused: Settings that were given, are understood, and have no effect here.
     """
 
@@ -103,6 +104,7 @@ class HardwareArmConfig:
     position_tolerance: float | None
     approach_tolerance: float | None
     compliance: Compliance
+    lets_go: bool
     unused: tuple[str, ...]
 
     @classmethod
@@ -143,6 +145,7 @@ class HardwareArmConfig:
             position_tolerance=to_m(position_mm) if position_mm > 0.0 else None,
             approach_tolerance=to_rad(approach_deg) if approach_deg > 0.0 else None,
             compliance=compliance(manual),
+            lets_go=given.choice("at_end", ("hold", "release")) == "release",
             unused=(
                 *(["mesh_decimation_ratios"] if given.given("mesh_decimation_ratios") else []),
                 *(["manual_mode.loop_hz"] if manual.given("loop_hz") else []),
@@ -237,6 +240,7 @@ _ARM = (
     "orientation_tolerance_deg",
     "mesh_decimation_ratios",
     "manual_mode",
+    "at_end",
     *LoadConfig.KEYS,
 )
 _GRIPPER = (*_PORT, "arm", "servo_id", "gripper_type", "mesh_detail")

@@ -125,6 +125,7 @@ KNOWN: Mapping[str, Model] = {
         new={
             "joint_zero_offsets_deg": "zeros as the calibration says",
             "control_rate_hz": "100",
+            "at_end": "hold",
             **_SURROUNDINGS,
         },
         idle=_MESHES,

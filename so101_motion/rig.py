@@ -8,6 +8,7 @@ they spell it; each holds a ``HardwareRig``, and the last one out closes.
 from __future__ import annotations
 
 import atexit
+import logging
 import os
 import threading
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from so101_motion.clock import Clock, MonotonicClock
 from so101_motion.drivers.bus import patience_in
 from so101_motion.drivers.feetech_arm import SETTLE_POSITION, SETTLE_TIMEOUT, SETTLE_VELOCITY
 from so101_motion.drivers.sim_arm import SimArm
-from so101_motion.errors import ConfigError
+from so101_motion.errors import ConfigError, So101Error
 from so101_motion.executor import Executor, Tolerances
 from so101_motion.geometry import Array
 from so101_motion.gripper import JAW_CLOSED
@@ -36,11 +37,14 @@ __all__ = [
     "HardwareRig",
     "PortUse",
     "Rig",
+    "leave_all",
     "open_hardware",
     "open_simulated",
     "open_simulated_gripper",
     "use_of",
 ]
+
+_log = logging.getLogger(__name__)
 
 
 def open_simulated(
@@ -233,6 +237,15 @@ class _Live:
         self.rig.arm.slowdown = lambda: self.servos.slowdown
         self.take_ranges()
 
+    def leave(self) -> None:
+        """Let go of the joints if that is how they are to be left; needs no lock."""
+        if not self.servos.settings.lets_go:
+            return
+        try:
+            self.rig.arm.set_torque(False)
+        except So101Error as error:
+            _log.warning("%s was not let go of: %s", self.servos.settings.port, error)
+
     def is_on(self, port: str) -> bool:
         """Whether ``port`` is another name, or the name, of this rig's."""
         device = os.path.realpath(port)
@@ -345,8 +358,19 @@ _hardware_lock = threading.RLock()
 _hardware: list[_Live] = []
 
 
+def leave_all() -> None:
+    """Bring every arm that is to be let go of at the end to rest, and let go of it.
+
+    For whoever ends the process in order, before the rigs are closed. An arm that cannot be reached
+    stays as it is; the log says so.
+    """
+    for live in tuple(_hardware):
+        live.leave()
+
+
 @atexit.register
 def _close_all() -> None:
-    """A program that ends without closing leaves arms that hold, not ones in mid-motion."""
+    """A program that ends without closing leaves arms at rest, not ones in mid-motion."""
+    leave_all()
     for live in tuple(_hardware):
         live.rig.close()

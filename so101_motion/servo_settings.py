@@ -29,6 +29,8 @@ class ServoSettings:
             which they are configured [rad]; None when nothing is configured.
         rate: How many setpoints a second [1/s]; None from those who do not care.
         fallback_file: Where a calibration of this arm is saved unless somebody names a file.
+        lets_go: Whether the joints are let go of when the process ends in order, instead of held;
+            None from those who do not care.
     """
 
     port: str
@@ -40,6 +42,7 @@ class ServoSettings:
     zero_offsets: Mapping[str, float] | None = None
     rate: float | None = None
     fallback_file: Path | None = None
+    lets_go: bool | None = None
 
     @property
     def file(self) -> Path | None:
@@ -109,7 +112,7 @@ class ServoSettings:
 
 _JOINED = (
     "baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file", "zero_offsets",
-    "rate", "fallback_file",
+    "rate", "fallback_file", "lets_go",
 )  # fmt: skip
 
 

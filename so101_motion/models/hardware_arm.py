@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import aclosing
+from dataclasses import replace
 from typing import Any, ClassVar
 
 from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
@@ -87,7 +88,7 @@ class HardwareArm(ArmResource):
         with grpc_statuses():
             wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
             settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
-            asked = servo_settings(wanted.connection)
+            asked = replace(servo_settings(wanted.connection), lets_go=wanted.lets_go)
             rig = open_hardware(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             rig.arm.set_speed(wanted.speed)

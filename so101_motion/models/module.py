@@ -3,7 +3,9 @@
 Importing this registers the models. The process ends in three ways and cleans up in all: a SIGTERM
 closes the server, which closes every component; a parent that vanishes without a word (``kill -9``)
 is noticed within a second, long before the SDK would, and is treated the same; and whatever else
-happens, the planning process leaves by itself when its pipe ends.
+happens, the planning process leaves by itself when its pipe ends. Before the components are closed,
+arms that are to be let go of at the end are: closing a component alone, as every change of its
+configuration does, leaves the arm holding.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import signal
 from viam.logging import getLogger
 from viam.module.module import Module
 from viam.resource.registry import Registry, ResourceCreatorRegistration
+from viam.rpc.server import Server
 
 from so101_motion.models.calibration import So101Calibration
 from so101_motion.models.discovery import So101Discovery
@@ -27,6 +30,7 @@ from so101_motion.models.simulated_gripper import SimulatedGripper
 from so101_motion.models.teleop import So101Teleop
 from so101_motion.models.world_state_store import So101WorldState
 from so101_motion.realtime import steady_interpreter
+from so101_motion.rig import leave_all
 
 MODELS = (
     HardwareArm,
@@ -60,12 +64,23 @@ async def run() -> None:
     set_machine(lambda: module.parent)
     for model in MODELS:
         module.add_model_from_registry(model.API, model.MODEL)
+    _leave_before_closing(module.server)
     steady_interpreter()
     watch = asyncio.create_task(_end_with_parent(os.getppid()))
     try:
         await module.start()  # type: ignore[no-untyped-call]  # the SDK left it unannotated
     finally:
         watch.cancel()
+
+
+def _leave_before_closing(server: Server) -> None:
+    close = server.close
+
+    async def leave_and_close() -> None:
+        await asyncio.to_thread(leave_all)
+        await close()  # type: ignore[no-untyped-call]  # likewise
+
+    server.close = leave_and_close  # type: ignore[method-assign]  # the SDK asks nobody at its end
 
 
 async def _end_with_parent(parent: int) -> None:

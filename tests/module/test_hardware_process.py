@@ -167,6 +167,26 @@ async def test_a_terminated_module_stops_the_arm_and_leaves_it_holding(emulated)
     assert after[0][2] - 2048 < 60.0 * 4096 / 360, "it did not go on to its goal"
 
 
+async def test_an_arm_is_let_go_of_at_the_end_of_the_process_if_that_is_asked_for(emulated):
+    attributes = {"port": emulated.port, "at_end": "release"}
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": emulated.port}, "gripper")
+        await arm.stop()
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+    assert [torque for torque, _, _ in servos(emulated.port)] == [0] * 6
+
+
+async def test_an_arm_that_is_let_go_of_at_the_end_holds_when_its_component_is_removed(emulated):
+    async with running_module() as (module, _, _):
+        attributes = {"port": emulated.port, "at_end": "release"}
+        arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        await arm.stop()
+        await module.remove(ARM, "arm")
+        assert [torque for torque, _, _ in servos(emulated.port)] == [1] * 6
+
+
 GUIDE_AND_END = """
 import sys
 from so101_motion.rig import open_hardware
