@@ -32,6 +32,7 @@ def far_from(q: np.ndarray, rig: Rig) -> bool:
 
 def plan(guest: Guest) -> None:
     guest.press("Plan")
+    guest.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
     guest.until(lambda: guest.button("Execute").is_enabled())
 
 

@@ -34,6 +34,7 @@ def take(guest: Guest, kind: str = "", motion: str = "") -> Download:
 def plan(guest: Guest) -> None:
     guest.page.get_by_role("tab", name="Move").click()
     guest.press("Plan")
+    guest.page.wait_for_timeout(300)  # a former plan may be executed until this one is begun
     guest.until(lambda: guest.button("Execute").is_enabled())
 
 

@@ -7,6 +7,7 @@ what ``ArmBench`` has.
 import asyncio
 import math
 import threading
+from concurrent.futures import wait
 from contextlib import asynccontextmanager, contextmanager
 
 import numpy as np
@@ -115,6 +116,7 @@ class HardwareBench:
             if rig.arm.is_moving or motion.future.done():
                 break
             self.advance(0.0)
+            wait([motion.future], timeout=0.002)  # its thread may have to wait for the processor
         self.advance(seconds)
 
     def shut(self, rig):
