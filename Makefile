@@ -1,62 +1,58 @@
-# `make demo` and `make test` are all a fresh machine needs: Python 3.11 with venv and pip, git, make.
-PYTHON ?= python3.11
+# `make demo` and `make test` are all a fresh machine needs: git, make and Python 3.11 to 3.14 with
+# venv. setup.sh looks for one; `make demo PYTHON=/path/to/python3.12` names one.
+export PYTHON
 VENV := .venv
 BIN := $(VENV)/bin
-RUNS := $(VENV)/.installed
-STAMP := $(VENV)/.installed-dev
 
-.PHONY: demo test check bench pictures site clean browser
+.PHONY: demo test check bench campaign pictures site clean browser installed-dev
 
-demo: $(RUNS)
+demo:
+	@./setup.sh --with viewer
 	$(BIN)/so101 demo
 
-test: $(STAMP) browser
+test: browser
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-check: $(STAMP) browser
+check: browser
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-bench: $(STAMP) browser
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable '.[bench]'
+bench: browser
+	@./setup.sh --with bench
 	$(BIN)/python -m benchmarks.bench_ik
 	$(BIN)/python -m benchmarks.bench_retime
 	$(BIN)/python -m benchmarks.bench_plan
 	$(BIN)/python -m benchmarks.bench_line
+	$(BIN)/python -m benchmarks.bench_give_up
 	$(BIN)/python -m benchmarks.bench_servo
 	$(BIN)/python -m benchmarks.bench_module
 	$(BIN)/python -m benchmarks.bench_bus
 	$(BIN)/python -m benchmarks.bench_follow
 	$(BIN)/python -m benchmarks.bench_stream
+	$(BIN)/python -m benchmarks.bench_stop
 	$(BIN)/python -m benchmarks.bench_teleop
 	$(BIN)/python -m benchmarks.bench_page
 
-pictures: $(STAMP) browser
+# Attacks every reader, and mixes requests and faults at random; SEED=... repeats a run.
+MINUTES ?= 10
+campaign: installed-dev
+	PYTHONPATH=tests $(BIN)/python -m campaign --minutes $(MINUTES) $(if $(SEED),--seed $(SEED))
+
+pictures: browser
 	$(BIN)/python docs/make_screenshots.py
 
-site: $(BIN)/python
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[site]'
+site:
+	@./setup.sh --with site
 	$(BIN)/properdocs build --strict
 
-browser: $(STAMP)
+browser: installed-dev
 	@sh tests/browser/install_browser.sh $(BIN)
 
-# What install.py asks for, and the page.
-$(RUNS): pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[viewer]'
-	@cat pyproject.toml constraints.txt > $@
-
-$(STAMP): pyproject.toml constraints.txt | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
-	@cat pyproject.toml constraints.txt > $(RUNS)
-	@touch $@
-
-$(BIN)/python:
-	@command -v $(PYTHON) >/dev/null || { echo "error: $(PYTHON) not found. try: make PYTHON=/path/to/python3.11 (or newer)"; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+installed-dev:
+	@./setup.sh --with dev
 
 clean:
 	rm -rf $(VENV) build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

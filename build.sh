@@ -2,8 +2,8 @@
 # Makes dist/module.tar.gz, what the registry hands to machines: build.sh [--wheels]
 #
 # On x86-64 Linux the archive holds the sources and nothing else; setup.sh installs the rest from
-# ready wheels. Elsewhere ruckig and toppra have none, so they are compiled here and go along in
-# wheels/, for the Python that builds; with another Python the machine compiles them itself.
+# ready wheels. Elsewhere ruckig may have none, so it is compiled here and goes along in wheels/, for
+# the Python that builds; with another Python the machine compiles it itself.
 # --wheels does that on x86-64 Linux too.
 set -eu
 

@@ -7,12 +7,17 @@ It uses the standard library alone and must never hold a machine up, so:
 * Everything has a limit: each connection, the wait for another installation, and the whole.
 * What is complete is left alone, without a word to the network. ``.venv/.installed`` is written
   last and holds what was asked for, so that a new version is noticed.
-* What was cut short is repaired by the next call; pip keeps what it has downloaded and built.
+* It is complete only when everything that is needed can be imported. A system library that is
+  missing is named with the command that installs it; after that, only the imports are tried again.
+* What was cut short is repaired by the next call; pip keeps what it has downloaded and built. An
+  environment without pip, or of a Python that does not suit, is made anew.
+* The free disk space is looked at first.
 
 ``run.sh`` asks for ``--background`` because viam-server ends a module that is not ready in five
-minutes, and where ruckig and toppra have to be compiled it takes longer. That installation is a
-process of its own and writes to ``setup.log``. ``build.sh`` asks for ``--wheels`` so that those
-two come along compiled; with them nothing is compiled on the machine.
+minutes, and where ruckig has to be compiled it takes longer. That installation is a
+process of its own and writes to ``setup.log``. ``build.sh`` asks for ``--wheels`` so that it
+comes along compiled; with it nothing is compiled on the machine. The Makefile asks for
+``--with viewer`` (the page in the browser) or ``--with dev`` (the tests).
 """
 
 from __future__ import annotations
@@ -21,20 +26,26 @@ import contextlib
 import fcntl
 import os
 import platform
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 HERE = Path(__file__).resolve().parent
 VENV = HERE / ".venv"
 PYTHON = VENV / "bin" / "python"
+PACKAGES = VENV / ".packages"
+"""Written once pip is done."""
 DONE = VENV / ".installed"
+"""Written once all of it can be imported, too."""
 WHEELS = HERE / "wheels"
 LOG = HERE / "setup.log"
 
@@ -44,32 +55,60 @@ LIMIT = 3000.0
 """The whole installation [s]; viam-server gives the first run 3600."""
 LONGEST_LOG = 100_000
 """Bytes after which the log is begun anew."""
-COMPILED = ("ruckig", "toppra")
+COMPILED = ("ruckig",)
 """What has ready wheels for some systems only."""
+READY = (("linux", "x86_64"), ("darwin", "arm64"))
+"""Those systems: ``sys.platform`` and ``platform.machine()``."""
 NETWORK = ("--timeout", "20", "--retries", "3")
 """For one connection [s], and how often it is tried again."""
+NETWORK_SIGNS = ("connection", "retrying", "timed out", "name resolution", "sslerror", "proxyerror")
+"""What pip says, in small letters, when it does not reach the package index."""
+
+VERSIONS = ((3, 11), (3, 14))
+"""The oldest and the newest Python with ready wheels; ``setup.sh`` looks for the same."""
+EXTRAS = {
+    "viewer": {"viewer"},
+    "dev": {"dev", "viewer"},
+    "bench": {"bench", "dev", "viewer"},
+    "site": {"site"},
+}
+"""What ``--with`` takes, and which extras of ``pyproject.toml`` each one installs."""
+MEGABYTES = {"": 850, "viewer": 50, "dev": 350, "bench": 50, "site": 100}
+"""The size of the environment and what each extra adds, rounded up; measured on Debian 13."""
+DOWNLOADED = 0.35
+"""The wheels take this part of what becomes of them; once while pip works, once in its cache."""
+FULL = 20
+"""A disk with less space than this is full [MB]."""
 
 
 def main(arguments: list[str]) -> int:
     """Install, unless that is done; the exit code."""
-    if arguments not in ([], ["--background"], ["--wheels"]):
-        say("usage: setup.sh [--background | --wheels]")
-        return 2
     if arguments == ["--wheels"]:
         return compile_wheels()
-    if is_installed():
-        say(f"installed already, in {VENV}")
+    match arguments:
+        case [] | ["--background"]:
+            extras = set()
+        case ["--with", name] if name in EXTRAS:
+            extras = EXTRAS[name]
+        case _:
+            complain(f"usage: setup.sh [--background | --wheels | --with {'|'.join(EXTRAS)}]")
+            return 2
+    if is_installed(extras):
+        if not extras:  # make asks each time
+            say(f"installed already, in {VENV}")
         return 0
-    return in_background() if arguments else in_foreground()
+    return in_background() if arguments == ["--background"] else in_foreground(extras)
 
 
-def in_foreground() -> int:
+def in_foreground(extras: set[str]) -> int:
     """Install, and say how it goes; the exit code."""
     with the_lock(PATIENCE) as lock:
         if lock is None:
-            say("another installation is still running; see setup.log if it runs in the background")
+            complain(
+                "another installation is still running; see setup.log if it runs in the background"
+            )
             return 1
-        return 0 if is_installed() else install(lock)
+        return 0 if is_installed(extras) else install(extras, lock)
 
 
 def in_background() -> int:
@@ -90,33 +129,50 @@ def in_background() -> int:
         say("the installation goes on in the background; the module starts once it is complete")
         return 1
     if code:
-        say("\n".join(LOG.read_text().splitlines()[-15:]))
+        complain("\n".join(LOG.read_text().splitlines()[-15:]))
     return code
 
 
-def install(lock: int) -> int:
-    """Make the environment and fill it; the exit code."""
+def install(extras: set[str], lock: int) -> int:
+    """Make the environment, fill it, try the imports; the exit code."""
     begin = time.monotonic()
-    say(f"installing into {VENV} with Python {platform.python_version()}; this takes minutes, once")
-    if not has_ready_wheels():
-        say("ruckig and toppra have no ready wheels for this system and are compiled")
-    from_here = ("--find-links", str(WHEELS)) if WHEELS.is_dir() else ()
-    steps = (
-        *(() if pip_works() else ((sys.executable, "-m", "venv", "--clear", str(VENV)),)),
-        (
-            *(str(PYTHON), "-m", "pip", "install", "--disable-pip-version-check", "--no-input"),
-            *("--quiet", *NETWORK, *from_here),
-            *("--constraint", "constraints.txt", "--editable", "."),
-        ),
-    )
-    for step in steps:
-        code = run(step, begin + LIMIT - time.monotonic(), lock)
-        if code:
-            say(f"error: the installation failed. {what_to_try()}")
+    extras = extras | extras_in(PACKAGES)
+    if not is_filled(extras):
+        lacking = lacking_space(extras)
+        if lacking:
+            complain(f"error: {lacking}")
             return 1
-    DONE.write_text(asked_for())
+        version = platform.python_version()
+        say(f"installing into {VENV} with Python {version}; this takes minutes, once")
+        if not has_ready_wheels():
+            say("ruckig has no ready wheel for this system and is compiled")
+        for step in steps(extras):
+            code, said = run(step, begin + LIMIT - time.monotonic(), lock)
+            if code:
+                complain(f"error: the installation failed. {what_to_try(said)}")
+                return 1
+        PACKAGES.write_text(record(extras))
+    check = (str(PYTHON), "-m", "so101_motion.common.import_check", *sorted(extras))
+    code, _ = run(check, begin + LIMIT - time.monotonic(), lock)
+    if code:
+        complain("the installation is not complete; repeat it once that is done")
+        return 1
+    DONE.write_text(record(extras))
     say(f"installed in {time.monotonic() - begin:.0f} s")
     return 0
+
+
+def steps(extras: set[str]) -> Iterator[tuple[str, ...]]:
+    """The commands that make the environment, unless there is one to go on with, and fill it."""
+    if not environment_works():
+        yield (sys.executable, "-m", "venv", "--clear", str(VENV))
+    from_here = ("--find-links", str(WHEELS)) if WHEELS.is_dir() else ()
+    yield (
+        *(str(PYTHON), "-m", "pip", "install", "--disable-pip-version-check", "--no-input"),
+        *("--quiet", *NETWORK, *from_here),
+        *("--constraint", "constraints.txt"),
+        *("--editable", f".[{','.join(sorted(extras))}]" if extras else "."),
+    )
 
 
 def compile_wheels() -> int:
@@ -134,35 +190,73 @@ def compile_wheels() -> int:
 
 
 def compiled_versions() -> list[str]:
-    """Which versions are compiled: those of ``constraints.txt`` where there are no wheels."""
+    """Which versions are compiled: those of ``constraints.txt``."""
     pins = (HERE / "constraints.txt").read_text().splitlines()
     wanted = tuple(f"{name}==" for name in COMPILED)
-    here = [pin for pin in pins if pin.startswith(wanted) and "platform_machine ==" not in pin]
-    return [pin.partition(";")[0].strip() for pin in here]
+    return [pin for pin in pins if pin.startswith(wanted)]
 
 
-def run(command: tuple[str, ...], limit: float, lock: int) -> int:
-    """Run a command for at most ``limit`` seconds; the exit code.
+def run(command: tuple[str, ...], limit: float, lock: int) -> tuple[int, str]:
+    """Run a command for at most ``limit`` seconds; the exit code and what it said on stderr.
 
     All it starts ends with it. It holds the lock too, in case this process is ended before it.
     """
     process = subprocess.Popen(
-        command, cwd=HERE, stdin=subprocess.DEVNULL, start_new_session=True, pass_fds=(lock,)
+        command,
+        cwd=HERE,
+        stdin=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+        pass_fds=(lock,),
     )
+    assert process.stderr is not None
+    said: list[str] = []
+    reader = threading.Thread(target=pass_on, args=(process.stderr, said), daemon=True)
+    reader.start()
     try:
-        return process.wait(max(limit, 0.0))
+        code = process.wait(max(limit, 0.0))
     except subprocess.TimeoutExpired:
-        say(f"error: not done after {LIMIT / 60:.0f} minutes; it is ended")
-        return 1
+        complain(f"error: not done after {LIMIT / 60:.0f} minutes; it is ended")
+        code = 1
     finally:
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+    reader.join(5.0)
+    return code, "".join(said)
 
 
-def is_installed() -> bool:
-    """Whether all that this version asks for is there."""
-    return DONE.is_file() and DONE.read_text() == asked_for()
+def pass_on(lines: IO[str], said: list[str]) -> None:
+    """Show what a command says as it says it, and keep it."""
+    with lines:
+        for line in lines:
+            sys.stderr.write(line)
+            sys.stderr.flush()
+            said.append(line)
+
+
+def is_installed(extras: set[str]) -> bool:
+    """Whether all that this version asks for is there, and can be imported."""
+    is_done = DONE.is_file() and DONE.read_text() == record(extras | extras_in(DONE))
+    return is_done and environment_works()
+
+
+def is_filled(extras: set[str]) -> bool:
+    """Whether pip has nothing left to do."""
+    return PACKAGES.is_file() and PACKAGES.read_text() == record(extras) and environment_works()
+
+
+def record(extras: set[str]) -> str:
+    """What is written down of an installation."""
+    return f"{asked_for()}\n# extras: {' '.join(sorted(extras))}\n"
+
+
+def extras_in(file: Path) -> set[str]:
+    """The extras of the installation that wrote this file."""
+    text = file.read_text() if file.is_file() else ""
+    return set(text.partition("\n# extras: ")[2].split())
 
 
 def asked_for() -> str:
@@ -170,28 +264,68 @@ def asked_for() -> str:
     return "".join((HERE / name).read_text() for name in ("pyproject.toml", "constraints.txt"))
 
 
-def pip_works() -> bool:
-    """Whether there is an environment to go on with."""
+def environment_works() -> bool:
+    """Whether there is an environment to go on with: with pip, and of a Python that suits."""
     if not PYTHON.exists():
         return False
     asked = [str(PYTHON), "-m", "pip", "--version"]
-    return subprocess.run(asked, capture_output=True, check=False).returncode == 0
+    said = subprocess.run(asked, capture_output=True, text=True, check=False).stdout
+    found = re.search(r"\(python (\d+)\.(\d+)\)", said)
+    if found is None:
+        return False
+    version = (int(found[1]), int(found[2]))
+    if os.environ.get("PYTHON"):  # somebody wants this one
+        return version == sys.version_info[:2]
+    return VERSIONS[0] <= version <= VERSIONS[1]
+
+
+def lacking_space(extras: set[str]) -> str:
+    """What to say if a disk has too little space for what is still to come; empty if none has."""
+    there = sum(path.lstat().st_size for path in VENV.rglob("*")) / 1e6
+    installed = max(sum(MEGABYTES[name] for name in ("", *extras)) - there, 0.0)
+    needed: dict[int, tuple[Path, float]] = {}
+    cache = Path(os.path.expanduser("~/.cache"))
+    for folder, size in (
+        (HERE, installed),
+        (Path(os.environ.get("TMPDIR", "/tmp")), DOWNLOADED * installed),
+        (cache, DOWNLOADED * installed),
+    ):
+        place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if os.access(place, os.W_OK):
+            first, before = needed.setdefault(place.stat().st_dev, (place, 0.0))
+            needed[place.stat().st_dev] = (first, before + size)
+    for place, size in needed.values():
+        free = shutil.disk_usage(place).free / 1e6
+        if free < size:
+            return (
+                f"the disk that holds {place} has {free:.0f} MB free and {size:.0f} MB are needed."
+                " try: free some space, then repeat the installation"
+            )
+    return ""
 
 
 def has_ready_wheels() -> bool:
     """Whether nothing has to be compiled here."""
     python = f"-cp{sys.version_info.major}{sys.version_info.minor}-"
     shipped = {path.name.split("-")[0] for path in WHEELS.glob(f"*{python}*.whl")}
-    everywhere = (sys.platform, platform.machine()) == ("linux", "x86_64")
-    return everywhere or shipped.issuperset(COMPILED)
+    return (sys.platform, platform.machine()) in READY or shipped.issuperset(COMPILED)
 
 
-def what_to_try() -> str:
-    """A sentence or two for whoever reads why it failed."""
+def what_to_try(said: str) -> str:
+    """A sentence or two for whoever reads why it failed.
+
+    Args:
+        said: What the failed step wrote on stderr.
+    """
+    free = shutil.disk_usage(HERE).free / 1e6
+    if "No space left on device" in said or free < FULL:
+        return "The disk is full. try: free some space, then repeat the installation"
+    if any(sign in said.lower() for sign in NETWORK_SIGNS):
+        return "Is the network there? It is tried again at the next start."
     has_compiler = any(shutil.which(name) for name in ("c++", "g++", "clang++"))
     has_headers = Path(sysconfig.get_path("include"), "Python.h").is_file()
     if has_ready_wheels() or (has_compiler and has_headers):
-        return "Is the network there? It is tried again at the next start."
+        return "What pip says above is the reason. It is tried again at the next start."
     missing = "Python's headers are" if has_compiler else "A C++ compiler is"
     if sys.platform == "darwin":
         return f"{missing} missing. try: xcode-select --install"
@@ -217,7 +351,12 @@ def the_lock(patience: float) -> Iterator[int | None]:
 
 
 def say(sentence: str) -> None:
-    """To whoever watches, at once."""
+    """How it goes, at once; on standard output, for viam-server logs all else as an error."""
+    print(f"so101 setup: {sentence}", flush=True)
+
+
+def complain(sentence: str) -> None:
+    """What is wrong, at once."""
     print(f"so101 setup: {sentence}", file=sys.stderr, flush=True)
 
 

@@ -10,7 +10,7 @@ set -eu
 
 cd -- "$(dirname -- "$0")"
 
-# pip writes the command last, so its presence means that everything before it is there too.
-[ -x .venv/bin/so101 ] || ./setup.sh --background
+# Written last, once everything that is needed could be imported.
+[ -f .venv/.installed ] && [ -x .venv/bin/python ] || ./setup.sh --background
 
 exec .venv/bin/python -m so101_motion "$@"

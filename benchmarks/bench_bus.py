@@ -28,17 +28,17 @@ import numpy as np
 import scservo_sdk
 
 from benchmarks import _common
-from so101_motion.clock import MonotonicClock
-from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Bus
+from so101_motion.common.clock import MonotonicClock
+from so101_motion.common.errors import NoReply
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.sdk import Port
+from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
-from so101_motion.drivers.feetech_arm import JOINTS, FeetechArm
-from so101_motion.drivers.port import SerialPort
-from so101_motion.drivers.sdk import Port
-from so101_motion.drivers.ticks import JointMap
-from so101_motion.errors import NoReply
-from so101_motion.planning.model import RobotModel
+from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.planning.kinematics.model import RobotModel
 
 CYCLES = 1000
 PERIOD = 0.01

@@ -27,9 +27,9 @@ SPEEDS = ((50, 100), (90, 300), (120, 500), (180, 500))
 
 PLANS = 50
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "bus"))
-_following: Any = importlib.import_module("following")
-_harness: Any = importlib.import_module("hardware_harness")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+_following: Any = importlib.import_module("harness.path_following")
+_harness: Any = importlib.import_module("harness.emulated_rig")
 
 
 def followed(speed: float, acceleration: float) -> list[Any]:

@@ -24,14 +24,15 @@ from pink import Configuration, solve_ik
 from pink.tasks import FrameTask
 
 from benchmarks import _common
-from so101_motion.errors import Unreachable
-from so101_motion.geometry import Array
-from so101_motion.planning.arm_structure import ArmStructure, Posture
+from so101_motion.common.errors import Unreachable
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_mm
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.ik import IkSolution, IkSolver
-from so101_motion.planning.ik_task import angle_between
-from so101_motion.planning.model import RobotModel
-from so101_motion.units import to_mm
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure
+from so101_motion.planning.kinematics.arm_geometry import Configuration as ArmConfiguration
+from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
+from so101_motion.planning.kinematics.ik_task import angle_between
+from so101_motion.planning.kinematics.model import RobotModel
 
 N = 10_000
 SEED = 0
@@ -93,9 +94,9 @@ def closed_form(solver: IkSolver, configurations: Array, frame: str) -> dict[str
         for q in configurations
     ]
 
-    def solve(given: Any) -> list[Posture]:
+    def solve(given: Any) -> list[ArmConfiguration]:
         point, pitch, roll = given
-        return structure.postures(point, pitch, roll, frame)
+        return structure.configurations(point, pitch, roll, frame)
 
     found, times = _common.measure(solve, inputs)
     good, worst = 0, 0.0

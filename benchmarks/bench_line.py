@@ -2,9 +2,9 @@
 
 Whether a line exists is decided by exhaustion: a flood fill over points a millimetre apart, all
 pitches a degree apart, both sides and both ways to bend, in which the arm may also stop and change
-its posture with the tool held still. It forgives more than a planner may (it only looks whether
-neighbouring postures are near and free, not whether a motion between them is), so it errs on the
-side of lines that do not exist. It is asked about the lines that were refused.
+its configuration with the tool held still. It forgives more than a planner may (it only looks
+whether neighbouring configurations are near and free, not whether a motion between them is), so it
+errs on the side of lines that do not exist. It is asked about the lines that were refused.
 
 Run: ``python -m benchmarks.bench_line``.
 """
@@ -17,12 +17,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.errors import PlanningError, Unreachable
-from so101_motion.geometry import SE3, Array, rot_z
-from so101_motion.planning.arm_chain import ArmChain
-from so101_motion.planning.arm_grid import facing, hands, postures, straight_pitches
-from so101_motion.planning.arm_structure import ArmStructure
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import PlanningError, Unreachable
+from so101_motion.common.geometry import SE3, Array, rot_z
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import FLOOR_Z
 from so101_motion.planning.goals import (
     ApproachGoal,
     Goal,
@@ -33,13 +31,20 @@ from so101_motion.planning.goals import (
     PoseGoal,
     ToolPathGoal,
 )
-from so101_motion.planning.ik import IkSolver
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.plan import Plan
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure
+from so101_motion.planning.kinematics.batch_ik import (
+    configurations,
+    facing,
+    hands,
+    straight_pitches,
+)
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.scene import FLOOR_Z
-from so101_motion.planning.verify import violations
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.verify import violations
 
 N = 500
 LINE = 0.1
@@ -53,8 +58,8 @@ BETWEEN_POINTS, BETWEEN_PITCHES = 0.001, np.radians(1.0)
 """How finely the oracle looks [m], [rad]."""
 
 STEP, PAN_STEP = 0.2, 1.0
-"""How near postures must be for the oracle to step from one to the other, any joint but the pan
-and the pan [rad]; past the pan axis it turns by as much within a millimetre."""
+"""How near configurations must be for the oracle to step from one to the other, any joint but the
+pan and the pan [rad]; past the pan axis it turns by as much within a millimetre."""
 
 
 class Bench:
@@ -69,14 +74,14 @@ class Bench:
         self.rng = np.random.default_rng(0)
 
     def free_posture(self) -> Array:
-        """A random posture without contact."""
+        """A random configuration without contact."""
         while True:
             q: Array = self.rng.uniform(self.model.lower, self.model.upper)
             if self.collision.is_free(q):
                 return q
 
     def lines(self) -> list[PlanRequest]:
-        """Lines in random directions from random postures, whose ends can be reached."""
+        """Lines in random directions from random configurations, whose ends can be reached."""
         requests: list[PlanRequest] = []
         while len(requests) < N:
             q = self.free_posture()
@@ -136,7 +141,7 @@ def _every_posture(structure: ArmStructure, points: Array, q_start: Array) -> li
     even = q_start[1:4].sum() + np.arange(0.0, 2.0 * np.pi, BETWEEN_PITCHES)
     straight = straight_pitches(structure, target, hand)
     every = np.broadcast_to(even, (*straight.shape[:2], len(even)))
-    grid = postures(structure, target, hand, np.concatenate([every, straight], axis=2), roll)
+    grid = configurations(structure, target, hand, np.concatenate([every, straight], axis=2), roll)
     return [q[excess <= 1e-6] for q, excess in zip(grid.q, grid.excess, strict=True)]
 
 

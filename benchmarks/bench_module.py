@@ -23,18 +23,18 @@ import numpy as np
 from viam.components.arm import Pose
 
 from benchmarks import _common
-from so101_motion.geometry import Array
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.model import RobotModel
-from so101_motion.units import to_mm
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_mm
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
 
 STARTS = 10
 LATENCIES = 50
 MOVES = 200
 SEED = 2
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "module"))
-_parent: Any = importlib.import_module("fake_parent")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+_parent: Any = importlib.import_module("harness.fake_parent")
 
 
 def reachable_points(n: int) -> Array:

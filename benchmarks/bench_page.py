@@ -34,7 +34,7 @@ import numpy as np
 import viser
 import zstandard
 from playwright.sync_api import Browser, Page, sync_playwright
-from so101_viewer.guard import start_guarded
+from so101_viewer.server.guarded_server import start_guarded
 from websockets.asyncio.client import ClientConnection, connect
 
 from benchmarks import _common

@@ -28,14 +28,14 @@ from benchmarks import _common
 from benchmarks.drawn import DrawnArm
 from benchmarks.plan_peers import ompl_search, roboplan_search
 from benchmarks.plan_problems import SCENES, Problem, problems
-from so101_motion.errors import PlanningError
-from so101_motion.geometry import Array
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import JointGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.path import PathFinder
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
 
 POSTURES = 2000
 SEED = 11

@@ -25,12 +25,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.geometry import Array
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
-from so101_motion.planning.retime import retime
-from so101_motion.planning.trajectory import Trajectory
+from so101_motion.common.geometry import Array
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.timing.retime import retime
+from so101_motion.planning.timing.trajectory import Trajectory
 
 N = 100
 SEED = 0

@@ -18,15 +18,15 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.geometry import SE3, Array
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.scene import Box, Obstacle, Scene
-from so101_motion.planning.servo import Servo
-from so101_motion.planning.servo_qp import ServoQp, as_problem
-from so101_motion.planning.targets import Target, Twist
-from so101_motion.planning.torque import Load, Strength
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.differential.servo_qp import ServoQp, as_problem
+from so101_motion.planning.differential.targets import Target, Twist
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Load, Strength
 
 DT = 0.01
 JOGS, STEPS, HELD = 40, 300, 40

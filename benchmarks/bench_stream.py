@@ -37,7 +37,7 @@ import numpy as np
 from viam.components.arm import JointPositions
 
 from benchmarks import _common
-from so101_motion.geometry import Array
+from so101_motion.common.geometry import Array
 from so101_motion.planning.goals import JointGoal
 
 SECONDS = 60.0
@@ -49,8 +49,8 @@ SEED = 4
 
 _RECORD = "SO101_BENCH_RECORD"
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "module"))
-_parent: Any = importlib.import_module("fake_parent")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+_parent: Any = importlib.import_module("harness.fake_parent")
 
 
 # The module's process
@@ -59,8 +59,8 @@ _parent: Any = importlib.import_module("fake_parent")
 def module() -> None:
     """Be the module, note when each setpoint is written, and keep the planner busy."""
     from so101_motion.__main__ import main as serve
-    from so101_motion.drivers.feetech_arm import FeetechArm
-    from so101_motion.realtime import steady_interpreter
+    from so101_motion.common.realtime import steady_interpreter
+    from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 
     steady_interpreter()  # as the module is about to do, so that the thread below is one of its own
     times: list[float] = []
@@ -86,7 +86,7 @@ def module() -> None:
 
 def _plan_on(done: threading.Event, planned: list[float]) -> None:
     """One plan after the other, by the planning process that all arms of the module share."""
-    from so101_motion.rig import open_simulated
+    from so101_motion.rig.hardware_rig import open_simulated
 
     rng = np.random.default_rng(SEED)
     with open_simulated() as rig:

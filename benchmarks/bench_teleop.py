@@ -40,27 +40,27 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
-from so101_motion.assembly import HARD_STOP
-from so101_motion.geometry import Array
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.guard import Guard
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.trajectory import Setpoint
-from so101_motion.pursuit import Aim, Pursuit
-from so101_motion.rig import open_hardware
-from so101_motion.servo_settings import ServoSettings
-from so101_motion.state import JointState
-from so101_motion.teleop import LocalFollower, LocalLeader, Recorder, Teleop
-from so101_motion.teleop.pilot import HORIZON, Pace
-from so101_motion.teleoperator import side_of
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.path_guard import Guard
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.port_settings import ServoSettings
+from so101_motion.rig.rig import HARD_STOP
+from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Recorder, Teleop
+from so101_motion.tasks.teleop.local_arms import side_of
+from so101_motion.tasks.teleop.pilot import HORIZON, Pace
 
 SECONDS = 60.0
 SEEDS = (1, 2, 3)
 PERIOD = 0.01
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "bus"))
-_bench: Any = importlib.import_module("teleop_bench")
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+_bench: Any = importlib.import_module("harness.emulated_pair")
 
 
 # On one clock
@@ -177,12 +177,12 @@ def costing() -> Iterator[dict[str, Any]]:
             dt=PERIOD,
             watch=guard,
         )
-        _, times = _common.measure(Pursuit.advance, [pursuit] * len(way))
+        _, times = _common.measure(lambda each: each.sample(0), [pursuit] * len(way))
         yield {"what": name, **_common.summary(times)}
 
 
-def _next(targets: Iterator[Array], limits: MotionLimits, now: Setpoint) -> Aim:
-    return Aim(q=next(targets), qd=np.zeros(5), limits=limits)
+def _next(targets: Iterator[Array], limits: MotionLimits, now: Setpoint) -> TrackingTarget:
+    return TrackingTarget(q=next(targets), qd=np.zeros(5), limits=limits)
 
 
 def lasting(minutes: float) -> dict[str, Any]:

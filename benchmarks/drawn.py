@@ -1,8 +1,8 @@
 """A second opinion on contact: the arm as it is drawn, triangle by triangle, without any margin.
 
-It shares neither hulls, nor pairs, nor margins with ``planning/collision.py``. All links are held
-against each other except those that hinge on each other, all but base and shoulder against the
-floor, and all but the base against every obstacle.
+It shares neither hulls, nor pairs, nor margins with ``planning/collision/collision.py``. All links
+are held against each other except those that hinge on each other, all but base and shoulder against
+the floor, and all but the base against every obstacle.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 import so101_description
 
-from so101_motion.geometry import Array
-from so101_motion.planning.scene import Box, Scene
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.scene import Box, Scene
 
 
 class DrawnArm:

@@ -21,10 +21,10 @@ import numpy as np
 import so101_description
 
 from benchmarks.plan_problems import Problem
-from so101_motion.geometry import Array
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.scene import FLOOR, Box, Scene
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import FLOOR, Box, Scene
+from so101_motion.planning.kinematics.model import RobotModel
 
 STEP = 0.05
 """Distance of the postures that peers look at on an edge [rad]."""

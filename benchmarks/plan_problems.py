@@ -1,9 +1,9 @@
 """The scenes and the problems that planners are measured on, made anew from seeds.
 
-Four sets of 100 pairs of free postures:
+Four sets of 100 pairs of free configurations:
 
-- ``empty``: the arm on its table, any two postures.
-- ``table``: three boxes on the table, any two postures.
+- ``empty``: the arm on its table, any two configurations.
+- ``table``: three boxes on the table, any two configurations.
 - ``opposite``: the same boxes, start and goal on opposite sides and low, the straight joint line
   blocked.
 - ``shelf``: an open shelf of two storeys and two bays, each 15 cm wide and 14 cm high, in 8 mm
@@ -21,11 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.geometry import SE3, Array
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.ik import IkSolver
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.scene import MARGIN, Box, Obstacle, Scene
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import MARGIN, Box, Obstacle, Scene
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
 
 COUNT = 100
 """Problems of each set."""
@@ -47,7 +47,7 @@ _LOW = 0.25
 
 
 class Problem(NamedTuple):
-    """Two free postures, shape (5,), [rad]."""
+    """Two free configurations, shape (5,), [rad]."""
 
     start: Array
     goal: Array
@@ -79,7 +79,7 @@ SCENES: dict[str, Scene] = {
 
 
 class _Source:
-    """Random free postures in one scene."""
+    """Random free configurations in one scene."""
 
     def __init__(self, model: RobotModel, scene: Scene, seed: int) -> None:
         self.model = model
@@ -88,7 +88,7 @@ class _Source:
         self._collision = CollisionModel(model, replace(scene, margin=MARGIN + _ROOM))
 
     def any(self) -> Array:
-        """Any free posture."""
+        """Any free configuration."""
         while True:
             q = self.random.uniform(self.model.lower, self.model.upper)
             if self._collision.is_free(q):
@@ -117,8 +117,8 @@ class _Source:
             )
             x, pitch = self.random.uniform(*_BAY_X), self.random.uniform(-1.2, 1.2)
             roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
-            for posture in structure.postures((x, y, z), pitch, roll, "jaw_tip"):
-                q = np.array(posture.q)
+            for configuration in structure.configurations((x, y, z), pitch, roll, "jaw_tip"):
+                q = np.array(configuration.q)
                 if self.model.outside(q) is None and self._collision.is_free(q):
                     return q
 
@@ -132,7 +132,7 @@ class _Source:
 
     def is_straight(self, problem: Problem) -> bool:
         """Whether the straight joint line is free."""
-        return self._collision.blocked_posture(np.array(problem)) is None
+        return self._collision.first_blocked(np.array(problem)) is None
 
 
 def _opposite(source: _Source, k: int) -> Problem:

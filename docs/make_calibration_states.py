@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from so101_motion.calib.steps import INSTRUCTIONS, OFFERED, State, mermaid
+from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, State, mermaid
 
 PAGE = Path(__file__).resolve().parent / "calibration-states.md"
 
 _HEAD = """# The states of a calibration
 
-This page is drawn from the table in `so101_motion/calib/steps.py` by
+This page is drawn from the table in `so101_motion/calib/procedure/steps.py` by
 `docs/make_calibration_states.py`. `abort` and `reset` are possible in every state. A command that
 fails where the diagram shows no other way leaves the state as it is and can be given again.
 

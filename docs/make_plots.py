@@ -1,6 +1,6 @@
 """Make the plots of the documentation from plans and motions of the simulated arm.
 
-Needs matplotlib, which toppra brings along. Run it from anywhere:
+Needs matplotlib, which toppra brings along where it is installed. Run it from anywhere:
 
     python docs/make_plots.py
 """
@@ -13,14 +13,14 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from so101_motion.clock import ManualClock
-from so101_motion.geometry import Array
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.planning.plan import Plan
-from so101_motion.rig import Rig, open_simulated
-from so101_motion.scene_file import read_scene
-from so101_motion.state import ARM_JOINTS
-from so101_motion.units import to_deg, to_rad
+from so101_motion.planning.request import Plan
+from so101_motion.rig.hardware_rig import Rig, open_simulated
 
 mpl.use("Agg")  # draws into files, also where there is no screen
 import matplotlib.pyplot as plt

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 from so101_viewer import serve
-from so101_viewer.setup.app import serve_setup
+from so101_viewer.setup_app import serve_setup
 
+from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.planning.plan import Plan
-from so101_motion.rig import Rig, open_simulated
-from so101_motion.scene_file import read_scene
-from so101_motion.units import to_rad
+from so101_motion.planning.request import Plan
+from so101_motion.rig.hardware_rig import Rig, open_simulated
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"

@@ -18,8 +18,8 @@ from collections.abc import Iterator
 import numpy as np
 
 import so101_motion as so101
-from so101_motion.planning.scene import FLOOR_Z
-from so101_motion.units import to_mm, to_rad
+from so101_motion.common.units import to_mm, to_rad
+from so101_motion.planning.collision.scene import FLOOR_Z
 
 CUBE = 0.02
 GRIP_HEIGHT = 0.014  # of the jaw's tip over the table: a little above the cube's middle

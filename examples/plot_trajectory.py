@@ -2,7 +2,8 @@
 
     python examples/plot_trajectory.py trajectory.png --xyz 250 120 150
 
-Needs matplotlib, which toppra brings along. Nothing moves; the arm is simulated.
+Needs matplotlib, which toppra brings along on x86-64 Linux; elsewhere `pip install matplotlib`.
+Nothing moves; the arm is simulated.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import matplotlib as mpl
 import numpy as np
 
 import so101_motion as so101
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.plan import Plan
-from so101_motion.state import ARM_JOINTS
-from so101_motion.units import to_deg, to_m
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_m
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
 
 mpl.use("Agg")  # draws into files, also where there is no screen
 import matplotlib.pyplot as plt

@@ -8,8 +8,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from so101_motion.errors import So101Error as So101Error
-    from so101_motion.geometry import SE3 as SE3
+    from so101_motion.common.errors import So101Error as So101Error
+    from so101_motion.common.geometry import SE3 as SE3
+    from so101_motion.planning.collision.scene import Attached as Attached
+    from so101_motion.planning.collision.scene import Box as Box
+    from so101_motion.planning.collision.scene import Capsule as Capsule
+    from so101_motion.planning.collision.scene import Mesh as Mesh
+    from so101_motion.planning.collision.scene import Obstacle as Obstacle
+    from so101_motion.planning.collision.scene import PointCloud as PointCloud
+    from so101_motion.planning.collision.scene import Scene as Scene
+    from so101_motion.planning.collision.scene import Sphere as Sphere
     from so101_motion.planning.goals import ApproachGoal as ApproachGoal
     from so101_motion.planning.goals import ArcTo as ArcTo
     from so101_motion.planning.goals import GoalMetric as GoalMetric
@@ -20,46 +28,38 @@ if TYPE_CHECKING:
     from so101_motion.planning.goals import PoseCloud as PoseCloud
     from so101_motion.planning.goals import PoseGoal as PoseGoal
     from so101_motion.planning.goals import ToolPathGoal as ToolPathGoal
-    from so101_motion.planning.scene import Attached as Attached
-    from so101_motion.planning.scene import Box as Box
-    from so101_motion.planning.scene import Capsule as Capsule
-    from so101_motion.planning.scene import Mesh as Mesh
-    from so101_motion.planning.scene import Obstacle as Obstacle
-    from so101_motion.planning.scene import PointCloud as PointCloud
-    from so101_motion.planning.scene import Scene as Scene
-    from so101_motion.planning.scene import Sphere as Sphere
-    from so101_motion.rig import Rig as Rig
-    from so101_motion.rig import open_hardware as open_hardware
-    from so101_motion.rig import open_simulated as open_simulated
-    from so101_motion.servos import ServoSettings as ServoSettings
+    from so101_motion.rig.hardware_rig import Rig as Rig
+    from so101_motion.rig.hardware_rig import open_hardware as open_hardware
+    from so101_motion.rig.hardware_rig import open_simulated as open_simulated
+    from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "So101Error": "errors",
-    "SE3": "geometry",
+    "So101Error": "common.errors",
+    "SE3": "common.geometry",
     "ApproachGoal": "planning.goals",
     "ArcTo": "planning.goals",
-    "Attached": "planning.scene",
-    "Box": "planning.scene",
-    "Capsule": "planning.scene",
+    "Attached": "planning.collision.scene",
+    "Box": "planning.collision.scene",
+    "Capsule": "planning.collision.scene",
     "GoalMetric": "planning.goals",
     "JointGoal": "planning.goals",
     "LineGoal": "planning.goals",
     "LineTo": "planning.goals",
-    "Mesh": "planning.scene",
-    "Obstacle": "planning.scene",
+    "Mesh": "planning.collision.scene",
+    "Obstacle": "planning.collision.scene",
     "PathGoal": "planning.goals",
-    "PointCloud": "planning.scene",
+    "PointCloud": "planning.collision.scene",
     "PoseCloud": "planning.goals",
     "PoseGoal": "planning.goals",
-    "Rig": "rig",
-    "Scene": "planning.scene",
-    "ServoSettings": "servos",
-    "Sphere": "planning.scene",
+    "Rig": "rig.hardware_rig",
+    "Scene": "planning.collision.scene",
+    "ServoSettings": "rig.servo_driver",
+    "Sphere": "planning.collision.scene",
     "ToolPathGoal": "planning.goals",
-    "open_hardware": "rig",
-    "open_simulated": "rig",
+    "open_hardware": "rig.hardware_rig",
+    "open_simulated": "rig.hardware_rig",
 }
 
 __all__ = ["__version__", *_HOMES]

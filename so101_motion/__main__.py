@@ -4,6 +4,8 @@ import asyncio
 import os
 import sys
 
+from so101_motion.common.import_check import explain, sentence
+
 
 def main() -> None:
     """Serve on the socket that viam-server names on the command line."""
@@ -14,8 +16,12 @@ def main() -> None:
         )
     # The matrices are 5x5: threads would only cost memory. Read when numpy is loaded, so first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from so101_motion.models.module import run
-
+    try:
+        from so101_motion.viam.models.module import run
+    except ImportError as error:
+        if explain(error) is None:
+            raise
+        sys.exit(f"error: {sentence(error)}")
     asyncio.run(run())
 
 

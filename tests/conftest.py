@@ -9,13 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from hypothesis import settings
+from referee import Referee
 
-from so101_motion.clock import ManualClock
-from so101_motion.drivers.sim_arm import SimArm
-from so101_motion.executor import Executor
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.trajectory import Trajectory
+from so101_motion.common.clock import ManualClock
+from so101_motion.control.executor import Executor
+from so101_motion.control.streamed_trajectory import Stream
+from so101_motion.drivers.emulator.emulator import Emulator
+from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
 
 # Deadlines would be timed tests; a failure prints how to repeat it.
 settings.register_profile("so101", deadline=None, print_blob=True)
@@ -94,6 +97,21 @@ def no_thread_outlives_its_test():
         thread.join(2.0)  # one that was told to end may still be on its way out
     alive = [thread.name for thread in left if thread.is_alive()]
     assert not alive, f"threads outlive the test: {alive}"
+
+
+@pytest.fixture(autouse=True)
+def referee(request):
+    """Watches every emulated arm of the test; what breaks a rule fails it.
+
+    A test that breaks one on purpose says so: ``@pytest.mark.breaks("motion", reason="...")``.
+    """
+    referee = Referee()
+    Emulator.on_open.append(referee.attend)
+    yield referee
+    Emulator.on_open.remove(referee.attend)
+    meant = {rule for mark in request.node.iter_markers("breaks") for rule in mark.args}
+    broken = referee.broken(but=meant)
+    assert not broken, "the referee objects:\n" + "\n".join(map(str, broken))
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -179,6 +197,10 @@ class SimExecutor:
         qd[:, 0] = np.pi * 30 * u**2 * (1 - u) ** 2 / duration
         qdd[:, 0] = np.pi * 60 * u * (1 - u) * (1 - 2 * u) / duration**2
         return Trajectory(dt=self.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+    def open_stream(self):
+        """A stream that is played from now on."""
+        return self.executor.play(Stream(q_start=self.state.q_ref, limits=self.limits, dt=self.dt))
 
     def after(self, dt, future):
         """What ``future`` holds once ``dt`` seconds have passed; it must be done by then."""

@@ -11,8 +11,8 @@ from google.protobuf.struct_pb2 import Struct
 from viam.proto.app.robot import ComponentConfig
 
 from so101_motion.cli import main
-from so101_motion.models.convert import to_result
-from so101_motion.models.module import MODELS
+from so101_motion.viam.conversion.convert import to_result
+from so101_motion.viam.models.module import MODELS
 
 ROOT = Path(__file__).parents[1]
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]

@@ -10,7 +10,7 @@ import pytest
 from google.protobuf.struct_pb2 import Struct
 from viam.proto.app.robot import ComponentConfig
 
-from so101_motion.models.module import MODELS
+from so101_motion.viam.models.module import MODELS
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"

@@ -45,9 +45,8 @@ def test_a_command_that_is_named_exists(line):
 def test_what_is_not_ours_is_what_a_newcomer_may_type():
     others = [line for line in SHOWN if not line.startswith("so101 ")]
     assert others == [
-        "./setup.sh",
+        "./setup.sh --with viewer",
         ". .venv/bin/activate",
-        "pip install --constraint constraints.txt --editable '.[viewer]'",
         "export SO101_PORT=/tmp/so101",
     ]
     assert (ROOT / "run.sh").exists()

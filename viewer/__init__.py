@@ -1,12 +1,12 @@
-"""The browser preview: shows the arm, its plans and its motion; decides nothing.
+"""The browser page: shows the arm, its plans and its motion.
 
-A plain view model (unit-tested, no viser) lies under a thin viser layer. What the page can do,
-the command line can do.
+Viewer models without viser decide and are tested alone; a thin viser layer shows them. What the
+page can do, the command line can do. May import everything but so101_motion.cli.
 """
 
 from .app import Preview, serve, serve_source
-from .recording import film_of_plan, write_recording
-from .setup.app import SetupApp, serve_setup
+from .panels.film import film_of_plan, write_recording
+from .setup_app import SetupApp, serve_setup
 from .source import Source
 
 __all__ = [

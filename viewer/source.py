@@ -1,7 +1,6 @@
-"""Where the page's arm comes from, and looking for it until it is there.
+"""Where the page's arm comes from; opens it in the background until it is there.
 
-The page opens before the arm does: a port may have nothing on it yet, a machine may be starting.
-Once found, an arm that goes away is not looked for here: its rig knows how to come back.
+Once opened, an arm that disconnects is not opened again here: its rig reconnects by itself.
 """
 
 from __future__ import annotations
@@ -12,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.errors import So101Error
-from so101_motion.rig_like import RigLike
+from so101_motion.common.errors import So101Error
+from so101_motion.rig.protocols import RigLike
 
 log = logging.getLogger(__name__)
 
@@ -44,14 +43,8 @@ class Source:
         return cls(title=title, open=lambda: rig, lasts=True)
 
 
-class Search:
-    """Tries to open a source again and again, on a thread of its own, until it succeeds.
-
-    Args:
-        source: What to open.
-        found: Takes the rig; called once, on that thread.
-        failed: Told why each try failed, likewise.
-    """
+class SourceOpener:
+    """Opens a source on a thread of its own, again and again until it succeeds."""
 
     def __init__(
         self,
@@ -61,26 +54,26 @@ class Search:
         failed: Callable[[Exception], None],
     ) -> None:
         self._source, self._found, self._failed = source, found, failed
-        self._over = threading.Event()
+        self.closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="so101-viewer-search", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Give up; a try under way is waited for, and what it finds is closed again."""
-        self._over.set()
+        """Give up; waits for a running attempt and closes what it opened."""
+        self.closing.set()
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._over.is_set():
+        while not self.closing.is_set():
             try:
                 rig = self._source.open()
             except Exception as error:
                 if not isinstance(error, So101Error):
                     log.exception("the arm could not be opened")
                 self._failed(error)
-                self._over.wait(LOOK_AGAIN)
+                self.closing.wait(LOOK_AGAIN)
                 continue
-            if self._over.is_set():
+            if self.closing.is_set():
                 rig.close()
             else:
                 self._found(rig)

@@ -1,11 +1,9 @@
-"""What the page's buttons do and what it shows, without the page.
+"""What the buttons of the Move tab do and what the page shows, without viser.
 
-The life of a target: aim (drag, type, pick a pose), plan, execute, arrived. A plan lives only as
-long as the arm, the jaw, the caps, the surroundings and the target are those it was made for;
-whatever changes one of them drops it, and with it the right to execute. Nothing here waits:
-planning, moving and taking up new surroundings are futures that ``refresh`` looks at.
-
-One thread owns a ``ViewModel``.
+A target is chosen, planned, executed and reached. A plan is dropped as soon as the arm, the
+gripper, the speed limits, the surroundings or the target differ from those it was made for.
+Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
+``ViewModel``.
 """
 
 from __future__ import annotations
@@ -16,23 +14,23 @@ from typing import Any
 
 import numpy as np
 
-from so101_motion.arm import START_TOLERANCE, Arm
-from so101_motion.errors import ConfigError
-from so101_motion.geometry import Array
-from so101_motion.modes import Mode
-from so101_motion.motion import Motion
+from so101_motion.arm.arm import START_TOLERANCE, Arm
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.planning.plan import Plan
-from so101_motion.rig_like import GripperLike
-from so101_motion.state import JointState
-from so101_motion.units import to_rad
+from so101_motion.planning.request import Plan
+from so101_motion.rig.protocols import GripperLike
 
-from . import words
-from .aim import FRAMES, Aim, Aimer, Surroundings
-from .playback import Playback
-from .screen import PlanSight, Screen, Sentence, Tone, Way
-from .sight import sight
-from .tracking import Tracker, Tracking
+from .page import texts
+from .page.playback import Playback
+from .page.screen_state import PathLine, PlanView, Screen, Sentence, Tone
+from .page.target_ik import FRAMES, Surroundings, Target, TargetSolver
+from .page.tracking import Tracker, Tracking
+from .scene.plan_view import plan_view
 
 SAME_POSE = to_rad(0.5)
 """Ghost and arm nearer than this are one picture, so the ghost is hidden [rad]; chosen."""
@@ -41,19 +39,15 @@ SAME_PICTURE = to_rad(0.005)
 """A joint that turned less than this is not drawn anew [rad]; chosen: 0.04 mm at full stretch."""
 
 HINT_POINTS = 25
-"""Points of the line that hints at the way before there is a plan; chosen, it looks smooth."""
+"""Points of the dashed line before there is a plan; chosen, it looks smooth."""
 
 
 class ViewModel:
-    """The page's memory and its commands.
+    """State and commands of the Move tab.
 
     Args:
-        arm: What is shown and moved.
-        gripper: The jaw.
-        load_aimer: Makes the inverse kinematics for the ghost, for some surroundings.
-        submit: Runs a call that takes a while elsewhere.
+        load_solver: Makes the inverse kinematics for the ghost, for some surroundings.
         now: What time it is, for what runs by itself [s].
-        welcome: The first sentence.
     """
 
     def __init__(
@@ -61,19 +55,19 @@ class ViewModel:
         *,
         arm: Arm,
         gripper: GripperLike,
-        load_aimer: Callable[[Surroundings], Aimer],
+        load_solver: Callable[[Surroundings], TargetSolver],
         submit: Callable[[Callable[[], Any]], Future[Any]],
         now: Callable[[], float],
         welcome: str,
     ) -> None:
         self._arm, self._gripper, self._submit, self._now = arm, gripper, submit, now
-        self._load_aimer = load_aimer
+        self._load_solver = load_solver
         self._around = Surroundings(arm.scene, arm.range)
-        self._aimer = load_aimer(self._around)
-        self._loading: Future[Aimer] | None = None
+        self._solver = load_solver(self._around)
+        self._loading: Future[TargetSolver] | None = None
         self._state = self._shown = arm.state
         self._sentence = Sentence(text=welcome)
-        self._plan: PlanSight | None = None
+        self._plan: PlanView | None = None
         self._plan_is_current = False
         self._planning: Future[Plan] | None = None
         self._motion: Motion | None = None
@@ -82,30 +76,30 @@ class ViewModel:
         self._tracker: Tracker | None = None
         self._t_begin: float | None = None
         self._tracking: Tracking | None = None
-        self._aim = self._aimer.aside(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
-        self._way = self._hint()
+        self._target = self._solver.first_target(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
+        self._path = self._hint()
 
     # Commands
 
-    def aim_at(self, p_base: Array) -> None:
+    def set_target_point(self, p_base: Array) -> None:
         """Take a new target point, shape (3,), [m]."""
-        self._take(self._at_point(p_base, self._aim.frame))
+        self._take(self._at_point(p_base, self._target.frame))
 
-    def aim_at_joints(self, q: Array) -> None:
+    def set_target_joints(self, q: Array) -> None:
         """Take joint angles as the target, shape (5,), [rad]."""
-        self._take(self._at_joints(q, self._aim.frame))
+        self._take(self._at_joints(q, self._target.frame))
 
-    def aim_at_joint(self, i: int, angle: float) -> None:
+    def set_target_joint(self, i: int, angle: float) -> None:
         """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
-        q = np.array(self._aim.q)
+        q = np.array(self._target.q)
         q[i] = angle
-        self.aim_at_joints(q)
+        self.set_target_joints(q)
 
-    def aim_here(self) -> None:
+    def set_target_here(self) -> None:
         """Take where the arm is as the target, to go on from there."""
-        self.aim_at_joints(self._state.q_ref)
+        self.set_target_joints(self._state.q_ref)
 
-    def aim_with(self, frame: str) -> None:
+    def set_target_frame(self, frame: str) -> None:
         """Bring this frame to targets from now on; the ghost stays where it is.
 
         Raises:
@@ -113,7 +107,7 @@ class ViewModel:
         """
         if frame not in FRAMES:
             raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
-        self._take(self._at_joints(self._aim.q, frame))
+        self._take(self._at_joints(self._target.q, frame))
 
     def set_speed(self, speed: float) -> None:
         """Set the speed cap of the next plan [rad/s]."""
@@ -128,13 +122,13 @@ class ViewModel:
     def plan(self) -> None:
         """Plan to the target; the arm stays where it is."""
         if self._can_plan():
-            goal = self._aim.goal
+            goal = self._target.goal
             self._planning = self._submit(lambda: self._arm.plan(goal))
-            self._sentence = words.PLANNING
+            self._sentence = texts.PLANNING
 
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere, as if it had been made here."""
-        self._aim = self._at_joints(plan.q_goal, self._aim.frame)
+        self._target = self._at_joints(plan.q_goal, self._target.frame)
         self._take_plan(plan)
 
     def preview(self, t: float) -> None:
@@ -148,7 +142,7 @@ class ViewModel:
             self._playback.play(rate)
 
     def show_sweep(self, shown: bool) -> None:
-        """Show postures on the way beside the ghost, or do not."""
+        """Show configurations along the path beside the ghost, or hide them."""
         self._sweeps = shown
 
     def execute(self) -> None:
@@ -157,26 +151,26 @@ class ViewModel:
             self._motion = self._arm.start_execute(self._plan.plan)
             self._t_begin = None
             self._playback.seek(self._plan.plan.duration)
-            self._sentence = words.MOVING
+            self._sentence = texts.MOVING
 
     def move_jaw(self, aperture: float) -> None:
         """Move the gripper at once: 0 closed, 1 open."""
         self._gripper.start_move(aperture)
         if self._plan_is_current and self._motion is None:
-            self._drop_plan(words.JAW_MOVED)
+            self._drop_plan(texts.JAW_MOVED)
 
     def report(self, error: BaseException) -> None:
         """Say that a command failed."""
-        self._sentence = words.ended(error)
+        self._sentence = texts.ended(error)
 
     def tell(self, sentence: Sentence) -> None:
         """Say what somebody else has done."""
         self._sentence = sentence
 
     @property
-    def aim(self) -> Aim:
+    def target(self) -> Target:
         """The target."""
-        return self._aim
+        return self._target
 
     @property
     def q_arm(self) -> Array:
@@ -185,7 +179,7 @@ class ViewModel:
         return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self._arm.range)
 
     @property
-    def seen(self) -> PlanSight | None:
+    def plan_view(self) -> PlanView | None:
         """The newest plan and what there is to see of it."""
         return self._plan
 
@@ -215,24 +209,24 @@ class ViewModel:
             return False
         self._shown = self._state
         if not self._plan_is_current:
-            self._way = self._hint()
+            self._path = self._hint()
         return True
 
     def screen(self) -> Screen:
         """Everything to be shown now."""
         q_ghost = self._q_ghost()
         sentence = self._sentence
-        if self._aim.problem is not None and self._motion is None:
-            sentence = Sentence(text=self._aim.problem, tone=Tone.BAD)
+        if self._target.problem is not None and self._motion is None:
+            sentence = Sentence(text=self._target.problem, tone=Tone.BAD)
         plan = self._plan if self._plan_is_current else None
         return Screen(
             state=self._state,
-            aim=self._aim,
+            target=self._target,
             q_ghost=None if _apart(q_ghost, self._state.q) < SAME_POSE else q_ghost,
-            way=self._way,
+            path=self._path,
             sweep=plan.sweep if plan is not None and self._sweeps else None,
             sweeps=self._sweeps,
-            sentence=words.blocked(self._state) or sentence,
+            sentence=texts.blocked(self._state) or sentence,
             plan=self._plan,
             plan_is_current=self._plan_is_current,
             can_plan=self._can_plan(),
@@ -248,44 +242,44 @@ class ViewModel:
 
     # How
 
-    def _at_point(self, p_base: Array, frame: str) -> Aim:
+    def _at_point(self, p_base: Array, frame: str) -> Target:
         state = self._state
-        return self._aimer.at_point(p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
+        return self._solver.at_point(p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
 
-    def _at_joints(self, q: Array, frame: str) -> Aim:
-        return self._aimer.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
+    def _at_joints(self, q: Array, frame: str) -> Target:
+        return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
 
-    def _take(self, aim: Aim) -> None:
-        self._aim = aim
-        there = _apart(aim.q, self._state.q_ref) <= START_TOLERANCE
-        self._drop_plan(words.ALREADY_THERE if there else words.PRESS_PLAN)
+    def _take(self, target: Target) -> None:
+        self._target = target
+        there = _apart(target.q, self._state.q_ref) <= START_TOLERANCE
+        self._drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
 
     def _caps_changed(self) -> None:
-        self._drop_plan(words.CAPS_CHANGED if self._plan_is_current else words.PRESS_PLAN)
+        self._drop_plan(texts.CAPS_CHANGED if self._plan_is_current else texts.PRESS_PLAN)
 
     def _drop_plan(self, sentence: Sentence) -> None:
         self._planning = None
         self._plan_is_current = False
-        self._way = self._hint()
+        self._path = self._hint()
         if self._motion is None:
             self._sentence = sentence
 
-    def _hint(self) -> Way | None:
-        start, goal = self._state.q_ref, self._aim.q
-        if self._aim.problem is not None or _apart(goal, start) < SAME_POSE:
+    def _hint(self) -> PathLine | None:
+        start, goal = self._state.q_ref, self._target.q
+        if self._target.problem is not None or _apart(goal, start) < SAME_POSE:
             return None
         steps = np.linspace(start, goal, HINT_POINTS)
-        points = np.array([self._aimer.point(q, self._aim.frame) for q in steps])
-        return Way(points=points, planned=False)
+        points = np.array([self._solver.point(q, self._target.frame) for q in steps])
+        return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
         """Take up another scene, or another range of the joints, beside the page."""
         around = Surroundings(self._arm.scene, self._arm.range)
         if self._loading is None and not around.same_as(self._around):
             self._around = around
-            self._loading = self._submit(lambda: self._load_aimer(around))
+            self._loading = self._submit(lambda: self._load_solver(around))
             if self._plan_is_current or self._planning is not None:
-                self._drop_plan(words.SURROUNDINGS_CHANGED)
+                self._drop_plan(texts.SURROUNDINGS_CHANGED)
             return True
         if self._loading is None or not self._loading.done():
             return False
@@ -294,10 +288,12 @@ class ViewModel:
         if error is not None:
             self.report(error)
             return True
-        self._aimer, aim = loading.result(), self._aim
-        at_point = isinstance(aim.goal, PoseGoal)
-        self._aim = (
-            self._at_point(aim.p_base, aim.frame) if at_point else self._at_joints(aim.q, aim.frame)
+        self._solver, target = loading.result(), self._target
+        at_point = isinstance(target.goal, PoseGoal)
+        self._target = (
+            self._at_point(target.p_base, target.frame)
+            if at_point
+            else self._at_joints(target.q, target.frame)
         )
         return True
 
@@ -319,17 +315,17 @@ class ViewModel:
         future, self._planning = self._planning, None
         error = future.exception()
         if error is not None:
-            self._sentence = words.ended(error)
+            self._sentence = texts.ended(error)
             return True
         self._take_plan(future.result())
         return True
 
     def _take_plan(self, plan: Plan) -> None:
-        seen = sight(plan, self._aimer, self._aim.frame, self._state.q_jaw_ref)
-        self._plan, self._plan_is_current = seen, True
-        self._way = seen.way
+        view = plan_view(plan, self._solver, self._target.frame, self._state.q_jaw_ref)
+        self._plan, self._plan_is_current = view, True
+        self._path = view.path
         self._playback.load(plan.duration)
-        self._sentence = words.PLANNED
+        self._sentence = texts.PLANNED
 
     def _collect_motion(self) -> bool:
         if self._motion is None or not self._motion.future.done():
@@ -338,12 +334,12 @@ class ViewModel:
         self._plan_is_current = False
         error = motion.future.exception()
         if error is not None:
-            self._sentence = words.ended(error)
+            self._sentence = texts.ended(error)
         elif self._plan is not None:
-            frame = self._aim.frame
-            p_goal = self._aimer.point(self._plan.plan.q_goal, frame)
-            off = self._aimer.point(self._state.q, frame) - p_goal
-            self._sentence = words.arrived(float(np.linalg.norm(off)))
+            frame = self._target.frame
+            p_goal = self._solver.point(self._plan.plan.q_goal, frame)
+            off = self._solver.point(self._state.q, frame) - p_goal
+            self._sentence = texts.arrived(float(np.linalg.norm(off)))
         return True
 
     def _notice_departure(self) -> bool:
@@ -352,21 +348,21 @@ class ViewModel:
             return False
         if _apart(self._plan.plan.q_start, self._state.q_ref) <= START_TOLERANCE:
             return False
-        self._drop_plan(words.ARM_MOVED)
+        self._drop_plan(texts.ARM_MOVED)
         return True
 
     def _q_ghost(self) -> Array:
         if self._plan is not None and self._plan_is_current:
             return self._plan.plan.trajectory.sample(self._playback.t).q
-        return self._aim.q
+        return self._target.q
 
     def _can_plan(self) -> bool:
         return (
-            self._aim.problem is None
+            self._target.problem is None
             and self._planning is None
             and self._motion is None
             and self._state.mode is Mode.HOLDING
-            and _apart(self._aim.q, self._state.q_ref) > START_TOLERANCE
+            and _apart(self._target.q, self._state.q_ref) > START_TOLERANCE
         )
 
     def _can_execute(self) -> bool:

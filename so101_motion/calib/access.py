@@ -1,7 +1,7 @@
-"""How calibration and motor setup get at a bus that others may be using.
+"""The interface through which calibration and motor setup use a bus that others may be using.
 
-The thread that owns the port runs what they ask for; they never touch it themselves. Whoever lends
-the bus sees to it that nothing else moves meanwhile.
+The thread that owns the port runs what they ask for. Whoever lends the bus keeps everything else
+from moving meanwhile.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol, TypeVar
 
-from so101_motion.clock import Clock
-from so101_motion.drivers.bus import Bus
+from so101_motion.common.clock import Clock
+from so101_motion.drivers.bus.bus import Bus
 
 T = TypeVar("T")
 

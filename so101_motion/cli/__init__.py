@@ -1,8 +1,8 @@
 """`so101 …`: parse, call, print. Degrees and millimetres live here.
 
 Each verb is a function in a module of its own. ``shared.py`` has what they have in common;
-``sources.py`` where the arm comes from (``--sim``, ``--port`` or ``--machine``); ``ending.py`` what
-becomes of the errors of all verbs. What a person reads while it works goes to stderr, what was
+``sources.py`` where the arm comes from (``--sim``, ``--port`` or ``--machine``); ``error_exit.py``
+what becomes of the errors of all verbs. What a person reads while it works goes to stderr, what was
 asked for goes to stdout. Heavy libraries are imported by the verbs that need them, so that
 ``--help``, and what a shell completes, is there at once.
 """
@@ -21,10 +21,10 @@ from so101_motion.cli.completion import completion
 from so101_motion.cli.demo import demo
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
-from so101_motion.cli.ending import reports_errors
+from so101_motion.cli.error_exit import ends_like_ctrl_c, reports_errors
 from so101_motion.cli.guide import guide
 from so101_motion.cli.move_test import move_test
-from so101_motion.cli.moving import move, plan
+from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import ports
 from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
@@ -56,7 +56,7 @@ class _So101(click.Group):
             return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        with reports_errors(as_json=ctx.meta[_AS_JSON]):
+        with reports_errors(as_json=ctx.meta[_AS_JSON]), ends_like_ctrl_c():
             return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:

@@ -20,10 +20,10 @@ from so101_motion.cli.shared import json_option, patience, print_json, quietly
 from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
 
 if TYPE_CHECKING:
-    from so101_motion.assembly import Rig
-    from so101_motion.machine import MachineRig
-    from so101_motion.rig import HardwareRig
-    from so101_motion.state import JointState
+    from so101_motion.common.state import JointState
+    from so101_motion.rig.hardware_rig import HardwareRig
+    from so101_motion.rig.rig import Rig
+    from so101_motion.viam.client import MachineRig
 
 _PLANS = 40
 """Motions of each kind; chosen, two seconds in all."""
@@ -40,13 +40,9 @@ class Figure:
     """What was measured.
 
     Attributes:
-        name: What, for programs.
-        words: What, for people.
-        n: How often.
         median: [s].
         p99: What one in a hundred exceeds [s].
         worst: [s].
-        remark: What else there is to say.
     """
 
     name: str
@@ -89,7 +85,7 @@ def bench(source: AnySource, as_json: bool) -> None:
     so101 bench --sim
     so101 bench --port /dev/ttyACM0 --json
     """  # noqa: D301
-    from so101_motion.findings import software
+    from so101_motion.setup.findings import software
 
     with quietly():
         if isinstance(source, MachineSource):
@@ -110,7 +106,7 @@ def bench(source: AnySource, as_json: bool) -> None:
 def _planning() -> list[Figure]:
     """Random joint goals and points, planned on the simulated arm through the planning process."""
     from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
-    from so101_motion.rig import open_simulated
+    from so101_motion.rig.hardware_rig import open_simulated
 
     random = np.random.default_rng(1)
     begin = time.perf_counter()
@@ -137,7 +133,7 @@ def _planning() -> list[Figure]:
 
 def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[float]:
     """How long plans take [s] that there are; goals without one are replaced by others."""
-    from so101_motion.errors import PlanningError
+    from so101_motion.common.errors import PlanningError
 
     times: list[float] = []
     for _ in range(4 * _PLANS):
@@ -154,13 +150,13 @@ def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[floa
 
 def _local(source: Source) -> list[Figure]:
     if source.port is None:
-        from so101_motion.rig import open_simulated
+        from so101_motion.rig.hardware_rig import open_simulated
 
         with open_simulated() as rig, patience("listening to the control loop"):
             return [_lateness(rig)]
-    from so101_motion.cli.finding import look_at
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
+    from so101_motion.cli.port_choice import look_at
+    from so101_motion.rig.hardware_rig import open_hardware
+    from so101_motion.rig.servo_driver import ServoSettings
 
     report = look_at(source.port)
     settings = ServoSettings(port=source.port, baudrate=report.baudrate, timeout=None)
@@ -175,7 +171,7 @@ def _local(source: Source) -> list[Figure]:
 
 def _bus(rig: HardwareRig, servo_ids: Sequence[int]) -> Figure:
     """Reading all servos, as the control loop does in every period."""
-    from so101_motion.findings import listen
+    from so101_motion.setup.findings import listen
 
     loan = rig.lend_bus("a benchmark")
     try:

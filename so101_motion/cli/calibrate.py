@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TextIO
 
 import click
 
-from so101_motion.cli.calibration import facts, meanings
-from so101_motion.cli.completing import completed_files
+from so101_motion.cli.calibration import facts
+from so101_motion.cli.completion_values import completed_files
 from so101_motion.cli.shared import (
     INTERRUPTED,
     STOPPED,
@@ -19,16 +19,16 @@ from so101_motion.cli.shared import (
     print_json,
 )
 from so101_motion.cli.sources import port_option
-from so101_motion.errors import CalibrationError, So101Error
-from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.errors import CalibrationError, So101Error
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.record import Calibration
-    from so101_motion.calib.store import Stored
-    from so101_motion.calibrator import Calibrator, Ended
-    from so101_motion.cli.calibration_walk import CalibrationWalk
+    from so101_motion.calib.record.record import Calibration
+    from so101_motion.calib.record.store import Stored
+    from so101_motion.cli.calibration_wizard import CalibrationWizard
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.port_report import PortReport
+    from so101_motion.setup.calibrator import Calibrator, StepResult
+    from so101_motion.setup.port_report import PortReport
 
 _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
 
@@ -73,22 +73,26 @@ def calibrate(
     so101 calibrate --file my_arm.json   into this file
     so101 calibrate --joint gripper      only the jaw; what is known of the others stays
     """  # noqa: D301
-    from so101_motion.cli import finding
+    from so101_motion.calib.record.record import JOINTS
+    from so101_motion.calib.record.zero_report import explain_stored
+    from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Terminal
+    from so101_motion.setup.calibrator import Calibrator
 
-    report = finding.find_arm(port)
-    path = finding.calibration_file(file, report)
+    report = port_choice.find_arm(port)
+    path = port_choice.calibration_file(file, report)
     before = _before(path)
     if dry_run:
         _would(report, path, joints, before, as_json)
         return
-    with quietly(), closing(_opened(report, path, joints)) as calibrator:
+    opened = Calibrator.open(report.port.name, path, joints or JOINTS, baudrate=report.baudrate)
+    with quietly(), closing(opened) as calibrator:
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"arm on {report.port.name}, to be saved to {path}")
             ended = _calibrated(calibrator, terminal, before, accept)
         assert ended.stored is not None
-        told = [meaning.sentence for meaning in meanings(ended.stored)]
+        told = [meaning.sentence for meaning in explain_stored(ended.stored)]
         if as_json:
             held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": told}
             print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
@@ -100,7 +104,7 @@ def _would(
     report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
 ) -> None:
     """Say what a calibration would do; nothing is asked of the servos."""
-    from so101_motion.calib.record import JOINTS
+    from so101_motion.calib.record.record import JOINTS
 
     wanted = joints or JOINTS
     silent = [joint for joint in wanted if joint not in report.joints]
@@ -118,27 +122,9 @@ def _would(
     click.echo("nothing was written", err=True)
 
 
-def _opened(report: PortReport, path: Path, joints: tuple[str, ...]) -> Calibrator:
-    """The port, with nothing driven."""
-    from so101_motion.calib.record import JOINTS
-    from so101_motion.calibrator import Calibrator
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
-
-    settings = ServoSettings(
-        port=report.port.name, baudrate=report.baudrate, timeout=None, fallback_file=path
-    )
-    rig = open_hardware(settings)
-    try:
-        return Calibrator(rig, joints or JOINTS)
-    except BaseException:
-        rig.close()
-        raise
-
-
 def _before(path: Path) -> Calibration:
     """What the file says; one that cannot be used says nothing, and is kept when it is replaced."""
-    from so101_motion.calib import store
+    from so101_motion.calib.record import store
 
     try:
         return store.read(path).calibration
@@ -148,11 +134,11 @@ def _before(path: Path) -> Calibration:
 
 def _calibrated(
     calibrator: Calibrator, terminal: Terminal, before: Calibration, accept: tuple[str, ...]
-) -> Ended:
-    from so101_motion.cli.calibration_walk import CalibrationWalk
+) -> StepResult:
+    from so101_motion.cli.calibration_wizard import CalibrationWizard
     from so101_motion.cli.terminal import Quit
 
-    walk = CalibrationWalk(calibrator, terminal, before=before, accept=accept)
+    walk = CalibrationWizard(calibrator, terminal, before=before, accept=accept)
     try:
         return walk.go()
     except (Quit, KeyboardInterrupt) as reason:
@@ -163,7 +149,7 @@ def _calibrated(
         raise
 
 
-def _put_back(walk: CalibrationWalk, terminal: Terminal) -> None:
+def _put_back(walk: CalibrationWizard, terminal: Terminal) -> None:
     try:
         terminal.say(f"given up: {walk.give_up()}", style="yellow")
     except So101Error as error:
@@ -174,7 +160,7 @@ def _put_back(walk: CalibrationWalk, terminal: Terminal) -> None:
         )
 
 
-def _tell(ended: Ended, stored: Stored, told: list[str]) -> None:
+def _tell(ended: StepResult, stored: Stored, told: list[str]) -> None:
     from so101_motion.cli.terminal import echo
 
     click.echo(f"saved to {stored.path}")

@@ -10,23 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.completing import completed_files
-from so101_motion.cli.shared import (
-    CHECK_FAILED,
-    Verbs,
-    dry_run_option,
-    json_option,
-    print_json,
-)
+from so101_motion.cli.completion_values import completed_files
+from so101_motion.cli.shared import CHECK_FAILED, Verbs, dry_run_option, json_option, print_json
 from so101_motion.cli.sources import port_option
-from so101_motion.errors import CalibrationError
-from so101_motion.units import to_deg
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.calib.compare import Row
-    from so101_motion.calib.record import Calibration
-    from so101_motion.calib.store import Stored
-    from so101_motion.calib.zero_meaning import Meaning
+    from so101_motion.calib.record.compare import Difference
+    from so101_motion.calib.record.record import Calibration
+    from so101_motion.calib.record.store import Stored
+    from so101_motion.calib.record.zero_report import Meaning
 
 
 @click.group(cls=Verbs)
@@ -46,12 +40,13 @@ def show(file: str | None, as_json: bool) -> None:
     if file is None:
         _list_files(as_json)
         return
-    from so101_motion.calib import store
+    from so101_motion.calib.record import store
+    from so101_motion.calib.record.zero_report import explain_stored
     from so101_motion.cli.terminal import echo
 
     stored = store.read(store.resolve(file))
     kept = store.versions(stored.path)
-    told = meanings(stored)
+    told = explain_stored(stored)
     if as_json:
         print_json("calibration", {**facts(stored), **_zero_facts(stored, told, kept)})
         return
@@ -74,11 +69,12 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
 
     Exit code 6 if they differ.
     """
-    from so101_motion.calib import compare, store
+    from so101_motion.calib.record import compare, store
 
     calibration = store.read(store.resolve(file)).calibration
+    there: Mapping[str, Mapping[str, int]]
     if other is not None:
-        there = _as_held(store.read(store.resolve(other)).calibration)
+        there = compare.as_held(store.read(store.resolve(other)).calibration)
     else:
         there = _held_by_servos(port)
     rows = compare.diff(calibration, there)
@@ -104,8 +100,8 @@ def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run:
     \b
     so101 calibration export my_arm.json --lerobot my_follower
     """  # noqa: D301
-    from so101_motion.calib import lerobot as format_of_lerobot
-    from so101_motion.calib import store
+    from so101_motion.calib.record import lerobot as format_of_lerobot
+    from so101_motion.calib.record import store
 
     if lerobot is not None and out is not None:
         raise click.UsageError("give either --lerobot or --out")
@@ -141,11 +137,11 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
     \b
     so101 calibration import ~/.cache/huggingface/lerobot/calibration/robots/so_follower/me.json
     """  # noqa: D301
-    from so101_motion.calib import store
-    from so101_motion.cli import finding
+    from so101_motion.calib.record import store
+    from so101_motion.setup.port_selection import own_folder
 
     read = store.read(store.resolve(source))
-    path = finding.own_folder() / read.path.name if file is None else store.resolve(file)
+    path = own_folder() / read.path.name if file is None else store.resolve(file)
     if dry_run:
         _would_save(replace(read, path=path), as_json)
         return
@@ -171,7 +167,7 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
 
     "so101 calibration show FILE" lists the versions.
     """
-    from so101_motion.calib import store
+    from so101_motion.calib.record import store
 
     path = store.resolve(file)
     if dry_run:
@@ -187,20 +183,6 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
 
 
 # What others of this package want as well
-
-
-def meanings(stored: Stored) -> tuple[Meaning, ...]:
-    """What the zeros of a calibration mean, for each joint of the arm and for all together."""
-    from so101_motion.calib import zero, zero_meaning
-    from so101_motion.planning.model import RobotModel
-    from so101_motion.state import ARM_JOINTS
-
-    zeros = {
-        joint: zero.in_force(stored.zeros.get(joint), None)
-        for joint in ARM_JOINTS
-        if joint in stored.calibration
-    }
-    return zero_meaning.explain(zeros, stored.calibration, RobotModel.load()) if zeros else ()
 
 
 def facts(stored: Stored) -> dict[str, Any]:
@@ -220,10 +202,10 @@ def facts(stored: Stored) -> dict[str, Any]:
 
 
 def _list_files(as_json: bool) -> None:
-    from so101_motion.calib import places
+    from so101_motion.calib.record import file_search
     from so101_motion.cli.terminal import echo
 
-    found = places.find()
+    found = file_search.find()
     if as_json:
         told = [
             {
@@ -272,10 +254,10 @@ def _table(calibration: Calibration) -> None:
 
 def _would_save(wanted: Stored, as_json: bool) -> None:
     """What a file would say, beside what it says now; nothing is written."""
-    from so101_motion.calib import compare, store
+    from so101_motion.calib.record import compare, store
 
     try:
-        now = _as_held(store.read(wanted.path).calibration)
+        now = compare.as_held(store.read(wanted.path).calibration)
     except CalibrationError:
         now = {}  # there is none, or it cannot be used and would be set aside
     rows = compare.diff(wanted.calibration, now, tolerance=0)
@@ -307,7 +289,7 @@ def _notes(stored: Stored) -> None:
         echo(f"note: {note}", err=True)
 
 
-def _tell_diff(rows: tuple[Row, ...], missing: list[str], there: str) -> None:
+def _tell_diff(rows: tuple[Difference, ...], missing: list[str], there: str) -> None:
     different = [row for row in rows if row.differs]
     for row in different:
         click.echo(f"{row.joint}: {row.field} is {row.filed} in the file, {row.held} in {there}")
@@ -317,25 +299,17 @@ def _tell_diff(rows: tuple[Row, ...], missing: list[str], there: str) -> None:
         click.echo(f"the same as in {there}")
 
 
-def _as_held(calibration: Calibration) -> Mapping[str, Mapping[str, int]]:
-    from so101_motion.calib.compare import FIELDS
-
-    return {
-        joint: {field: getattr(entry, field) for field in FIELDS}
-        for joint, entry in calibration.items()
-    }
-
-
 def _held_by_servos(port: str | None) -> Mapping[str, Mapping[str, int]]:
     """What the servos hold, by joint; they are only asked."""
-    from so101_motion.calib.recognise import SERVO_IDS, look
-    from so101_motion.checkup import held
-    from so101_motion.cli import finding
+    from so101_motion.calib.motors.arm_identification import look
+    from so101_motion.calib.record.record import SERVO_IDS
+    from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
+    from so101_motion.rig.hardware_rig import open_hardware
+    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.setup.checkup import held
 
-    report = finding.find_arm(port)
+    report = port_choice.find_arm(port)
     settings = ServoSettings(port=report.port.name, baudrate=report.baudrate, timeout=None)
     with quietly(), closing(open_hardware(settings)) as rig:
         loan = rig.lend_bus("a comparison")

@@ -1,4 +1,4 @@
-"""``so101 completion``: what lets a shell complete verbs, options and what is typed behind them."""
+"""``so101 completion``: print the script with which a shell completes verbs and options."""
 
 from __future__ import annotations
 

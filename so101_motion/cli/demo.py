@@ -11,7 +11,7 @@ from so101_motion.cli.shared import INTERRUPTED
 from so101_motion.cli.sources import Source
 from so101_motion.cli.tables import plan_table
 from so101_motion.cli.view import Page, page_options, show
-from so101_motion.units import to_mm
+from so101_motion.common.units import to_mm
 
 _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 
@@ -29,7 +29,7 @@ def demo(text: bool, page: Page) -> None:
 
 def _in_text() -> None:
     from so101_motion.planning.goals import PoseGoal
-    from so101_motion.rig import open_simulated
+    from so101_motion.rig.hardware_rig import open_simulated
 
     x_mm, y_mm, z_mm = _DEMO_TARGET_MM
     goal = PoseGoal.at_point(np.array(_DEMO_TARGET_MM) / 1000.0)

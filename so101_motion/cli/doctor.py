@@ -1,4 +1,4 @@
-"""``so101 doctor``: everything that somebody who is to help would ask for."""
+"""``so101 doctor``: check the installation, the port, the servos and the calibration."""
 
 from __future__ import annotations
 
@@ -12,13 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from so101_motion import __version__
-from so101_motion.cli.calibration import meanings
-from so101_motion.cli.shared import (
-    CHECK_FAILED,
-    json_option,
-    print_json,
-    write_report,
-)
+from so101_motion.cli.param_types import OutFile
+from so101_motion.cli.shared import CHECK_FAILED, json_option, print_json, write_report
 from so101_motion.cli.sources import (
     MachineSource,
     calibration_option,
@@ -26,15 +21,17 @@ from so101_motion.cli.sources import (
     machine_options,
     port_option,
 )
-from so101_motion.cli.typed import OutFile
-from so101_motion.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
-from so101_motion.units import to_deg
+from so101_motion.common.errors import CalibrationError, MachineRefused, PortUnavailable, So101Error
+from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.calib.store import Stored
-    from so101_motion.checkup import Check
-    from so101_motion.findings import Findings
-    from so101_motion.rig import Rig
+    from so101_motion.calib.record.store import Stored
+    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.setup.checkup import Check
+    from so101_motion.setup.findings import Findings
+
+_FAILURES = 2
+"""How many failures a report has: the newest, and one to compare it with. Chosen."""
 
 _SIGNS = {"ok": ("✓", "green"), "warn": ("!", "yellow"), "fail": ("✗", "red")}
 
@@ -64,8 +61,8 @@ def doctor(
     so101 doctor --port /dev/ttyACM0 --report doctor.md
     so101 doctor --machine my-arm.local:8080
     """  # noqa: D301
-    from so101_motion.checkup import check_up, is_healthy
     from so101_motion.cli.shared import patience, quietly
+    from so101_motion.setup.checkup import check_up, is_healthy
 
     chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
     if calibration is not None and chosen in ("--sim", "--machine"):
@@ -126,8 +123,8 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
 
 def _installed(*, is_whole: bool) -> Findings:
     """What needs no hardware; if that is the whole of it, with the simulated arm's speed."""
-    from so101_motion.findings import Findings, software
-    from so101_motion.rig import open_simulated
+    from so101_motion.rig.hardware_rig import open_simulated
+    from so101_motion.setup.findings import Findings, software
 
     with open_simulated() as rig:
         seen = _planned(Findings(software=software()), rig)
@@ -137,10 +134,10 @@ def _installed(*, is_whole: bool) -> Findings:
 
 
 def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Findings:
-    from so101_motion.adapters import about
-    from so101_motion.calib import store
-    from so101_motion.cli import finding
-    from so101_motion.drivers.ports import adapters_without_port
+    from so101_motion.calib.record import store
+    from so101_motion.cli import port_choice as finding
+    from so101_motion.drivers.port.port_list import adapters_without_port
+    from so101_motion.setup.port_selection import about
 
     try:
         report = finding.find_patient(port)
@@ -158,7 +155,8 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
 
 
 def _with_file(seen: Findings, file: Path | None) -> Findings:
-    from so101_motion.calib import journal, store
+    from so101_motion.calib.procedure import journal
+    from so101_motion.calib.record import store
 
     if file is None:
         return seen
@@ -171,9 +169,9 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 def _with_arm(seen: Findings, baudrate: int) -> Findings:
     """The same with what the servos say; a held arm stays held."""
-    from so101_motion.findings import examine
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
+    from so101_motion.rig.hardware_rig import open_hardware
+    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.setup.findings import examine
 
     assert seen.port is not None
     settings = ServoSettings(port=seen.port, baudrate=baudrate, timeout=None)
@@ -193,14 +191,16 @@ def _with_arm(seen: Findings, baudrate: int) -> Findings:
             )
     except PortUnavailable as error:
         return replace(seen, port_trouble=error.reason)
-    return replace(seen, meanings=meanings(seen.stored or _as_servos_hold(seen)))
+    from so101_motion.calib.record.zero_report import explain_stored
+
+    return replace(seen, meanings=explain_stored(seen.stored or _as_servos_hold(seen)))
 
 
 def _as_servos_hold(seen: Findings) -> Stored:
     """What counts without a file: what the servos hold."""
-    from so101_motion.calib import record
-    from so101_motion.calib.store import Stored
-    from so101_motion.checkup import held
+    from so101_motion.calib.record import record
+    from so101_motion.calib.record.store import Stored
+    from so101_motion.setup.checkup import held
 
     calibration = {
         joint: record.from_registers(joint, facts.servo_id, **held(facts))[0]
@@ -241,15 +241,15 @@ def _tell(check: Check) -> None:
 
 def _tell_next(seen: Findings) -> None:
     """Which step of a setup is next, if the arm has not come through all of them."""
-    from so101_motion.workflow import FULL, Known
+    from so101_motion.setup.setup_steps import FULL, SetupState
 
-    left = FULL.next_open(Known.found(seen))
+    left = FULL.next_open(SetupState.found(seen))
     if left is not None:
         click.echo(f"next step of the setup: {left.title} (so101 setup --web)", err=True)
 
 
 def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
-    from so101_motion.checkup import is_healthy
+    from so101_motion.setup.checkup import is_healthy
 
     heard, file = seen.hearing, seen.file
     return {
@@ -296,7 +296,22 @@ def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
     ]
     facts = json.dumps(_facts(seen, checks), indent=2)
     lines += ["", "Everything that was read:", "", "```json", facts, "```", ""]
+    lines += _failures()
     write_report(path, "\n".join(lines).encode())
+
+
+def _failures() -> list[str]:
+    """The second before each of the last failures of this user's arms."""
+    from so101_motion.files.failure_record import newest
+
+    lines: list[str] = []
+    for path in newest()[:_FAILURES]:
+        try:
+            lines += [f"The second before a failure, {path}:", "", "```json"]
+            lines += [path.read_text(encoding="utf-8").rstrip(), "```", ""]
+        except OSError:  # an older one, just removed
+            lines += ["gone", "```", ""]
+    return lines
 
 
 def _deg(value: float | None) -> float | None:

@@ -10,7 +10,7 @@ from typing import TextIO
 
 import click
 
-from so101_motion.cli.typed import Finite, Link
+from so101_motion.cli.param_types import Finite, Link
 
 
 @click.command()
@@ -39,6 +39,16 @@ from so101_motion.cli.typed import Finite, Link
     metavar="P",
     help="Share of replies with a flipped bit.",
 )
+@click.option(
+    "--spread",
+    type=Finite(0.0, 0.5),
+    default=0.0,
+    metavar="S",
+    help="Servos differ by up to this share in friction, play, gain, dead time and zero.",
+)
+@click.option(
+    "--seed", type=int, default=0, metavar="N", help="Which of the arms with that spread."
+)
 @click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
 @click.option(
     "--hand",
@@ -53,6 +63,8 @@ def emulate(
     latency: float,
     loss: float,
     corrupt: float,
+    spread: float,
+    seed: int,
     faults: tuple[str, ...],
     hand: TextIO | None,
 ) -> None:
@@ -67,10 +79,10 @@ def emulate(
     so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready
     so101 emulate --new --link /tmp/so101    then: so101 setup --port /tmp/so101
     """  # noqa: D301
+    from so101_motion.common.named_poses import POSES
     from so101_motion.drivers.emulator import emulator, pty_port, run
     from so101_motion.drivers.emulator import faults as fault_names
-    from so101_motion.named_poses import POSES
-    from so101_motion.planning.model import RobotModel
+    from so101_motion.planning.kinematics.model import RobotModel
 
     done = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: done.set())
@@ -82,6 +94,8 @@ def emulate(
         loose=new,
         calibrated=not new,
         q_start=(*folded.tolist(), 0.0) if nobody_holds_it else (0.0,) * 6,
+        spread=spread,
+        seed=seed,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
         wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),

@@ -1,4 +1,4 @@
-"""``so101 guide``: a path is shown by hand, and gone again."""
+"""``so101 guide``: record a path that the arm is led along by hand, and replay it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from so101_motion.cli.param_types import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import (
     INTERRUPTED,
     Verbs,
@@ -19,13 +20,12 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import Source, pace_options, source_options
-from so101_motion.cli.typed import IN_FILE, SECONDS, Finite, OutFile
-from so101_motion.units import to_deg, to_rad
+from so101_motion.common.units import to_deg, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.guided import GuidedPath, PathRecorder, Replay
-    from so101_motion.rig import Rig
+    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.tasks.guided import GuidedPath, PathRecorder, Replay
 
 _FOLDER = Path()
 _OPEN, _CLOSED = 1.0, 0.0
@@ -55,8 +55,8 @@ def record(
     so101 guide record --port /dev/ttyACM0 wave.json
     """  # noqa: D301
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.guided import PathRecorder, files
-    from so101_motion.teleoperator import jaw_of
+    from so101_motion.tasks.guided import PathRecorder, files
+    from so101_motion.tasks.teleop.local_arms import jaw_of
 
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
@@ -141,8 +141,8 @@ def replay(
     so101 guide replay --port /dev/ttyACM0 wave.json
     so101 guide replay --sim wave.json --speed 60 --yes
     """  # noqa: D301
-    from so101_motion.guided import files, plan_replay, start_replay
-    from so101_motion.teleoperator import jaw_of
+    from so101_motion.tasks.guided import files, plan_replay, start_replay
+    from so101_motion.tasks.teleop.local_arms import jaw_of
 
     path = files.read(file)
     with quietly(), source.open() as rig:
@@ -176,7 +176,7 @@ def replay(
 @json_option
 def list_(folder: Path, as_json: bool) -> None:
     """The paths in FOLDER, or here."""
-    from so101_motion.guided import files
+    from so101_motion.tasks.guided import files
 
     kept = files.listed(folder)
     if as_json:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion import __version__
+from so101_motion.cli.param_types import OutFile
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     INTERRUPTED,
@@ -21,11 +22,10 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import Source, source_options
-from so101_motion.cli.typed import OutFile
 
 if TYPE_CHECKING:
-    from so101_motion.accuracy import MoveReport
-    from so101_motion.move_test import MoveTest, Outline, Progress
+    from so101_motion.setup.accuracy import MoveReport
+    from so101_motion.setup.move_test import MoveTest, MoveTestProgress, Outline
 
 
 @click.command("move-test")
@@ -44,7 +44,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
     so101 move-test --port /dev/ttyACM0 --report test.json
     so101 move-test --sim --yes
     """  # noqa: D301
-    from so101_motion.move_test import MoveTest
+    from so101_motion.setup.move_test import MoveTest
 
     stopped = threading.Event()
     with quietly(), source.open() as rig:
@@ -81,6 +81,6 @@ def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveR
         return tested.result()
 
 
-def _tell(progress: Progress) -> None:
+def _tell(progress: MoveTestProgress) -> None:
     if progress.joint:
         click.echo(f"{100.0 * progress.share:3.0f} %  {progress.joint}", err=True)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from so101_motion.cli.param_types import PORT
 from so101_motion.cli.shared import NO_DEVICE, json_option, patience, print_json, quietly
-from so101_motion.cli.typed import PORT
 
 if TYPE_CHECKING:
-    from so101_motion.port_report import PortReport
+    from so101_motion.setup.port_report import PortReport
 
 
 further_ports_option = click.option(
@@ -36,7 +36,7 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
     left alone. Exit code 3 if there is no port at all.
     """
     from so101_motion.cli.terminal import echo
-    from so101_motion.discovery import discover
+    from so101_motion.setup.discovery import discover
 
     with quietly(), patience("looking at the serial ports"):
         found = discover(extra)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.completing import completed_programs
+from so101_motion.cli.completion_values import completed_programs
 from so101_motion.cli.shared import (
     INTERRUPTED,
     have_agreed,
@@ -20,11 +20,11 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import AnySource, any_source_options, pace_options
-from so101_motion.units import to_deg
+from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.program import Program, ProgramRun, Rehearsal
-    from so101_motion.rig_like import RigLike
+    from so101_motion.rig.protocols import RigLike
+    from so101_motion.tasks.program import Program, ProgramRun, Rehearsal
 
 
 @click.command()
@@ -50,7 +50,7 @@ def run(
     so101 run "stack cubes" --port /dev/ttyACM0
     so101 run --sim wave.json --rounds 3 --yes
     """  # noqa: D301
-    from so101_motion.program import files, rehearse, start_program
+    from so101_motion.tasks.program import files, rehearse, start_program
 
     made = files.read(files.find(program))
     if rounds is not None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import click
 
+from so101_motion.cli.param_types import Finite
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     INTERRUPTED,
@@ -20,18 +20,16 @@ from so101_motion.cli.shared import (
     print_json,
 )
 from so101_motion.cli.sources import MachineSource, chosen_among, machine_options, port_option
-from so101_motion.cli.typed import Finite
 from so101_motion.cli.view import Page, keep_open, page_options
-from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 if TYPE_CHECKING:
-    from so101_motion.calib.progress import Progress
-    from so101_motion.calib.setup_view import SetupView, Verification
-    from so101_motion.calibrator import Calibrator
-    from so101_motion.cli.motor_walk import MotorWalk
+    from so101_motion.calib.motors.progress import SetupProgress
+    from so101_motion.calib.motors.setup_view import SetupView, Verification
+    from so101_motion.cli.motor_wizard import MotorWizard
     from so101_motion.cli.terminal import Terminal
-    from so101_motion.findings import Findings
-    from so101_motion.port_report import PortReport
+    from so101_motion.setup.findings import Findings
+    from so101_motion.setup.port_report import PortReport
 
 
 @click.command()
@@ -93,25 +91,29 @@ def setup(
         return
     if machine is not None:
         raise click.UsageError("the motors of a machine are set up in the browser: add --web")
-    from so101_motion.adapters import about
-    from so101_motion.calib import progress as kept
-    from so101_motion.calib.progress import Progress
-    from so101_motion.cli import finding
-    from so101_motion.cli.motor_walk import MotorWalk
+    from so101_motion.calib.motors import progress as kept
+    from so101_motion.calib.motors.progress import SetupProgress
+    from so101_motion.cli import port_choice
+    from so101_motion.cli.motor_wizard import MotorWizard
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import Quit, Terminal
+    from so101_motion.setup.calibrator import Calibrator
+    from so101_motion.setup.port_selection import about, own_folder
 
-    report = finding.find_adapter(port)
+    report = port_choice.find_adapter(port)
     name = report.port.name
-    progress = Progress(finding.own_folder() / kept.NAME, name)
+    progress = SetupProgress(own_folder() / kept.NAME, name)
     if dry_run:
         _would(report, () if start_over else progress.done, joints, as_json)
         return
-    with quietly(), closing(_opened(name, finding.calibration_file(None, report))) as calibrator:
+    with (
+        quietly(),
+        closing(Calibrator.open(name, port_choice.calibration_file(None, report))) as calibrator,
+    ):
         motors = calibrator.motor_setup
         with Terminal(ask=not yes, events=events) as terminal:
             terminal.say(f"motors on {name}", port=name)
-            walk = MotorWalk(motors, terminal, progress, within=within)
+            walk = MotorWizard(motors, terminal, progress, within=within)
             try:
                 checked = None
                 if joints:
@@ -129,7 +131,7 @@ def setup(
 
 def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool) -> None:
     """Say what a setup would do; nothing is written to a servo."""
-    from so101_motion.cli.motor_walk import remaining
+    from so101_motion.cli.motor_wizard import remaining
 
     wanted = joints or (() if len(report.joints) == 6 else remaining(done))
     ids = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT), start=1)}
@@ -145,25 +147,16 @@ def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_
     click.echo("nothing was written", err=True)
 
 
-def _opened(port: str, file: Path) -> Calibrator:
-    """The port, with nothing driven. Motors are given its rate, which is that of new ones."""
-    from so101_motion.calibrator import Calibrator
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
-
-    return Calibrator(open_hardware(ServoSettings(port=port, timeout=None, fallback_file=file)))
-
-
-def _some(walk: MotorWalk, joints: tuple[str, ...]) -> None:
+def _some(walk: MotorWizard, joints: tuple[str, ...]) -> None:
     for joint in joints:
         walk.set_up(joint)
 
 
 def _all(
-    walk: MotorWalk, terminal: Terminal, progress: Progress, seen: Findings, start_over: bool
+    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings, start_over: bool
 ) -> Verification:
     """The steps of the workflow, each with its own check before the next."""
-    from so101_motion.workflow import CHAIN, MOTORS, MOTORS_ONLY, Known
+    from so101_motion.setup.setup_steps import CHAIN, MOTORS, MOTORS_ONLY, SetupState
 
     doing = {
         MOTORS.name: lambda: _one_by_one(walk, terminal, progress, start_over),
@@ -175,7 +168,7 @@ def _all(
         found = doing.get(step.name, lambda: None)()
         if found is not None:
             seen = replace(seen, servos=found)
-        check = step.check(Known(seen=seen, setup=walk.view))
+        check = step.check(SetupState(seen=seen, setup=walk.view))
         terminal.say(check.sentence, step=step.name, verdict=check.verdict)
     assert seen.servos is not None  # the last step has looked
     if seen.servos.ok:
@@ -183,8 +176,10 @@ def _all(
     return seen.servos
 
 
-def _one_by_one(walk: MotorWalk, terminal: Terminal, progress: Progress, start_over: bool) -> None:
-    from so101_motion.cli.motor_walk import remaining
+def _one_by_one(
+    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, start_over: bool
+) -> None:
+    from so101_motion.cli.motor_wizard import remaining
 
     if start_over:
         progress.clear()
@@ -207,7 +202,7 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
         stack.enter_context(quietly())
         sensor = None
         if machine is not None:
-            from so101_motion.machine import MachineSensor
+            from so101_motion.viam.client import MachineSensor
 
             sensor = MachineSensor.connect(
                 machine.address, api_key_id=machine.api_key_id, api_key=machine.api_key

@@ -1,6 +1,6 @@
-"""What all verbs have in common: how results are printed, people asked, and files written.
+"""Helpers that all verbs share: printing results, asking a person, writing files.
 
-What becomes of an error is in ``ending.py``.
+What becomes of an error is in ``error_exit.py``.
 """
 
 from __future__ import annotations
@@ -8,21 +8,23 @@ from __future__ import annotations
 import json
 import logging
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib.metadata import requires
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
 from so101_motion import __version__
-from so101_motion.errors import ConfigError
+from so101_motion.common.errors import ConfigError
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
-"""Exit codes that no error stands for; ``ending.py`` has all of them."""
+"""Exit codes that no error stands for; ``error_exit.py`` has all of them."""
 
 DEBUG = "SO101_DEBUG"
 """Environment variable: when it is set, what is unexpected comes with its traceback."""
@@ -130,8 +132,10 @@ def write_report(path: Path, content: bytes) -> None:
     Raises:
         ConfigError: It cannot be written there.
     """
+    from so101_motion.files import atomic
+
     try:
-        path.write_bytes(content)
+        atomic.write(path, content)
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
         raise ConfigError("report", str(path), reason) from error
@@ -172,7 +176,17 @@ def import_preview() -> Any:
     except ModuleNotFoundError as error:
         reason = (
             f"needs {error.name}, which is not installed;"
-            " install it: pip install 'so101-motion[viewer]' (so101 demo --text goes without)"
+            f" install it: {_how_to_install()} (so101 demo --text goes without)"
         )
         raise ConfigError("preview", None, reason) from error
     return so101_viewer
+
+
+def _how_to_install() -> str:
+    """The command that installs what the preview needs, for a checkout and for a wheel alike."""
+    wanted = [
+        found[1]
+        for line in requires("so101-motion") or ()
+        if (found := re.match(r"([^;\s]+)\s*;.*extra == .viewer.", line))
+    ]
+    return f"{sys.executable} -m pip install {' '.join(wanted)}"

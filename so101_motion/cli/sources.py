@@ -1,4 +1,4 @@
-"""Where the arm of a verb comes from: ``--sim``, ``--port`` or ``--machine``.
+"""Options that say where the arm of a verb comes from: ``--sim``, ``--port`` or ``--machine``.
 
 A verb that works on servos takes the first two (``source_options``); one that only needs an arm and
 its gripper takes any (``any_source_options``). A source that was typed wins over those that the
@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from so101_motion.cli.param_types import PORT, Finite
 from so101_motion.cli.shared import F, aside, patience
-from so101_motion.cli.typed import PORT, Finite
-from so101_motion.config import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 
 if TYPE_CHECKING:
-    from so101_motion.geometry import Array
-    from so101_motion.machine import MachineRig
-    from so101_motion.rig import Rig
-    from so101_motion.rig_like import RigLike
+    from so101_motion.common.geometry import Array
+    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.rig.protocols import RigLike
+    from so101_motion.viam.client import MachineRig
 
 R = TypeVar("R", bound="RigLike")
 
@@ -38,7 +38,6 @@ class Source:
         speed: Joint speed cap [rad/s]; None for the default.
         acceleration: Joint acceleration cap [rad/s^2]; None for the default.
         q_start: Where the simulated arm stands, shape (5,), [rad]; None for zeros.
-        say: Takes what a person should know of the calibration.
     """
 
     port: str | None
@@ -64,15 +63,15 @@ class Source:
         Raises:
             So101Error: It cannot be reached, or a setting cannot be meant.
         """
-        from so101_motion.rig import open_hardware, open_simulated
+        from so101_motion.rig.hardware_rig import open_hardware, open_simulated
 
         rig: Rig
         if self.port is None:
             rig = open_simulated(q_start=self.q_start)
         else:
-            from so101_motion.calib import store
-            from so101_motion.hardware_config import SERVO_IDS
-            from so101_motion.servos import ServoSettings
+            from so101_motion.calib.record import store
+            from so101_motion.drivers.bus.defaults import SERVO_IDS
+            from so101_motion.rig.servo_driver import ServoSettings
 
             if self.calibration_file is None:
                 file = _known_calibration(self.port, self.say)
@@ -84,12 +83,8 @@ class Source:
 
 
 def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
-    """The calibration file that fits the arm on a port, and a word about it.
-
-    Raises:
-        PortUnavailable: The port cannot be used, and why.
-    """
-    from so101_motion.cli.finding import look_at
+    """The calibration file that fits the arm on a port, and a word about it."""
+    from so101_motion.cli.port_choice import look_at
 
     report = look_at(port)
     if report.calibration is not None:
@@ -107,9 +102,7 @@ class MachineSource:
     """A running Viam machine with the arm.
 
     Attributes:
-        address: As on its CONNECT page, or host and port.
         api_key_id: The id of an API key; None for a plain, direct connection.
-        api_key: The key.
         arm: Which of its arms; None for the only one.
         gripper: Which of its grippers; None for the only one.
         speed: Joint speed cap [rad/s]; None to leave the machine's.
@@ -140,7 +133,7 @@ class MachineSource:
         Raises:
             So101Error: It cannot be reached, or a setting cannot be meant.
         """
-        from so101_motion.machine import MachineRig
+        from so101_motion.viam.client import MachineRig
 
         with patience(f"connecting to machine {self.address}"):
             rig = MachineRig.connect(
@@ -203,7 +196,7 @@ def pace_options(verb: F) -> F:
 
 def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
     """The same arm with caps on its joints' speed [deg/s] and acceleration [deg/s^2]."""
-    from so101_motion.units import to_rad
+    from so101_motion.common.units import to_rad
 
     return replace(
         source,
@@ -313,11 +306,7 @@ def machine_options(verb: F) -> F:
 
 
 def port_option(words: str) -> Callable[[F], F]:
-    """The option ``--port``; the verb gets ``port``.
-
-    Args:
-        words: What its help says, such as what is done without it.
-    """
+    """The option ``--port``; the verb gets ``port``."""
     return click.option(
         "--port",
         envvar="SO101_PORT",

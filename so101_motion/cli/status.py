@@ -16,13 +16,13 @@ from so101_motion.cli.sources import (
     any_source_options,
     machine_options,
 )
-from so101_motion.modes import Mode
-from so101_motion.state import ARM_JOINTS
-from so101_motion.units import to_deg, to_mm
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
 
 if TYPE_CHECKING:
-    from so101_motion.rig import HardwareRig, Rig
-    from so101_motion.rig_like import RigLike
+    from so101_motion.rig.hardware_rig import HardwareRig, Rig
+    from so101_motion.rig.protocols import RigLike
 
 _PATIENCE = 1.0
 """How long to wait for a first answer of the servos [s]; chosen: a busy computer's worst."""
@@ -86,9 +86,9 @@ def _look_on(source: AnySource) -> RigLike:
 
 
 def _onlooking(source: Source, port: str) -> Rig:
-    from so101_motion.cli.finding import look_at
-    from so101_motion.rig import open_hardware
-    from so101_motion.servos import ServoSettings
+    from so101_motion.cli.port_choice import look_at
+    from so101_motion.rig.hardware_rig import open_hardware
+    from so101_motion.rig.servo_driver import ServoSettings
 
     report = look_at(port)
     file = source.calibration_file or report.calibration
@@ -98,8 +98,8 @@ def _onlooking(source: Source, port: str) -> Rig:
 
 
 def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
-    from so101_motion.machine import MachineRig
-    from so101_motion.rig import HardwareRig
+    from so101_motion.rig.hardware_rig import HardwareRig
+    from so101_motion.viam.client import MachineRig
 
     is_held = isinstance(rig, HardwareRig) and _is_held(rig)
     state, arm = rig.arm.state, rig.arm

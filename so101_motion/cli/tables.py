@@ -1,4 +1,4 @@
-"""What is shown in a terminal, as text."""
+"""Print a plan as a table in the terminal."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from so101_motion.state import ARM_JOINTS
-from so101_motion.units import to_deg, to_mm
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
 
 if TYPE_CHECKING:
-    from so101_motion.planning.plan import Plan
+    from so101_motion.planning.request import Plan
 
 
 _NUMBERS, _SPARKS = 40, 40  # columns; chosen: together the width of a usual terminal

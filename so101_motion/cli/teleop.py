@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from so101_motion.cli.param_types import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
 from so101_motion.cli.shared import STOPPED, have_agreed, json_option, print_json
 from so101_motion.cli.sources import Source
-from so101_motion.cli.typed import IN_FILE, PORT, SECONDS, Finite, OutFile, PerJoint
-from so101_motion.state import ARM_JOINTS
-from so101_motion.units import to_deg
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.clock import Clock
-    from so101_motion.rig import Rig
-    from so101_motion.teleop import Recorder, Status
+    from so101_motion.common.clock import Clock
+    from so101_motion.rig.hardware_rig import Rig
+    from so101_motion.tasks.teleop import Recorder, Status
 
 _EVERY = 0.2  # [s], how often a person is told how it is
 
@@ -87,11 +87,11 @@ def teleop(
     so101 teleop --leader /dev/ttyACM0 --follower /dev/ttyACM1
     so101 teleop --leader /dev/ttyACM0 --follower sim --record first.csv --fps 30
     """  # noqa: D301
-    from so101_motion.export import mcap_writer
-    from so101_motion.scene_file import read_scene
-    from so101_motion.teleop import LocalFollower, LocalLeader, Teleop
-    from so101_motion.teleop.config import read_mirror, read_pace
-    from so101_motion.teleoperator import side_of
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.files.trajectory_export import mcap_writer
+    from so101_motion.tasks.teleop import LocalFollower, LocalLeader, Teleop
+    from so101_motion.tasks.teleop.config import read_mirror, read_pace
+    from so101_motion.tasks.teleop.local_arms import side_of
 
     how = {
         "scale": scale,
@@ -141,8 +141,8 @@ def _open(port: str, calibration: Path | None) -> Rig:
 
 
 def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
-    from so101_motion.teleop import Recorder
-    from so101_motion.teleoperator import middles_of
+    from so101_motion.tasks.teleop import Recorder
+    from so101_motion.tasks.teleop.local_arms import middles_of
 
     if record is None:
         return None
@@ -171,11 +171,7 @@ def _watch(session: Any, seconds: float | None) -> None:
 
 
 def _tell_end(last: Status) -> None:
-    """Say why it ended by itself, if it did.
-
-    Raises:
-        SystemExit: It did; a script is to notice.
-    """
+    """Say why it ended by itself, if it did."""
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)
         raise SystemExit(STOPPED)

@@ -1,11 +1,10 @@
-"""A guided verb and the person in front of it: a picture that changes, lines that stay, and keys.
+"""The terminal of a guided verb: a live picture, lines that stay, and single keys.
 
-On a terminal the person sees a picture that is drawn anew ten times a second and presses single
-keys. Where standard error is a file or a pipe, there is no picture, and what has to be known comes
-line by line; where standard input is no terminal, or with ``--yes``, nobody is asked.
+Where standard error is a file or a pipe there is no picture, and what has to be known comes line by
+line; where standard input is no terminal, or with ``--yes``, nobody is asked.
 
-What talks to servos runs beside the picture, and is never cut short: after Ctrl-C or a key it ends
-what it has begun, so that no servo is left with half of its settings.
+What talks to servos runs in a thread of its own and is never cut short: after Ctrl-C or a key it
+ends what it has begun, so that no servo is left with half of its settings.
 """
 
 from __future__ import annotations
@@ -46,11 +45,9 @@ class Terminal:
     """What a person sees and presses. Use it in a ``with`` block.
 
     Args:
-        ask: Whether there may be a person to ask.
         events: Where each line is also written as a JSON object; None for nowhere.
 
     Attributes:
-        is_manned: Whether a person can be asked.
         pressed: The last key that was pressed during the last ``run``; empty if none was.
     """
 
@@ -87,13 +84,7 @@ class Terminal:
     # What is seen
 
     def say(self, sentence: str, *, style: str = "", **facts: Any) -> None:
-        """A line that stays; the same one twice in a row is said once.
-
-        Args:
-            sentence: The line.
-            style: How it looks on a terminal.
-            facts: What it says, for programs that read the events.
-        """
+        """A line that stays; the same one twice in a row is said once."""
         if sentence == self._last:
             return
         self._last = sentence

@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 
 from so101_motion.cli.shared import dry_run_option
-from so101_motion.errors import PortUnavailable
+from so101_motion.common.errors import PortUnavailable
 
 _EXPLANATION = """\
 Why: a serial port belongs to root and to a group, dialout on Debian and Ubuntu, uucp on Arch. The
@@ -38,35 +38,32 @@ def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     Prints the udev rule on stdout, and on stderr what it is for; --install writes it to
     /etc/udev/rules.d and has it take effect.
     """
-    from so101_motion.drivers import host
+    from so101_motion.drivers.port import host_checks
 
     if install and printed:
         raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
         raise click.UsageError("udev is a thing of Linux; here nothing need be installed")
     if install and not dry_run:
-        write_rule(host.RULES)
+        write_rule(host_checks.RULES)
         return
     if install:
-        click.echo(f"would be written to {host.RULES}, and udev told to read it:", err=True)
-    click.echo(host.udev_rules(), nl=False)
+        click.echo(f"would be written to {host_checks.RULES}, and udev told to read it:", err=True)
+    click.echo(host_checks.udev_rules(), nl=False)
     click.echo(f"\n{_EXPLANATION}\n{_BRLTTY}", err=True)
-    if host.is_rule_installed():
-        click.echo(f"It is installed: {host.RULES}", err=True)
+    if host_checks.is_rule_installed():
+        click.echo(f"It is installed: {host_checks.RULES}", err=True)
     else:
         click.echo(f"To install it:\n    {_as_root()}", err=True)
 
 
 def write_rule(path: Path) -> None:
-    """Put the rule in its place and let it take effect.
-
-    Raises:
-        PortUnavailable: It cannot be written.
-    """
-    from so101_motion.drivers import host
+    """Put the rule in its place and let it take effect."""
+    from so101_motion.drivers.port import host_checks
+    from so101_motion.files import atomic
 
     try:
-        path.write_text(host.udev_rules(), encoding="utf-8")
+        atomic.write(path, host_checks.udev_rules().encode())
     except OSError as error:
         reason = f"{error.strerror}; do it as root: {_as_root()}"
         raise PortUnavailable(str(path), reason) from error

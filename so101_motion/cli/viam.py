@@ -21,7 +21,7 @@ from so101_motion.cli.shared import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from so101_motion.migration import Part, Takeover
+    from so101_motion.viam.migration import MigratedResource, Migration
 
 _STYLES = {
     "kept": "green",
@@ -55,15 +55,15 @@ def import_(file: TextIO, with_new: bool, as_json: bool) -> None:
     so101 viam import machine.json
     so101 viam import machine.json > new.json
     """  # noqa: D301
-    from so101_motion.migration import take_over
+    from so101_motion.viam.migration import migrate
 
-    takeover = take_over(_content(file))
+    migration = migrate(_content(file))
     if as_json:
-        print_json("viam-import", _facts(takeover))
+        print_json("viam-import", _facts(migration))
     else:
-        _compare(takeover, with_new=with_new)
-        click.echo(json.dumps(takeover.configuration(), indent=2))
-    if any(part.problem for part in takeover.parts):
+        _compare(migration, with_new=with_new)
+        click.echo(json.dumps(migration.configuration(), indent=2))
+    if any(part.problem for part in migration.parts):
         raise SystemExit(CHECK_FAILED)
 
 
@@ -81,8 +81,8 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
     so101 viam config > arm.json
     """  # noqa: D301
     from so101_motion.cli.terminal import echo
-    from so101_motion.configuration import configuration
-    from so101_motion.discovery import discover
+    from so101_motion.setup.discovery import discover
+    from so101_motion.viam.suggested_config import configuration
 
     with quietly(), patience("looking at the serial ports"):
         found = discover(extra)
@@ -103,7 +103,7 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
 
 
 def _content(file: TextIO) -> object:
-    from so101_motion.errors import ConfigError
+    from so101_motion.common.errors import ConfigError
 
     try:
         return json.loads(file.read())
@@ -113,7 +113,7 @@ def _content(file: TextIO) -> object:
         raise ConfigError("configuration", file.name, f"is no JSON: {error}") from error
 
 
-def _compare(takeover: Takeover, *, with_new: bool) -> None:
+def _compare(migration: Migration, *, with_new: bool) -> None:
     from rich.console import Console
 
     from so101_motion.cli.terminal import echo
@@ -121,7 +121,7 @@ def _compare(takeover: Takeover, *, with_new: bool) -> None:
     console = Console(stderr=True, highlight=False)
     if not console.is_terminal:
         console.width = _WIDTH
-    for part in takeover.parts:
+    for part in migration.parts:
         console.print()
         console.print(part.name or "(no name)", style="bold", end="  ")
         console.print(part.model, style="dim", markup=False)
@@ -135,32 +135,32 @@ def _compare(takeover: Takeover, *, with_new: bool) -> None:
         for line in part.differences:
             echo(f"differs: {line}", indent="  ", err=True)
     console.print()
-    for note in takeover.notes:
+    for note in migration.notes:
         echo(f"note: {note}", err=True)
     click.echo("to go back:", err=True)
-    for line in takeover.way_back():
+    for line in migration.way_back():
         echo(f"- {line}", indent="  ", err=True)
     click.echo("to paste, each in place of what has its name; all else stays:", err=True)
 
 
-def _table(part: Part, *, with_new: bool) -> Table:
+def _table(part: MigratedResource, *, with_new: bool) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from so101_motion.migration import Fate
+    from so101_motion.viam.migration import Outcome
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
     table.add_column("attribute", header_style="dim", no_wrap=True)
     for heading in ("published module", "here", ""):
         table.add_column(heading, header_style="dim", overflow="fold")
     for row in part.rows:
-        if row.fate is not Fate.NEW or with_new:
-            fate = Text(row.fate.value, style=_STYLES[row.fate.value])
-            table.add_row(Text(row.attribute), Text(row.there), Text(row.here), fate)
+        if row.outcome is not Outcome.NEW or with_new:
+            outcome = Text(row.outcome.value, style=_STYLES[row.outcome.value])
+            table.add_row(Text(row.attribute), Text(row.there), Text(row.here), outcome)
     return table
 
 
-def _facts(takeover: Takeover) -> dict[str, Any]:
+def _facts(migration: Migration) -> dict[str, Any]:
     return {
         "parts": [
             {
@@ -171,7 +171,7 @@ def _facts(takeover: Takeover) -> dict[str, Any]:
                         "name": row.attribute,
                         "there": row.there,
                         "here": row.here,
-                        "fate": row.fate.value,
+                        "fate": row.outcome.value,
                     }
                     for row in part.rows
                 ],
@@ -179,9 +179,9 @@ def _facts(takeover: Takeover) -> dict[str, Any]:
                 "differences": list(part.differences),
                 "calibration": part.calibration,
             }
-            for part in takeover.parts
+            for part in migration.parts
         ],
-        "notes": list(takeover.notes),
-        "configuration": takeover.configuration(),
-        "way_back": list(takeover.way_back()),
+        "notes": list(migration.notes),
+        "configuration": migration.configuration(),
+        "way_back": list(migration.way_back()),
     }

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import functools
 import os
+import queue
 import signal
 import sys
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import click
 
+from so101_motion.cli.param_types import IN_FILE
 from so101_motion.cli.shared import F, import_preview, in_lines
 from so101_motion.cli.sources import AnySource, Source, any_source_options
-from so101_motion.cli.typed import IN_FILE
 
 if TYPE_CHECKING:
-    from so101_motion.geometry import Array
-    from so101_motion.planning.scene import Scene
-    from so101_motion.rig_like import RigLike
+    from so101_motion.common.geometry import Array
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.rig.protocols import RigLike
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,14 +30,12 @@ class Page:
     """Where the page is served.
 
     Attributes:
-        host: Address to listen on.
-        port: Port to listen on.
+        port: Port to listen on; None for 8080 or the next free one after it.
         allow_remote: Whether ``host`` may be more than this machine alone.
-        browser: Whether to open it in the browser.
     """
 
     host: str
-    port: int
+    port: int | None
     allow_remote: bool
     browser: bool
 
@@ -47,14 +46,24 @@ def page_options(verb: F) -> F:
     @click.option(
         "--host", default="127.0.0.1", show_default=True, help="Address the page listens on."
     )
-    @click.option("--web-port", default=8080, show_default=True, help="Port the page listens on.")
+    @click.option(
+        "--web-port",
+        type=int,
+        show_default="8080, or the next free one",
+        help="Port the page listens on.",
+    )
     @click.option(
         "--allow-remote", is_flag=True, help="Let --host be more than this machine alone."
     )
     @click.option("--no-browser", is_flag=True, help="Only print the link.")
     @functools.wraps(verb)
     def with_page(
-        *args: Any, host: str, web_port: int, allow_remote: bool, no_browser: bool, **kwargs: Any
+        *args: Any,
+        host: str,
+        web_port: int | None,
+        allow_remote: bool,
+        no_browser: bool,
+        **kwargs: Any,
     ) -> Any:
         page = Page(host=host, port=web_port, allow_remote=allow_remote, browser=not no_browser)
         return verb(*args, page=page, **kwargs)
@@ -95,7 +104,7 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
     Raises:
         ConfigError: The page cannot be served there, or the scene cannot be read.
     """
-    from so101_motion.scene_file import read_scene
+    from so101_motion.files.scene_file import read_scene
 
     viewer = import_preview()
     scene = None if scene_file is None else read_scene(scene_file)
@@ -114,16 +123,22 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
 
 def keep_open(served: Any, page: Page) -> None:
     """Tell where the page is, open it for whoever sits here, and wait for Ctrl-C."""
-    done = threading.Event()
+    from so101_viewer.server.guarded_server import DEFAULT_PORT
+
+    # An Event would deadlock if the signal came while it begins to wait; this queue is reentrant.
+    ended: queue.SimpleQueue[int] = queue.SimpleQueue()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: done.set())
+        signal.signal(number, lambda number, _: ended.put(number))
+    port = urlsplit(served.url).port
+    if page.port is None and port != DEFAULT_PORT:
+        click.echo(f"so101: port {DEFAULT_PORT} is taken, so the page is on port {port}", err=True)
     click.echo(f"open   {served.url}")
     click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
     if page.browser and _has_screen():
         import webbrowser
 
         webbrowser.open(served.url_for_once())
-    done.wait()
+    ended.get()
     click.echo("\nso101: stopping", err=True)
 
 
@@ -149,10 +164,10 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
 
 def _free_pose(scene: Scene) -> Array | None:
     """Where a simulated arm can stand: the first named pose that touches nothing of ``scene``."""
-    from so101_motion.gripper import JAW_CLOSED
-    from so101_motion.named_poses import POSES
-    from so101_motion.planning.collision import CollisionModel
-    from so101_motion.planning.model import RobotModel
+    from so101_motion.arm.gripper import JAW_CLOSED
+    from so101_motion.common.named_poses import POSES
+    from so101_motion.planning.collision.collision import CollisionModel
+    from so101_motion.planning.kinematics.model import RobotModel
 
     contact = CollisionModel(RobotModel.load(), scene).first_contact
     return next((pose.q for pose in POSES if contact(pose.q, JAW_CLOSED) is None), None)

@@ -1,4 +1,5 @@
-"""What turns setpoints into movement: bytes, registers and ticks, or a simulated servo.
+"""What turns joint setpoints into movement: serial port, servo bus, the arm's driver, the emulator.
 
-Nothing here knows why the arm moves; planning is unknown.
+Registers, ticks and bytes stay in here. It knows no kinematics: gravity comes in as a function. It
+may import ``common`` only.
 """

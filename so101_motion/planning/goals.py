@@ -9,15 +9,30 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.errors import ConfigError
-from so101_motion.geometry import SE3, Array, frozen_array
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array, frozen_array
+
+FARTHEST = 1_000.0
+"""Goals farther from the base are not meant [m]; chosen. Nearer ones are answered with the nearest
+point in reach."""
+
+FARTHEST_LINE = 5.0
+"""The same for where a line ends [m]: 30 m take 20 s to look along. Chosen, ten times the reach."""
+
+
+def _refuse_far(T_base_tool: SE3, most: float) -> None:
+    p = T_base_tool.p
+    if np.isfinite(p).all() and np.abs(p).max() > most:  # what is no number is the planner's
+        given = [round(float(x), 3) for x in p]
+        raise ConfigError("goal", given, f"must be within {most:g} m of the base; is it in metres?")
 
 
 class GoalMetric(Enum):
     """How much of a target pose counts. Five joints cannot reach every orientation."""
 
     POSITION_ONLY = "position_only"
-    """The point counts; the arm takes the posture nearest to where it is, keeping its roll."""
+    """The point counts; the arm takes the configuration nearest to where it is, keeping its
+    roll."""
     POSITION_AND_APPROACH = "position_and_approach"
     """The point and the direction of the tool's z axis count; roll about it is free."""
     FULL_POSE = "full_pose"
@@ -29,7 +44,7 @@ class PoseCloud:
     """Leeways around a pose: every pose in the cloud will do as well as the pose itself.
 
     All are about the pose seen from the goal, ``T_goal_reached``, and reach as far to either side.
-    The largest possible orientation leeways are 1, 1, 2 and pi: then it does not count.
+    The largest possible orientation tolerances are 1, 1, 2 and pi: then it does not count.
 
     Attributes:
         x: Along the goal's x axis [m].
@@ -53,11 +68,11 @@ class PoseCloud:
         for key in ("x", "y", "z", "o_x", "o_y", "o_z", "theta"):
             value = getattr(self, key)
             if not 0.0 <= value < math.inf:
-                raise ConfigError(key, value, "a leeway must be 0 or more and finite")
+                raise ConfigError(key, value, "a tolerance must be 0 or more and finite")
 
     @property
     def metric(self) -> GoalMetric:
-        """How much of the pose counts beyond the leeways: what is left open altogether does not."""
+        """How much of the pose counts: what the tolerances leave open altogether does not."""
         if self.theta < math.pi:
             return GoalMetric.FULL_POSE
         if self.o_x < 1.0 or self.o_y < 1.0 or self.o_z < 2.0:
@@ -67,7 +82,7 @@ class PoseCloud:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseGoal:
-    """Bring a frame of the gripper to a pose, along any free way.
+    """Bring a frame of the gripper to a pose, along any free path.
 
     Attributes:
         T_base_tool: Where ``frame`` shall be, in the base frame.
@@ -86,6 +101,9 @@ class PoseGoal:
     approach_tolerance: float = math.radians(1.0)
     cloud: PoseCloud | None = None
 
+    def __post_init__(self) -> None:
+        _refuse_far(self.T_base_tool, FARTHEST)
+
     @classmethod
     def at_point(cls, p_base: ArrayLike, *, frame: str = "tool") -> PoseGoal:
         """Bring ``frame`` to a point, shape (3,), [m] in the base frame, however it is turned."""
@@ -94,7 +112,7 @@ class PoseGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointGoal:
-    """Bring the joints to ``q``, shape (5,), [rad], along any free way."""
+    """Bring the joints to ``q``, shape (5,), [rad], along any free path."""
 
     q: Array
 
@@ -104,7 +122,7 @@ class JointGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathGoal:
-    """Follow joint waypoints without stopping at each; the way itself is given, not chosen.
+    """Follow joint waypoints without stopping at each; the path itself is given, not chosen.
 
     Attributes:
         waypoints: Shape (n, 5), n >= 1, [rad], not including the start.
@@ -126,7 +144,7 @@ class LineGoal:
 
     Attributes:
         T_base_tool: The end of the line; as much of it counts as ``metric`` says.
-        metric: How much of the pose counts along the way and at the end. What counts of the
+        metric: How much of the pose counts along the path and at the end. What counts of the
             orientation turns steadily from the start's to the goal's.
         frame: ``"tool"`` or ``"jaw_tip"``.
         tolerance: How far the tool point may leave the line [m].
@@ -140,6 +158,9 @@ class LineGoal:
     frame: str = "tool"
     tolerance: float = 1e-4
     orientation_tolerance: float = math.radians(5.0)
+
+    def __post_init__(self) -> None:
+        _refuse_far(self.T_base_tool, FARTHEST_LINE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -175,7 +196,7 @@ class ToolPathGoal:
             segment where that is less. 0 for sharp corners, at which the arm stops.
         metric: As for :class:`LineGoal`.
         frame: ``"tool"`` or ``"jaw_tip"``.
-        tolerance: How far the tool point may leave the way [m], rounded as it is.
+        tolerance: How far the tool point may leave the path [m], rounded as it is.
         orientation_tolerance: As for :class:`LineGoal`.
     """
 
@@ -189,10 +210,10 @@ class ToolPathGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ApproachGoal:
-    """Come to a pose along a straight line: by any free way to where it begins, then down it.
+    """Come to a pose along a straight line: by any free path to where it begins, then down it.
 
-    The posture above the pose is chosen among those from which the line can be followed. Leaving
-    again is a :class:`LineGoal`.
+    The configuration above the pose is chosen among those from which the line can be followed.
+    Leaving again is a :class:`LineGoal`.
 
     Attributes:
         T_base_tool: Where ``frame`` shall be in the end.
@@ -214,6 +235,7 @@ class ApproachGoal:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hover", frozen_array(self.hover, (3,)))
+        _refuse_far(self.T_base_tool, FARTHEST_LINE)
 
     @property
     def above(self) -> PoseGoal:
@@ -237,7 +259,7 @@ class ApproachGoal:
         )
 
 
-WayGoal = LineGoal | ToolPathGoal
-"""Goals that prescribe the way of the tool."""
+ToolGoal = LineGoal | ToolPathGoal
+"""Goals that prescribe the path of the tool."""
 
-Goal = PoseGoal | JointGoal | PathGoal | WayGoal | ApproachGoal
+Goal = PoseGoal | JointGoal | PathGoal | ToolGoal | ApproachGoal

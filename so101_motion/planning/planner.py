@@ -21,31 +21,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.errors import PlanningError
-from so101_motion.geometry import SE3, Array
-from so101_motion.planning.cartesian import LinePlanner
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.departure import find_departure, needs_departure
-from so101_motion.planning.goal_postures import free_postures, postures_above
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.cartesian.cartesian import CartesianPlanner
+from so101_motion.planning.cartesian.tool_motion import ToolMotion
+from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
+from so101_motion.planning.goal_configurations import configurations_above, free_configurations
 from so101_motion.planning.goals import (
     ApproachGoal,
     JointGoal,
     LineGoal,
     PathGoal,
     PoseGoal,
-    WayGoal,
+    ToolGoal,
 )
-from so101_motion.planning.ik import IkSolver
-from so101_motion.planning.job import Job
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.moves import MoveMaker, Pieces, joined
-from so101_motion.planning.path import PathFinder
-from so101_motion.planning.plan import OffWay, Plan, PlanReport, PlanRequest
-from so101_motion.planning.scene import Obstacle, Scene, Sphere
-from so101_motion.planning.tool_motion import ToolMotion
-from so101_motion.planning.torque import Load, carried
-from so101_motion.planning.waypoints import checked_way
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
+from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.paths.start_recovery import find_departure, needs_departure
+from so101_motion.planning.planning_context import Job
+from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Load, carried
+from so101_motion.planning.waypoints import checked_path
 
 __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
 
@@ -54,7 +55,7 @@ CORNER = 0.1
 to keep the speed up; a corner that proves blocked is cut less."""
 
 _PICTURE_POINTS = 64
-"""How many points of the tool's way a plan carries for pictures."""
+"""How many points of the tool's path a plan carries for pictures."""
 
 
 _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
@@ -66,16 +67,21 @@ class _Solvers(NamedTuple):
 
     model: RobotModel
     ik: IkSolver
-    lines: LinePlanner
+    lines: CartesianPlanner
 
 
 class Planner:
-    """Plans for one arm. Belongs to one thread."""
+    """Plans for one arm. Belongs to one thread.
 
-    def __init__(self, model: RobotModel) -> None:
+    Args:
+        model: The arm.
+        checkpoint: Called every few milliseconds while a plan is made; what it raises ends that.
+    """
+
+    def __init__(self, model: RobotModel, checkpoint: Checkpoint = wanted) -> None:
         self._model = model
         self._within = lru_cache(maxsize=4)(self._solvers)
-        self._around = lru_cache(maxsize=4)(partial(CollisionModel, model))
+        self._around = lru_cache(maxsize=4)(partial(CollisionModel, model, checkpoint=checkpoint))
         self._carrying = lru_cache(maxsize=4)(model.with_payload)
 
     def plan(self, request: PlanRequest) -> Plan:
@@ -91,8 +97,8 @@ class Planner:
         Raises:
             Unreachable: The goal is out of reach.
             OutsideLimits: A joint goal or a waypoint is outside the joint limits.
-            InCollision: Start, goal, or a way that was prescribed, is in contact.
-            NoPath: Start and goal are free, but no way was found between them in time.
+            InCollision: Start, goal, or a path that was prescribed, is in contact.
+            NoPath: Start and goal are free, but no path was found between them in time.
             Overloaded: A servo would have to bear too much, however slow the motion.
             ConfigError: The request holds a value that cannot be meant.
         """
@@ -122,7 +128,7 @@ class Planner:
                 departure=bool(departure),
                 load=job.load,
                 effort=job.effort,
-                off_way=job.off_way,
+                path_deviation=job.path_deviation,
                 clearance=closest.distance,
                 closest=(closest.first, closest.second),
             ),
@@ -158,7 +164,7 @@ class Planner:
         for name, R, p in frames:
             model = model.with_frame(name, SE3(np.reshape(R, (3, 3)), np.array(p)))
         ik = IkSolver(model)
-        return _Solvers(model, ik, LinePlanner(ik))
+        return _Solvers(model, ik, CartesianPlanner(ik))
 
     def _narrower(self, request: PlanRequest) -> tuple[tuple[float, ...], ...] | None:
         """The request's joint limits where they are narrower than the model's, None if nowhere."""
@@ -181,7 +187,7 @@ class Planner:
             model=model,
             ik=ik,
             lines=lines,
-            moves=MoveMaker(
+            moves=MotionBuilder(
                 model=model,
                 collision=collision,
                 q_jaw=request.q_jaw,
@@ -222,7 +228,7 @@ class Planner:
         """Waypoints and motion from a good start to the goal."""
         goal = job.request.goal
         if isinstance(goal, PoseGoal):
-            return self._to_any(job, q_from, free_postures(job, goal, q_from))
+            return self._to_any(job, q_from, free_configurations(job, goal, q_from))
         if isinstance(goal, JointGoal):
             job.model.check_limits(goal.q)
             if not job.is_free(goal.q):
@@ -234,10 +240,10 @@ class Planner:
             return self._along(job, q_from, goal)
         if isinstance(goal, ApproachGoal):
             return self._approach(job, q_from, goal)
-        return self._on_way(job, q_from, goal)
+        return self._on_path(job, q_from, goal)
 
     def _to_any(self, job: Job, q_from: Array, goals: Iterator[Array]) -> tuple[Array, Pieces]:
-        """A free way to the first of the goals that can be had."""
+        """A free path to the first of the goals that can be had."""
         with job.stage("path"):
             found = job.finder.find(q_from, goals, job.request.time_budget)
         if job.branches:
@@ -247,30 +253,30 @@ class Planner:
     def _along(self, job: Job, q_from: Array, goal: PathGoal) -> tuple[Array, Pieces]:
         """Through waypoints that were given."""
         with job.stage("path"):
-            waypoints = checked_way(job.model, job.moves, q_from, goal.waypoints)
+            waypoints = checked_path(job.model, job.moves, q_from, goal.waypoints)
         return waypoints, self._timed(job, waypoints, goal.tolerance, spline=True)
 
-    def _on_way(self, job: Job, q_from: Array, goal: WayGoal) -> tuple[Array, Pieces]:
-        """Along a prescribed way of the tool."""
+    def _on_path(self, job: Job, q_from: Array, goal: ToolGoal) -> tuple[Array, Pieces]:
+        """Along a prescribed path of the tool."""
         with job.stage("path"):
             found = job.lines.find(goal, q_from, job.moves.collision, job.request.q_jaw)
         return found.waypoints, self._followed(job, found)
 
     def _followed(self, job: Job, found: ToolMotion) -> Pieces:
-        """The motion along curves that keep the tool to its way."""
+        """The motion along curves that keep the tool to its path."""
         with job.stage("retime"):
             pieces = found.timed(job.request.limits, job.request.dt, job.moves.tool)
             pieces = [job.moves.bearable(piece) for piece in pieces]
         with job.stage("verify"):
             job.check(pieces)
-        job.off_way = OffWay(position=found.off, angle=found.turned)
+        job.path_deviation = PathDeviation(position=found.off, angle=found.turned)
         return pieces
 
     def _approach(self, job: Job, q_from: Array, goal: ApproachGoal) -> tuple[Array, Pieces]:
-        """By any free way to above a pose, then straight to it."""
+        """By any free path to above a pose, then straight to it."""
         kept: list[tuple[int, ToolMotion]] = []
         with job.stage("path"):
-            above = postures_above(job, q_from, goal, kept)
+            above = configurations_above(job, q_from, goal, kept)
             found = job.finder.find(q_from, above, job.request.time_budget)
         number, line = kept[found.goal]
         pieces = self._timed(job, found.waypoints, CORNER, spline=False)

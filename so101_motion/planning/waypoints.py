@@ -1,6 +1,6 @@
 """Waypoints that somebody else chose: are they allowed, and which of them matter.
 
-A prescribed way is followed or refused, never replaced by another; so the refusal says which
+A prescribed path is followed or refused, never replaced by another; so the refusal says which
 waypoint or which stretch between two is to blame. Waypoints are counted from 1, the start is none.
 """
 
@@ -10,27 +10,26 @@ from itertools import pairwise
 
 import numpy as np
 
-from so101_motion.errors import ConfigError, OutsideLimits
-from so101_motion.geometry import Array
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.moves import SAME, MoveMaker
+from so101_motion.common.errors import ConfigError, OutsideLimits
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.motion_builder import SAME, MotionBuilder
 
 _TURN = 1e-6
 """A waypoint at which the direction changes less than this is on a line."""
 
 
-def checked_way(model: RobotModel, moves: MoveMaker, q_from: Array, waypoints: Array) -> Array:
+def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoints: Array) -> Array:
     """The polyline from a start through waypoints, proven free, without what does not matter.
 
     Args:
-        model: Joint limits.
         moves: What is in the way.
-        q_from: A free posture inside the limits, shape (5,), [rad].
+        q_from: A free configuration inside the limits, shape (5,), [rad].
         waypoints: Shape (n, 5), n >= 1, [rad].
 
     Raises:
         OutsideLimits: A waypoint is outside the joint limits; says which.
-        InCollision: A waypoint, or the way to it, is in contact; says which.
+        InCollision: A waypoint, or the path to it, is in contact; says which.
         ConfigError: There is no waypoint.
     """
     if len(waypoints) == 0:
@@ -39,15 +38,15 @@ def checked_way(model: RobotModel, moves: MoveMaker, q_from: Array, waypoints: A
         _check(model, moves, q, f"waypoint {number} of {len(waypoints)}")
     corners = np.concatenate([q_from[None], waypoints])
     for number, leg in enumerate(pairwise(corners)):
-        blocked = moves.collision.blocked_posture(np.array(leg), moves.q_jaw)
+        blocked = moves.collision.first_blocked(np.array(leg), moves.q_jaw)
         if blocked is not None:
             begin = f"waypoint {number}" if number else "the start"
             when = f"between {begin} and waypoint {number + 1}"
-            raise moves.in_collision(blocked, "way", when)
+            raise moves.in_collision(blocked, "path", when)
     return simplified(corners)
 
 
-def _check(model: RobotModel, moves: MoveMaker, q: Array, name: str) -> None:
+def _check(model: RobotModel, moves: MotionBuilder, q: Array, name: str) -> None:
     try:
         model.check_limits(q)
     except OutsideLimits as error:
@@ -59,7 +58,7 @@ def _check(model: RobotModel, moves: MoveMaker, q: Array, name: str) -> None:
             upper=error.upper,
         ) from None
     if not moves.collision.is_free(q, moves.q_jaw):
-        raise moves.in_collision(q, "way", f"at {name}")
+        raise moves.in_collision(q, "path", f"at {name}")
 
 
 def simplified(waypoints: Array) -> Array:
@@ -78,7 +77,7 @@ def simplified(waypoints: Array) -> Array:
     if len(kept) > 1 and np.abs(waypoints[-1] - kept[-1]).max() <= SAME:
         kept.pop()
     points = np.array([*kept, waypoints[-1]])
-    ways = np.diff(points, axis=0)
-    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), SAME)
-    turns = np.abs(np.diff(ways, axis=0)).max(axis=1, initial=0.0)
+    steps = np.diff(points, axis=0)
+    steps /= np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), SAME)
+    turns = np.abs(np.diff(steps, axis=0)).max(axis=1, initial=0.0)
     return np.asarray(points[np.concatenate([[True], turns > _TURN, [True]])])

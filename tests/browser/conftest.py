@@ -14,13 +14,13 @@ from typing import Protocol
 
 import numpy as np
 import pytest
-from browser_guest import HOME, READY, Guest
+from harness.browser_user import HOME, READY, Guest
 from playwright.sync_api import Browser, BrowserContext, sync_playwright
 from so101_viewer import Preview, serve
 
+from so101_motion.common.units import to_mm, to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig import Rig, open_simulated
-from so101_motion.units import to_mm, to_rad
+from so101_motion.rig.hardware_rig import Rig, open_simulated
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")

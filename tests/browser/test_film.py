@@ -7,18 +7,18 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from browser_guest import HOME, READY, Guest
+from harness.browser_user import HOME, READY, Guest
 from PIL import Image
 from playwright.sync_api import Browser
 from so101_viewer import film_of_plan, write_recording
 
-from so101_motion.geometry import SE3
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.plan import PlanRequest
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner
-from so101_motion.planning.scene import Box, Obstacle, Scene
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
 
 pytestmark = pytest.mark.browser
 
@@ -51,7 +51,7 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def test_it_shows_arm_ghost_way_and_obstacle_in_motion(film: Guest) -> None:
-    assert {"/ghost/gripper_link", "/way", "/world/0"} <= film.nodes()
+    assert {"/ghost/gripper_link", "/path", "/world/0"} <= film.nodes()
     before = film.pose_of("/arm/gripper_link")["position"]
     film.until(lambda: film.pose_of("/arm/gripper_link")["position"] != before)
 

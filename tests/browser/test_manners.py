@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from browser_guest import HOME, READY, Guest
 from conftest import PHONE, Visit
+from harness.browser_user import HOME, READY, Guest
 from so101_viewer import Preview, serve
 
-from so101_motion.modes import Mode
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig import Rig
-from so101_motion.units import to_rad
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 
@@ -75,12 +75,12 @@ def test_stop_works_in_every_window(second: Guest, crawl: Callable[[], None], ri
 
 def test_control_goes_over_only_when_it_is_let_go(guest: Guest, second: Guest) -> None:
     second.press("Ask for control")
-    guest.until(lambda: guest.button("Keep control").count() == 1)
-    guest.press("Keep control")
+    guest.until(lambda: guest.button("Keep").count() == 1)
+    guest.press("Keep")
     second.until(lambda: second.button("Ask for control").count() == 1)
     second.press("Ask for control")
-    guest.until(lambda: guest.button("Let go").count() == 1)
-    guest.press("Let go")
+    guest.until(lambda: guest.button("Hand over").count() == 1)
+    guest.press("Hand over")
     guest.until(lambda: guest.says("Window 2 has control. You see everything"))
     second.press("Plan")
     second.until(lambda: second.button("Execute").is_enabled())

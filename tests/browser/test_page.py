@@ -6,17 +6,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import viser
-from browser_guest import HOME, READY, Guest
+from harness.browser_user import HOME, READY, Guest
 from PIL import Image
 from so101_viewer import Preview
 from viser import _messages
 
-from so101_motion.modes import Mode
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.scene import Scene
-from so101_motion.pose_book import PoseBook
-from so101_motion.rig import Rig
-from so101_motion.units import to_mm, to_rad
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_mm, to_rad
+from so101_motion.files.saved_poses import PoseBook
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 
@@ -80,7 +80,7 @@ def test_without_the_key_there_is_only_a_refusal(
     reply = stranger.page.goto(preview.url.split("?")[0])
     assert reply is not None
     assert reply.status == 401
-    assert "Open the link that was printed" in stranger.words()
+    assert "This link has expired" in stranger.words()
 
 
 def test_the_page_reaches_nothing_but_its_own_server(guest: Guest, preview: Preview) -> None:
@@ -119,10 +119,10 @@ def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig)
     before = guest.pose_of("/live/gripper_link")
 
     plan(guest)
-    assert "/way" in guest.nodes()
+    assert "/path" in guest.nodes()
     assert guest.says("Peak speed")
     assert guest.page.locator(".uplot").count() >= 1
-    np.testing.assert_allclose(guest.end_of_way(), [0.25, -0.12, 0.15], atol=1e-4)
+    np.testing.assert_allclose(guest.end_of_path(), [0.25, -0.12, 0.15], atol=1e-4)
     assert guest.pose_of("/live/gripper_link") == before  # planning moves nothing
 
     guest.press("Execute")
@@ -196,8 +196,8 @@ def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
     guest: Guest,
 ) -> None:
     guest.type_target(600.0, 0.0, 200.0)
-    guest.until(lambda: guest.says("Out of reach by"))
-    assert " mm" in guest.page.get_by_text("Out of reach by").inner_text()
+    guest.until(lambda: guest.says(" mm out of reach"))
+    assert guest.says("(arm fully stretched)")
     assert guest.button("Plan").is_disabled()
     assert guest.button("Execute").is_disabled()
 
@@ -231,8 +231,8 @@ def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) 
     guest.until(lambda: guest.says("Saved as <i>mine</i>."))
     ready_mm = guest.target_mm()
     guest.press("home")
-    guest.until(lambda: guest.says("The arm is there already."))
-    guest.press("aim")
+    guest.until(lambda: guest.says("The arm is already there."))
+    guest.press("set as target")
     guest.until(lambda: guest.target_mm() == ready_mm)
     assert [pose.name for pose in PoseBook().own()] == ["<i>mine</i>"]
     guest.press("delete")
@@ -284,7 +284,7 @@ def test_a_reload_moves_nothing_and_keeps_the_plan(guest: Guest, rig: Rig) -> No
     plan(guest)
     guest.page.reload()
     guest.until(lambda: guest.button("Execute").count() == 1)
-    guest.until(lambda: "/way" in guest.nodes())
+    guest.until(lambda: "/path" in guest.nodes())
     assert guest.button("Execute").is_enabled()
     assert at_rest(rig)
     assert not far_from(HOME, rig)
@@ -304,7 +304,7 @@ def test_the_arm_is_orange_and_its_ghost_blue(guest: Guest) -> None:
 
     orange, blue = pixels()
     guest.press("home")  # where the arm is: no ghost
-    guest.until(lambda: guest.says("The arm is there already."))
+    guest.until(lambda: guest.says("The arm is already there."))
     orange_alone, blue_alone = pixels()
     assert min(orange, orange_alone) > 500
     assert blue > 500 + blue_alone

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser_guest import HOME, READY, Guest
+from harness.browser_user import HOME, READY, Guest
 from so101_viewer import Preview
-from so101_viewer.program_part import ProgramPart
+from so101_viewer.program.program_panel import ProgramPart
 
-from so101_motion.modes import Mode
-from so101_motion.rig import Rig
-from so101_motion.units import to_rad
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_rad
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 
@@ -26,8 +26,8 @@ def program(guest: Guest, preview: Preview) -> Iterator[Guest]:
     guest.press("arm")
     guest.until(lambda: guest.says("Recorded waypoint 2."))
     yield guest
-    part = next(part for part in preview._host._parts if isinstance(part, ProgramPart))
-    preview._host.post(part.model.clear)
+    part = next(part for part in preview.host._parts if isinstance(part, ProgramPart))
+    preview.host.post(part.model.clear)
     guest.until(lambda: "/program/dots" not in guest.nodes())
     guest.page.get_by_role("tab", name="Move").click()
 
@@ -44,7 +44,7 @@ def planned(guest: Guest) -> None:
 def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None:
     assert {"/program/dots", "/program/number0", "/program/number1"} <= program.nodes()
     planned(program)
-    assert "/program/way" in program.nodes()
+    assert "/program/path" in program.nodes()
     assert program.says("One round")
     assert at(HOME, rig)  # planning moves nothing
     program.press("Run program")
@@ -94,7 +94,7 @@ def test_names_are_shown_as_they_are_typed_and_a_program_is_kept(
     program.press("save")
     program.until(lambda: (own_files / "programs" / "wave.json").exists())
     program.press("new")
-    program.until(lambda: program.says("Record where the arm is"))
+    program.until(lambda: program.says("Record the arm or the target"))
     program.press("load")
     program.until(lambda: program.says("Loaded wave, 2 waypoints."))
     assert program.says(name)
@@ -105,7 +105,7 @@ def test_an_arm_guided_by_hand_is_recorded_where_the_hand_leaves_it(
     program: Guest, rig: Rig
 ) -> None:
     program.press("Guide by hand")
-    program.until(lambda: program.says("The arm yields to your hand."))
+    program.until(lambda: program.says("Move the arm by hand and record."))
     assert program.button("Plan program").is_disabled()
     q = np.radians([15.0, -10.0, 10.0, 5.0, 0.0])
     rig.executor.call(lambda driver: driver.push(q))  # type: ignore[attr-defined]

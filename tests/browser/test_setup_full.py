@@ -8,26 +8,23 @@ the page finds them on a port.
 from __future__ import annotations
 
 import json
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browser_guest import Guest
 from conftest import Visit
-from setup_kit import PATIENCE
-from so101_viewer.setup.app import SetupApp, serve_setup
+from harness.browser_user import Guest
+from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
+from harness.setup_kit import PATIENCE
+from so101_viewer.setup_app import SetupApp, serve_setup
 
-from so101_motion.calib import store
-from so101_motion.calib.likely import HOMING_POSE
-from so101_motion.calib.setup_view import SETUP_ORDER
-from so101_motion.geometry import Array
-from so101_motion.state import GRIPPER_JOINT
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "module"))
-from emulated_kit import NEW, Kit  # it lives with the tests of the module
+from so101_motion.calib.motors.setup_view import SETUP_ORDER
+from so101_motion.calib.procedure.pose_estimate import HOMING_POSE
+from so101_motion.calib.record import store
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import GRIPPER_JOINT
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(400)]
 

@@ -6,7 +6,6 @@ The pages, their threads, the bus and the module are real; the browser is left t
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,23 +13,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from page_hand import Hand
-from setup_kit import PATIENCE, FreshKit, fresh_kit
+from harness.emulated_kit import Kit  # the module's own helpers
+from harness.fake_parent import CALIBRATION, SENSOR
+from harness.page_client import Hand
+from harness.setup_kit import PATIENCE, FreshKit, fresh_kit
+from harness.viam_machine import running_machine
 from so101_viewer import SetupApp, serve_setup
 from so101_viewer import serve as serve_preview
 
-from so101_motion.calib import store
-from so101_motion.calib.setup_view import SETUP_ORDER
+from so101_motion.calib.motors.setup_view import SETUP_ORDER
+from so101_motion.calib.record import store
+from so101_motion.common.modes import Mode
+from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.hardware_config import SERVO_IDS
-from so101_motion.modes import Mode
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "module"))
-from emulated_kit import Kit  # the module's own helpers
-from fake_parent import CALIBRATION, SENSOR
-from machine_harness import running_machine
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
 
 pytestmark = pytest.mark.emulator_only
 
@@ -50,7 +47,7 @@ def serve(kit: FreshKit, tmp_path: Path) -> SetupApp:
 
 
 def hand_on(app: SetupApp) -> Hand:
-    return Hand(app.host.counter().server)
+    return Hand(app.host.page_context().server)
 
 
 def set_up(hand: Hand, kit: FreshKit, joint: str) -> None:
@@ -159,7 +156,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
         open_hardware(settings, patience=PATIENCE) as rig,
         serve_preview(rig, port=0) as preview,
     ):
-        hand = Hand(preview._host.counter().server)
+        hand = Hand(preview.host.page_context().server)
         hand.press("Calibration Only")
         hand.expect("Step 1 of 7")
         hand.expect("Torque: not connected yet")
@@ -174,7 +171,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
 def test_the_motors_of_a_machine_are_set_up_through_its_calibration_sensor(
     kit: FreshKit, tmp_path: Path
 ) -> None:
-    from so101_motion.machine import MachineSensor
+    from so101_motion.viam.client import MachineSensor
 
     has = ((SENSOR, CALIBRATION, "calibration", {"port": kit.port}),)  # no arm yet
     with (
@@ -274,7 +271,7 @@ def calibrate(hand: Hand, kit: Kit, middle: float) -> None:
 def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
     tmp_path: Path,
 ) -> None:
-    from so101_motion.machine import MachineSensor
+    from so101_motion.viam.client import MachineSensor
 
     file = tmp_path / "machine.json"
     with closing(Kit(tmp_path)) as kit:

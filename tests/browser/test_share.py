@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser_guest import Guest
+from harness.browser_user import Guest
 from playwright.sync_api import Download
 
-from so101_motion.planning.scene import Scene
-from so101_motion.rig import Rig
-from so101_motion.state import ARM_JOINTS
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 

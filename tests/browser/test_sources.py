@@ -11,15 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Visit
+from harness.viam_machine import running_machine  # it lives with the tests of the machine
 from so101_viewer import Preview, Source, serve_source
 
-from so101_motion.hardware_config import SERVO_IDS
-from so101_motion.rig import open_hardware
-from so101_motion.rig_like import RigLike
-from so101_motion.servos import ServoSettings
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "module"))
-from machine_harness import running_machine  # it lives with the tests of the machine
+from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.servo_driver import ServoSettings
 
 pytestmark = pytest.mark.browser
 
@@ -86,14 +84,14 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
 ) -> None:
     guest = visit(SMALL)
     guest.page.goto(cable.preview.url)
-    guest.until(lambda: guest.says("goes on looking"))
+    guest.until(lambda: guest.says("Still looking"))
     assert guest.says(f"Arm on {cable.port}")
     assert guest.button("Plan").count() == 0
 
     cable.type("end unplug")
     guest.see_the_arm()
     guest.until(lambda: guest.says("12.0"))  # volts
-    assert not guest.says("goes on looking")
+    assert not guest.says("Still looking")
     in_color = guest.color_of(BASE)
     cable.type("end pose")
     before = cable.q
@@ -104,7 +102,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     assert guest.button("Plan").is_disabled()
 
     cable.type("end unplug")
-    guest.until(lambda: guest.says("See to it, then press Hold."))
+    guest.until(lambda: guest.says("Fix this, then press Hold."))
     guest.until(lambda: guest.color_of(BASE) == in_color)
     assert guest.button("Plan").is_disabled()
     guest.press("Hold")
@@ -112,12 +110,12 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.until(lambda: not guest.says("press Hold"))
     np.testing.assert_allclose(cable.q, before, atol=0.06)  # an arm held anew sags a little
     guest.page.get_by_role("tab", name="Events").click()
-    guest.until(lambda: guest.says("is back; nothing moves by itself"))
+    guest.until(lambda: guest.says("is back; nothing moves until you ask"))
     assert guest.problems == []
 
 
 def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:
-    from so101_motion.machine import MachineRig
+    from so101_motion.viam.client import MachineRig
 
     with running_machine() as machine:
         source = Source(
@@ -127,7 +125,7 @@ def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:
         with serve_source(source, port=0) as preview:
             guest = visit(SMALL)
             guest.open(preview.url)
-            guest.until(lambda: guest.says("does not tell how its servos are"))
+            guest.until(lambda: guest.says("reports no servo health"))
             in_color = guest.color_of(BASE)
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))

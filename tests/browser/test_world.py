@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from browser_guest import Guest
 from click.testing import CliRunner
+from harness.browser_user import Guest
 from PIL import Image
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve_source
 
 from so101_motion.cli import main
-from so101_motion.planning.scene import Mesh, Scene
-from so101_motion.rig import Rig
-from so101_motion.scene_file import read_scene, scene_to
+from so101_motion.files.scene_file import read_scene, scene_to
+from so101_motion.planning.collision.scene import Mesh, Scene
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 

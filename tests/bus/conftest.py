@@ -11,18 +11,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from referee import CommandCaps, match_of
 
-from so101_motion.clock import ManualClock
-from so101_motion.drivers import feetech_arm
+from so101_motion.common.clock import ManualClock
+from so101_motion.control.executor import Executor, Tolerances
+from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.feetech_arm import JOINTS, FeetechArm
-from so101_motion.drivers.port import PortOpener
-from so101_motion.drivers.ticks import JointMap
-from so101_motion.executor import Executor, Tolerances
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.rig import open_simulated
+from so101_motion.drivers.feetech import feetech_arm
+from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.drivers.port.serial_port import PortOpener
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.hardware_rig import open_simulated
 
 PATIENCE = 0.05
 """How long an answer is waited for, on the wall clock [s]: above what a busy machine mostly takes
@@ -115,6 +116,11 @@ class Bench:
             speed=math.pi,
             acceleration=10.0,
             patience=patience,
+        )
+        arm = CommandCaps(180.0, 600.0, math.degrees(200.0))
+        jaw = CommandCaps(220.0, 1376.0, math.degrees(600.0))
+        self.arm.on_command = match_of(self.emulator).listen(
+            lambda: (*((arm,) * 5), jaw), lambda i, q: MAPS[JOINTS[i]].to_ticks(q)
         )
         self.driver = TapedDriver(self.arm, self.world)
         self.executor = Executor(

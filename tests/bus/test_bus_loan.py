@@ -4,17 +4,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hardware_harness import PATIENCE, hardware_bench, rad
+from harness.emulated_rig import PATIENCE, hardware_bench, rad
 from serial.tools import list_ports
 
-from so101_motion.calib import record, store
 from so101_motion.calib.access import BusAccess
-from so101_motion.drivers import registers as reg
+from so101_motion.calib.record import record, store
+from so101_motion.common.errors import MotionError, NoReply, PortUnavailable
+from so101_motion.common.modes import Mode
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.errors import MotionError, NoReply, PortUnavailable
-from so101_motion.modes import Mode
 from so101_motion.planning.goals import JointGoal
-from so101_motion.rig import open_hardware
+from so101_motion.rig.hardware_rig import open_hardware
 
 NOBODY = {"servo_ids": None, "gripper_id": None}
 

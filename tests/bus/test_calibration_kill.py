@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from so101_motion.calib import journal, store
-from so101_motion.calib.eeprom import Held, read_held
-from so101_motion.calib.jobs import servo_id
-from so101_motion.calib.record import JOINTS
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure.eeprom import Held, read_held
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
 
 PATIENCE = 0.2
 """Above what a busy machine takes to run the emulator's thread [s]."""
 
-PROCESS = Path(__file__).with_name("calibrating_process.py")
+PROCESS = Path(__file__).parents[1] / "harness" / "calibrating_process.py"
 STEPS = ("start", "set_homing", "start_recording", "sweep", "stop_recording")
 
 
@@ -77,7 +77,7 @@ class Workshop:
         settings = ServoSettings(port=self.port, timeout=0.0, calibration_file=self.file)
         with open_hardware(settings, patience=PATIENCE) as rig, rig.lend_bus("a look") as loan:
             servos = loan.call(
-                lambda bus: {joint: read_held(bus, servo_id(joint)) for joint in JOINTS}
+                lambda bus: {joint: read_held(bus, SERVO_IDS[joint]) for joint in JOINTS}
             )
             in_use = rig.servos.calibration
         said = dict(store.read(self.file).calibration) if self.file.exists() else None

@@ -4,17 +4,17 @@ import math
 
 import pytest
 
-from so101_motion.calib import store
-from so101_motion.calib.session import Session
-from so101_motion.clock import ManualClock
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.record import store
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import MotionError
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.sweep import sweeping_script
-from so101_motion.errors import MotionError
-from so101_motion.modes import Mode
-from so101_motion.planning.model import RobotModel
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
-from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
 
 PATIENCE = 0.05
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)

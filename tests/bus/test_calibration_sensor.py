@@ -6,15 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from hardware_harness import ModelBench
+from harness.emulated_rig import ModelBench
 from viam.components.arm import JointPositions
 
-from so101_motion.calib import journal, store
-from so101_motion.calib.eeprom import Held
-from so101_motion.calib.journal import Journal
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.journal import Journal
+from so101_motion.calib.record import store
+from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.models.calibration import So101Calibration
-from so101_motion.modes import Mode
+from so101_motion.viam.models.calibration import So101Calibration
 
 HOME = (0.0, -0.8, 0.8, 1.0, 0.0, 0.3)
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")

@@ -4,15 +4,16 @@ import math
 
 import pytest
 
-from so101_motion.calib import store
-from so101_motion.calibrator import Calibrator
-from so101_motion.clock import ManualClock
+from so101_motion.calib.procedure.steps import Command
+from so101_motion.calib.record import store
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.errors import CalibrationError
-from so101_motion.modes import Mode
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.calibrator import Calibrator
 
 PATIENCE = 0.2
 
@@ -47,14 +48,14 @@ class Arm:
 
     def calibrate(self, homed_at=0.5):
         self.put(homed_at)
-        self.calibrator.start()
-        self.calibrator.set_homing()
-        self.calibrator.start_recording()
+        self.calibrator.step(Command.START)
+        self.calibrator.step(Command.SET_HOMING)
+        self.calibrator.step(Command.START_RECORDING)
         for share in (0.5, 0.3, 0.1, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.8, 0.6, 0.5):
             self.put(share)
             self.pass_time(0.05)
-        self.calibrator.stop_recording()
-        return self.calibrator.save()
+        self.calibrator.step(Command.STOP_RECORDING)
+        return self.calibrator.step(Command.SAVE)
 
     @property
     def held(self):
@@ -104,7 +105,7 @@ def test_there_is_nothing_to_go_back_to_at_first_and_the_arm_stays_as_it_was(arm
 
 
 def test_a_calibration_under_way_is_ended_first(arm):
-    arm.calibrator.start()
+    arm.calibrator.step(Command.START)
     for call in (arm.calibrator.restore, arm.calibrator.hold):
         with pytest.raises(CalibrationError, match="under way"):
             call()

@@ -6,9 +6,9 @@ import threading
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from typist import Typist
+from harness.terminal_user import Typist
 
-from so101_motion.calib import store
+from so101_motion.calib.record import store
 from so101_motion.cli import main
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
@@ -98,7 +98,7 @@ def test_ctrl_c_puts_everything_back_and_says_how_the_arm_is(arm, tmp_path):
         until_recording(person)
         assert eeprom(arm) != before
         person.interrupts()
-        person.sees("the servos hold what they held before, and the arm is limp")
+        person.sees("the motors hold what they held before; the joints are limp")
         assert person.code() == 130
     assert eeprom(arm) == before
     assert list(tmp_path.glob("x.json*")) == []

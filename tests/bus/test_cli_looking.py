@@ -5,16 +5,16 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.calib import store
-from so101_motion.calib.record import JOINTS, JointCalibration
-from so101_motion.calib.zero import Zero
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.zero import Zero
 from so101_motion.cli import main
-from so101_motion.drivers import registers
-from so101_motion.drivers.bus import Bus
+from so101_motion.drivers.bus import registers
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.port import SerialPort
-from so101_motion.hardware_config import HardwareArmConfig, HardwareGripperConfig
+from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
 
 @pytest.fixture(autouse=True)
@@ -137,6 +137,7 @@ def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
     assert json.loads(page.read_text().split("```json")[1].split("```")[0])["healthy"]
 
 
+@pytest.mark.breaks("seed", reason="somebody else's arm: torque is switched on without a goal")
 def test_a_held_arm_stays_held(arm):
     bus = Bus(SerialPort(arm.port))
     for servo_id in range(1, 7):
@@ -215,6 +216,7 @@ def test_the_status_of_a_limp_arm_is_told_and_it_stays_limp(arm, file):
     assert memories(arm) == before
 
 
+@pytest.mark.breaks("seed", reason="somebody else's arm: torque is switched on without a goal")
 def test_the_status_of_a_held_arm_says_that_it_holds_although_nobody_drives_it_now(arm, file):
     bus = Bus(SerialPort(arm.port))
     for servo_id in range(1, 7):

@@ -7,18 +7,19 @@ import time
 from contextlib import ExitStack
 
 import pytest
-from hardware_harness import hardware_bench
+from harness.emulated_rig import hardware_bench
 
-from so101_motion import discovery
-from so101_motion.calib import store
-from so101_motion.calib.record import JOINTS, JointCalibration
-from so101_motion.drivers import registers as reg
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hardware import STS3215_7V4
 from so101_motion.drivers.emulator.pty_port import Pacing
-from so101_motion.drivers.port import SerialPort
-from so101_motion.drivers.ports import FoundPort
+from so101_motion.drivers.port.port_list import FoundPort
+from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.setup import discovery
+from so101_motion.setup.port_report import Frame
 
 PATIENCE = 0.03
 """Above what a busy machine takes to run the emulator's thread [s]."""
@@ -246,7 +247,7 @@ def test_a_running_arm_is_not_disturbed_and_is_still_suggested(table, tmp_path):
         bench.finish(motion)
         assert bench.q_deg[0] == pytest.approx(40.0, abs=6.0)
     assert report.in_use
-    assert names(report) == ["so101-arm-58CD", "so101-gripper-58CD", "so101-calibration-58CD"]
+    assert names(report) == ["so101-gripper-58CD", "so101-calibration-58CD"]
     assert report.servo_ids == (1, 2, 3, 4, 5, 6)
     assert report.sentence == "used by a component of this machine, with 5 joints and a gripper"
 
@@ -257,6 +258,17 @@ def test_by_whatever_name_the_running_arm_was_opened(table, tmp_path):
         table.port("58CD", bench.emulator.port)
         table.port("58CD", os.path.realpath(bench.port))
         assert all(report.in_use for report in table.look().reports)
+
+
+def test_arms_are_not_said_to_stand_in_one_place(table):
+    table.arm("A"), table.arm("B")
+    found = table.look()
+    frames = [[one.frame for one in report.suggestions] for report in found.reports]
+    assert frames == [
+        [Frame(parent="world"), Frame(parent="so101-arm-A"), None],
+        [Frame(parent="world", y=0.5), Frame(parent="so101-arm-B"), None],
+    ]
+    assert any("set the frame of each arm to where it stands" in note for note in found.notes)
 
 
 # Calibration files

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from so101_motion.common.errors import NotHolding, PortUnavailable
+from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.faults import parse_fault
-from so101_motion.errors import NotHolding, PortUnavailable
-from so101_motion.modes import Mode
 
 HALF = math.radians(0.5)
 GOAL = [1.2, 0.2, -0.2, 0.0, 0.5]

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.executor import Channel
-from so101_motion.modes import Mode
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ A real arm moves by 10 deg at most from where it stands, at 15 deg/s, its jaw al
 
 import numpy as np
 import pytest
-from following import follow, random_plan
-from hardware_harness import STEP_DEG, either_bench, near
+from harness.emulated_rig import STEP_DEG, either_bench, near
+from harness.path_following import follow, random_plan
 
-from so101_motion.errors import ConfigError, Interrupted, OutsideLimits, PortUnavailable
-from so101_motion.executor import Channel
-from so101_motion.modes import Mode
+from so101_motion.common.errors import ConfigError, Interrupted, OutsideLimits, PortUnavailable
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Channel
 
 
 @pytest.fixture

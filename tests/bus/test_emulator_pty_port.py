@@ -102,6 +102,7 @@ def test_unplugging_ends_reads_and_writes_and_plugging_in_brings_the_link_back(m
         assert ask(again, PING, 6) == PONG
 
 
+@pytest.mark.breaks("seed", reason="this client does not look before it writes a goal")
 def test_servos_live_on_while_the_port_is_unplugged(make_emulator, link, clock):
     emulator = make_emulator(link=link)
     goal = frame(1, Code.WRITE, bytes((42,)) + (2300).to_bytes(2, "little"))

@@ -107,6 +107,7 @@ def test_sdk_reads_and_writes(client):
     assert client.read(3, reg.PRESENT_VOLTAGE) == 120
 
 
+@pytest.mark.breaks("seed", reason="this client does not look before it writes a goal")
 def test_sdk_moves_all_joints_by_sync_write_and_watches_by_sync_read(client, emulator, clock):
     goals = {servo_id: 2048 + 40 * servo_id for servo_id in range(1, 7)}
     client.sync_write(reg.GOAL_POSITION, goals)

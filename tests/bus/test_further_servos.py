@@ -2,7 +2,7 @@
 
 import pytest
 from grpclib import GRPCError, Status
-from hardware_harness import ModelBench, arm_client
+from harness.emulated_rig import ModelBench, arm_client
 
 
 @pytest.fixture

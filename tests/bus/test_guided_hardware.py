@@ -5,11 +5,11 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
-from hardware_harness import ModelBench, arm_client, hardware_bench
+from harness.emulated_rig import ModelBench, arm_client, hardware_bench
 
+from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.guided import PathRecorder, plan_replay, start_replay
-from so101_motion.modes import Mode
+from so101_motion.tasks.guided import PathRecorder, plan_replay, start_replay
 
 LED = """
 0.1 shoulder_pan start

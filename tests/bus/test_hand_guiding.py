@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from grpclib import GRPCError
-from hardware_harness import ModelBench, arm_client, hardware_bench
+from harness.emulated_rig import ModelBench, arm_client, hardware_bench
 
-from so101_motion.compliance import Compliance
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import Interrupted, MotionError, NotHolding
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.errors import Interrupted, MotionError, NotHolding
-from so101_motion.executor import Channel
-from so101_motion.modes import Mode
 
 LEAD = "0.1 shoulder_pan start\n2.1 shoulder_pan 30\n2.6 shoulder_pan release\n"
 

@@ -5,12 +5,12 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from hardware_harness import MIDDLES_DEG, ModelBench, arm_client
+from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client
 from viam.components.arm import Arm, JointPositions, MoveOptions, Pose
 
-from so101_motion.calib import record, store
+from so101_motion.calib.record import record, store
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.models.hardware_arm import HardwareArm
+from so101_motion.viam.models.hardware_arm import HardwareArm
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 

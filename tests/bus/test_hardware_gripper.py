@@ -3,11 +3,11 @@ import math
 
 import pytest
 from grpclib import GRPCError, Status
-from hardware_harness import ModelBench, gripper_client
+from harness.emulated_rig import ModelBench, gripper_client
 from viam.components.arm import KinematicsFileFormat
 
-from so101_motion.errors import ConfigError
-from so101_motion.models.hardware_gripper import HardwareGripper
+from so101_motion.common.errors import ConfigError
+from so101_motion.viam.models.hardware_gripper import HardwareGripper
 
 
 @pytest.fixture

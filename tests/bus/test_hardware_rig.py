@@ -2,12 +2,10 @@ import json
 
 import numpy as np
 import pytest
-from hardware_harness import MIDDLES_DEG, hardware_bench, rad
+from harness.emulated_rig import MIDDLES_DEG, hardware_bench, rad
 
-from so101_motion.calib import record, store
-from so101_motion.drivers.emulator import registers as emu
-from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.errors import (
+from so101_motion.calib.record import record, store
+from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
     Interrupted,
@@ -16,8 +14,10 @@ from so101_motion.errors import (
     PortUnavailable,
     ServoAlarm,
 )
-from so101_motion.executor import Channel
-from so101_motion.modes import Mode
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Channel
+from so101_motion.drivers.emulator import registers as emu
+from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
 
 
@@ -277,13 +277,13 @@ def test_an_arm_that_is_pushed_until_a_servo_gives_up_stays_where_it_was_pushed(
     bench.world.hand = Hand(parse_script(script), bench.clock.now())
     bench.advance(2.8)
     pushed = bench.q_deg[1]
-    bench.advance(1.0)
+    bench.advance(2.2)  # let go at 3 s; what sank meanwhile is made up for within 2 s
     left = bench.q_deg
-    bench.advance(1.0)
+    bench.advance(3.0)
 
     assert left[1] == pytest.approx(pushed, abs=4.0)
     assert left[1] > here + 8.0
-    assert bench.q_deg == pytest.approx(left, abs=0.5)
+    assert bench.q_deg == pytest.approx(left, abs=0.1)
     assert not rig.arm.state.reading.alarms
     assert rig.servos.health[1].latched == ("overload",)
     bench.finish(bench.go(rig, 0, 50, -60, 0, 0))

@@ -3,12 +3,12 @@
 from contextlib import contextmanager
 
 import pytest
-from hardware_harness import hardware_bench
+from harness.emulated_rig import hardware_bench
 
-from so101_motion.calib.motor_setup import MotorSetup
-from so101_motion.calib.recognise import SERVO_IDS
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.errors import MotorSetupError
 from so101_motion.drivers.emulator import registers as emulated
-from so101_motion.errors import MotorSetupError
 
 HALF_DONE = {1: 1, 2: 2, 3: 1, 4: 4, 5: 5, 6: 1}
 START = (0.1, -0.4, 0.5, -0.2, 0.4, 0.3)

@@ -4,14 +4,14 @@ import time
 from contextlib import nullcontext
 
 import pytest
-from port_access import PortAccess
+from harness.lent_port import PortAccess
 
-from so101_motion.calib.motor_setup import MotorSetup
-from so101_motion.drivers import registers as reg
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.common.errors import MotorSetupError
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
-from so101_motion.errors import MotorSetupError
 
 LIFELIKE = Pacing(realtime=True, latency=0.002)
 AT_MOST = 3.0  # [s]

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from hardware_harness import hardware_bench, rad
+from harness.emulated_rig import hardware_bench, rad
 
-from so101_motion.calib import record, store
-from so101_motion.drivers import registers as reg
+from so101_motion.calib.record import record, store
+from so101_motion.common.errors import FollowingError, Interrupted, MotionError
+from so101_motion.common.modes import Mode
+from so101_motion.control.limit_recovery import remarks
+from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.entry import remarks
-from so101_motion.errors import FollowingError, Interrupted, MotionError
-from so101_motion.modes import Mode
 
 CRAWL_DEG = 14.0
 """Faster than this nobody comes in [deg/s]: 8 by our caps, 8.8 is the slowest the servos can, and

@@ -4,8 +4,8 @@ friction and play: the arm stays on the way, passes every waypoint, and ends whe
 import math
 
 import pytest
-from following import follow, random_plan
-from hardware_harness import hardware_bench
+from harness.emulated_rig import hardware_bench
+from harness.path_following import follow, random_plan
 
 from so101_motion.drivers.emulator import registers as emu
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from teleop_bench import JOINTS, best_shift, human_motion, shifts, teleop_bench
+from harness.emulated_pair import JOINTS, best_shift, human_motion, shifts, teleop_bench
 
-from so101_motion.errors import PortUnavailable
-from so101_motion.modes import Mode
-from so101_motion.planning.scene import Scene
-from so101_motion.teleop import Mirror, Recorder
-from so101_motion.teleop.gate import Phase
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.modes import Mode
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.tasks.teleop import Mirror, Recorder
+from so101_motion.tasks.teleop.gate import Phase
 
 PERIOD = 0.01
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hardware_harness import MIDDLES_DEG, ModelBench, arm_client, hardware_bench, rad
+from harness.emulated_rig import MIDDLES_DEG, ModelBench, arm_client, hardware_bench, rad
 
-from so101_motion.calib import store, zero
-from so101_motion.calib.record import JOINTS, JointCalibration
+from so101_motion.calib.record import store, zero
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator.hardware import SO101
-from so101_motion.errors import ConfigError
 
 ARM = JOINTS[:5]
 STANDS = (0.3, -0.4, 0.5, -0.2, 0.6, 0.4)

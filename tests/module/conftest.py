@@ -2,7 +2,9 @@
 
 import pytest
 
-from so101_motion.rig import open_simulated
+from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.viam.models.simulated import SimulatedArm
+from so101_motion.viam.models.simulated_gripper import SimulatedGripper
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -10,3 +12,10 @@ def planning_process():
     """Keep the planning process between tests; starting it for each would cost a second."""
     with open_simulated():
         yield
+
+
+@pytest.fixture(autouse=True)
+def every_test_begins_with_new_arms():
+    """A simulated arm stands where the last one of its name was left."""
+    SimulatedArm._left.clear()
+    SimulatedGripper._left.clear()

@@ -7,8 +7,9 @@ import asyncio
 import json
 
 import pytest
-from emulated_kit import NEW, emulated_kit
-from fake_parent import (
+from grpclib import GRPCError, Status
+from harness.emulated_kit import NEW, emulated_kit
+from harness.fake_parent import (
     ARM,
     CALIBRATION,
     HARDWARE_ARM,
@@ -16,10 +17,9 @@ from fake_parent import (
     running_module,
     until,
 )
-from grpclib import GRPCError, Status
 from viam.components.arm import Pose
 
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 IDS = {joint: i for i, joint in enumerate(JOINTS, start=1)}

@@ -10,12 +10,12 @@ import json
 import numpy as np
 import pytest
 import pytest_asyncio
-from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, running_module
-from hardware_port import emulated_port
+from harness.emulated_port import emulated_port
+from harness.fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, running_module
 
-from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Bus
-from so101_motion.drivers.port import SerialPort
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.port.serial_port import SerialPort
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
 

@@ -6,8 +6,9 @@ import sys
 
 import pytest
 import viam.services.discovery  # noqa: F401  # importing registers the client
-from fake_parent import ARM, DISCOVERY, GRIPPER, ROOT, running_module
+from google.protobuf import json_format
 from grpclib import GRPCError, Status
+from harness.fake_parent import ARM, DISCOVERY, GRIPPER, ROOT, SENSOR, running_module
 
 SERVICE = "rdk:service:discovery"
 EMULATE = "from so101_motion.cli import main; main()"
@@ -48,6 +49,10 @@ def attributes(config):
     return dict(config.attributes.items())
 
 
+def frame(config):
+    return json_format.MessageToDict(config.frame)
+
+
 async def test_what_is_discovered_can_be_added_as_it_is(emulated):
     async with running_module() as (module, _, _):
         answer = await module.validate(SERVICE, DISCOVERY)
@@ -61,13 +66,17 @@ async def test_what_is_discovered_can_be_added_as_it_is(emulated):
         }
         assert attributes(found["devrel:so101:arm"]) == {"port": emulated}
 
+        assert frame(found["devrel:so101:arm"]) == {"parent": "world"}
+        assert frame(found["devrel:so101:gripper"]) == {"parent": "so101-arm-blue"}
+
         config = found["devrel:so101:arm"]
-        arm = await module.add(ARM, config.model, attributes(config), config.name)
+        arm = await module.add(ARM, config.model, attributes(config), "left")
         assert len((await arm.get_joint_positions()).values) == 5
 
         # Beside the arm that is in use now
         again = on(emulated, await service.discover_resources())
-        assert {one.name for one in again.values()} == {one.name for one in found.values()}
+        assert again.keys() == {"devrel:so101:gripper", "devrel:so101:calibration"}
+        assert frame(again["devrel:so101:gripper"]) == {"parent": "left"}
         report = await service.do_command({"command": "report"})
         (mine,) = [one for one in report["ports"] if one["port"] == emulated]
         assert mine["in_use"] is True
@@ -76,6 +85,14 @@ async def test_what_is_discovered_can_be_added_as_it_is(emulated):
         config = again["devrel:so101:gripper"]
         gripper = await module.add(GRIPPER, config.model, attributes(config), config.name)
         assert await gripper.is_moving() is False
+        config = again["devrel:so101:calibration"]
+        await module.add(SENSOR, config.model, attributes(config), config.name)
+        assert on(emulated, await service.discover_resources()) == {}
+
+        diagnosis = await arm.do_command({"command": "diagnose"})
+        assert not [line for line in diagnosis["findings"] if "calibration file" in line]
+    said = [line for level, line in module.parent.lines if level in ("warning", "error")]
+    assert not [line for line in said if "calibration" in line]
 
 
 async def test_nothing_to_find_is_explained(tmp_path):

@@ -1,27 +1,40 @@
 """What befalls an arm, row by row, through a real module process and over gRPC: the call that was
 under way ends with an error that names the culprit, nothing else is lost, nothing jumps, and once
-the cause is gone the next call works. The servos are emulated, in another process; somebody holds
+the cause is gone the next call works. What clients do that leave or ask too much comes after it: it
+delays nobody and leaves nothing behind. The servos are emulated, in another process; somebody holds
 the arm up all the time, for without power it falls."""
 
 import asyncio
+import math
 import time
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from datetime import timedelta
 
 import numpy as np
 import pytest
 import pytest_asyncio
-from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, running_module, until
 from grpclib import GRPCError, Status
-from hardware_port import emulated_port
-from viam.components.arm import JointPositions
+from harness.emulated_port import emulated_port
+from harness.fake_parent import (
+    ARM,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    MOTION,
+    running_module,
+    until,
+)
+from viam.components.arm import Arm, JointPositions
+from viam.proto.common import Pose, PoseInFrame
 
-from so101_motion.drivers import registers as reg
-from so101_motion.drivers.bus import Bus
-from so101_motion.drivers.port import SerialPort
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.port.serial_port import SerialPort
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
 
+PLANNER = "devrel:so101:motion"
 FAST = {"speed_degs_per_sec": 80.0, "acceleration_degs_per_sec_per_sec": 400.0}
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 
@@ -126,7 +139,7 @@ TABLE = (
         begins="brownout=5.0",
         ends="end brownout=5.0",
         status=Status.ABORTED,
-        says=("supply has only ", "switch the arm's power supply on"),
+        says=("gets only ", "switch the arm's power supply on"),
         limp=True,
     ),
     Row(
@@ -142,8 +155,9 @@ TABLE = (
 class Bench:
     """The module's arm and gripper, and the emulated servos under them."""
 
-    def __init__(self, emulated, arm, gripper):
-        self.emulated, self.arm, self.gripper = emulated, arm, gripper
+    def __init__(self, emulated, module, arm, gripper, planner):
+        self.emulated, self.module = emulated, module
+        self.arm, self.gripper, self.planner = arm, gripper, planner
 
     async def type(self, lines):
         await self.emulated.fault(lines)
@@ -156,6 +170,16 @@ class Bench:
 
     async def go(self, q_deg):
         await self.arm.move_to_joint_positions(JointPositions(values=list(map(float, q_deg))))
+
+    async def back(self, q_deg):
+        """Go back without waiting for joints to settle that a hand holds as well."""
+        goal = JointPositions(values=list(map(float, q_deg)))
+        await self.arm.move_to_joint_positions(goal, extra={"wait": False})
+
+        async def is_back():
+            return abs((await self.joints())[0] - q_deg[0]) < 1.0 and not await self.arm.is_moving()
+
+        await until(is_back)
 
     @asynccontextmanager
     async def under_way(self, start, degrees=60.0):
@@ -191,7 +215,8 @@ async def bench(tmp_path_factory):
             attributes = {"port": emulated.port, **FAST}
             arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
             gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
-            yield Bench(emulated, arm, gripper)
+            planner = await module.add(MOTION, PLANNER, {"arm": "arm"}, "planner")
+            yield Bench(emulated, module, arm, gripper, planner)
 
 
 def careful_gripper(port):
@@ -290,3 +315,153 @@ async def test_on_a_wire_that_loses_and_garbles_moves_complete(bench):
     for figure in ("lost", "corrupt"):
         assert sum(after[joint][figure] - before[joint][figure] for joint in JOINTS) > 5
     assert not any(one["silent"] for one in after.values())
+
+
+# What clients do
+
+
+NO_WAY = {
+    "component_name": "arm",
+    "destination": {
+        "reference_frame": "arm_origin",
+        "pose": {"x": -65, "y": 241, "z": 120, "o_z": 1},
+    },
+    "world_state": {
+        "obstacles": [
+            {
+                "reference_frame": "arm_origin",
+                "geometries": [
+                    {
+                        "label": "wall",
+                        "box": {"dims_mm": {"x": 700, "y": 6, "z": 900}},
+                        "center": {"x": 276, "y": 329, "z": 350, "o_z": 1, "theta": 50},
+                    },
+                    {
+                        "label": "roof",
+                        "box": {"dims_mm": {"x": 1000, "y": 1000, "z": 10}},
+                        "center": {"z": 280, "o_z": 1},
+                    },
+                ],
+            }
+        ]
+    },
+}
+"""Both ends are free, and there is no way between them: it takes seconds to find out."""
+
+
+def turned(pose, degrees):
+    """A place that the pan joint alone brings the tool to."""
+    angle = math.radians(degrees)
+    x = pose.x * math.cos(angle) - pose.y * math.sin(angle)
+    y = pose.x * math.sin(angle) + pose.y * math.cos(angle)
+    return PoseInFrame(reference_frame="arm_origin", pose=Pose(x=x, y=y, z=pose.z, o_z=1.0))
+
+
+async def left(*calls, after=0.0):
+    """The clients of these calls leave."""
+    await asyncio.sleep(after)
+    for call in calls:
+        call.cancel()
+    for call in calls:
+        with suppress(asyncio.CancelledError, GRPCError):
+            await call
+
+
+async def test_a_move_of_the_motion_service_recovers_from_a_fault_like_any_other(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    async with bench.under_way(start) as move:
+        await bench.type("unplug")
+        with pytest.raises(GRPCError):
+            await asyncio.wait_for(move, 5.0)
+    await bench.type("end unplug")
+    await until(bench.is_well)
+    here = await bench.arm.get_end_position()
+    assert await bench.planner.move("arm", turned(here, 15.0))
+    await bench.back(start)
+
+
+async def test_a_stop_does_not_wait_for_plans_that_were_abandoned(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    plans = [asyncio.ensure_future(bench.planner.do_command({"preview": NO_WAY})) for _ in range(8)]
+    await left(*plans, after=0.5)
+    await bench.arm.move_to_joint_positions(
+        JointPositions(values=[float(start[0]) + 60.0, *map(float, start[1:])]),
+        extra={"wait": False},
+    )
+    await until(lambda: moved(bench, start))
+    begin = time.monotonic()
+    await bench.arm.stop()
+    assert time.monotonic() - begin < 1.0, "0.2 s to rest; six such plans made it 6.2 s"
+    await bench.back(start)
+
+
+async def moved(bench, start):
+    return abs((await bench.joints())[0] - start[0]) > 5.0
+
+
+@pytest.mark.parametrize("after", [0.0, 0.002, 0.005, 0.02])
+async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(bench, after):
+    await until(bench.is_well)
+    start = await bench.joints()
+
+    async def play():
+        async def points():
+            yield [Arm.TrajectoryPoint(timedelta(), list(map(float, start)))]
+            await asyncio.Event().wait()
+
+        async for _ in bench.arm.move_through_joint_positions_streamed(points()):
+            pass
+
+    async with bench.under_way(start):
+        await left(asyncio.ensure_future(play()), after=after)
+
+    async def rests():
+        return not await bench.arm.is_moving()
+
+    async with asyncio.timeout(3.0):
+        await until(rests)
+    await bench.back(start)
+
+
+async def test_manual_mode_has_its_time_limit_although_its_client_left(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    async with bench.under_way(start):
+        request = {"command": "enter_manual_mode", "enabled_for": 0.5}
+        await left(asyncio.ensure_future(bench.arm.do_command(request)), after=0.02)
+
+    async def holds():
+        return not await bench.arm.get_manual_mode()
+
+    await asyncio.sleep(0.4)
+    async with asyncio.timeout(3.0):
+        await until(holds)
+    await bench.back(start)
+
+
+async def test_of_those_who_begin_to_record_at_once_one_does(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    requests = [{"command": "record_path", "name": f"path{i}", "replace": True} for i in range(4)]
+    answers = await asyncio.gather(*map(bench.arm.do_command, requests), return_exceptions=True)
+    assert sum(isinstance(answer, GRPCError) for answer in answers) == 3
+    name = (await bench.arm.do_command({"command": "end_path"}))["name"]
+    await bench.arm.do_command({"command": "delete_path", "name": name})
+    await bench.back(start)
+
+
+async def test_a_planner_that_is_removed_ends_what_it_moves(bench):
+    await until(bench.is_well)
+    start = await bench.joints()
+    other = await bench.module.add(MOTION, PLANNER, {"arm": "arm"}, "other")
+    here = await bench.arm.get_end_position()
+    move = asyncio.ensure_future(other.move("arm", turned(here, 80.0)))
+    await until(lambda: moved(bench, start))
+    await bench.module.remove(MOTION, "other")
+    with pytest.raises(GRPCError) as caught:
+        await asyncio.wait_for(move, 2.0)
+    assert caught.value.status is Status.CANCELLED
+    assert not await bench.arm.is_moving()
+    await bench.back(start)

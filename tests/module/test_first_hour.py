@@ -12,16 +12,16 @@ import sys
 
 import numpy as np
 import pytest
-from fake_parent import ARM, GRIPPER, ROOT, running_module
 from grpclib import GRPCError, Status
+from harness.fake_parent import ARM, GRIPPER, ROOT, running_module
 from viam.proto.common import Pose
 
-from so101_motion.calib.record import JOINTS
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hardware import SO101
-from so101_motion.planning.model import RobotModel
-from so101_motion.state import ARM_JOINTS
+from so101_motion.planning.kinematics.model import RobotModel
 
 SO101_COMMAND = (sys.executable, "-c", "from so101_motion.cli import main; main()")
 TICKS_PER_DEG = 4096 / 360

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness import advance, arm_client, in_time, new_arm
+from harness.in_process_module import advance, arm_client, in_time, new_arm
 from viam.components.arm import JointPositions
 
 CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
@@ -94,18 +94,24 @@ async def test_leaving_manual_mode_and_closing_keep_what_was_shown(arm, client, 
     assert json.loads((tmp_path / "paths" / "closed.json").read_text())["q_deg"]
 
 
-async def test_a_stop_ends_a_replay_and_a_cancelled_call_too(arm, client):
+async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client):
     await ask(client, "record_path", name="wave")
     await lead(arm, client, *CORNERS)
     await ask(client, "end_path")
-    for end in ("stop", "cancel"):
+    for end in ("newer", "stop", "cancel"):
         task = asyncio.ensure_future(ask(client, "replay_path", name="wave"))
         while not arm.rig.arm.is_moving:
             assert not task.done()
             await advance(client, 0.0)
             await asyncio.sleep(0)
         await advance(client, 0.2)
-        if end == "stop":
+        if end == "newer":
+            home = JointPositions(values=[0.0] * 5)
+            await in_time(client, client.move_to_joint_positions(home))
+            with pytest.raises(GRPCError) as caught:
+                await task
+            assert caught.value.status is Status.ABORTED
+        elif end == "stop":
             await client.stop()
             with pytest.raises(GRPCError) as caught:
                 await task

@@ -9,15 +9,23 @@ import signal
 import sys
 
 import pytest
-from fake_parent import ARM, GRIPPER, HARDWARE_ARM, HARDWARE_GRIPPER, ROOT, running_module, until
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from hardware_port import HardwarePort, emulated_port
+from harness.emulated_port import HardwarePort, emulated_port
+from harness.fake_parent import (
+    ARM,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    ROOT,
+    running_module,
+    until,
+)
 from viam.components.arm import JointPositions
 
-from so101_motion.drivers.bus import Bus
-from so101_motion.drivers.port import SerialPort
-from so101_motion.drivers.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import PRESENT_POSITION, TORQUE_ENABLE, TORQUE_LIMIT
+from so101_motion.drivers.port.serial_port import SerialPort
 
 
 @pytest.fixture
@@ -189,8 +197,8 @@ async def test_an_arm_that_is_let_go_of_at_the_end_holds_when_its_component_is_r
 
 GUIDE_AND_END = """
 import sys
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
 
 rig = open_hardware(ServoSettings(port=sys.argv[1]).with_arm((1, 2, 3, 4, 5)))
 rig.arm.set_manual(True)

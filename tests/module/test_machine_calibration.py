@@ -4,16 +4,16 @@ import threading
 import time
 
 import pytest
-from emulated_kit import Kit
-from fake_parent import CALIBRATION, SENSOR
-from machine_harness import SIM, running_machine
+from harness.emulated_kit import Kit
+from harness.fake_parent import CALIBRATION, SENSOR
+from harness.viam_machine import SIM, running_machine
 from so101_viewer.setup.machine import MachineCalibrator
 
-from so101_motion.calib.record import JOINTS
-from so101_motion.calib.steps import State
-from so101_motion.calib.verdict import Verdict
-from so101_motion.errors import MachineRefused, MachineUnavailable
-from so101_motion.machine import MachineRig
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.errors import MachineRefused, MachineUnavailable
+from so101_motion.viam.client import MachineRig
 
 PAUSE = threading.Event()
 
@@ -56,34 +56,34 @@ def test_an_arm_is_calibrated_over_the_network_and_the_network_may_fail(tmp_path
 def calibrate(calibrator, kit, machine):
     assert calibrator.situation.view.state is State.IDLE
     with pytest.raises(MachineRefused, match="set_homing"):
-        calibrator.set_homing()
+        calibrator.step(Command.SET_HOMING)
 
-    calibrator.start()
+    calibrator.step(Command.START)
     assert calibrator.situation.view.state is State.STARTED
     assert not any(kit.driven)
-    calibrator.set_homing()
-    calibrator.start_recording()
+    calibrator.step(Command.SET_HOMING)
+    calibrator.step(Command.START_RECORDING)
     kit.let_go()
     for share in (0.5, 0.45, 0.4, 0.35, 0.3, 0.3, 0.3):
         kit.put(share)
         PAUSE.wait(0.03)
     until(lambda: calibrator.situation.joints["elbow_flex"].verdict is Verdict.TOO_SHORT)
     with pytest.raises(MachineRefused, match="elbow_flex"):
-        calibrator.stop_recording()
+        calibrator.step(Command.STOP_RECORDING)
 
     machine.cut()
     until(lambda: not calibrator.situation.is_connected)
     assert "127.0.0.1" in calibrator.situation.view.error
     with pytest.raises(MachineUnavailable):
-        calibrator.save()
+        calibrator.step(Command.SAVE)
     machine.mend()
     until(lambda: calibrator.situation.is_connected)
     assert calibrator.situation.view.state is State.RECORDING, "it went on over there"
 
     PAUSE.wait(kit.sweep())  # to its end: where the hand stops later is outside what was recorded
     until(lambda: all(view.is_done for view in calibrator.situation.joints.values()))
-    calibrator.stop_recording()
-    ended = calibrator.save()
+    calibrator.step(Command.STOP_RECORDING)
+    ended = calibrator.step(Command.SAVE)
     assert ended.holds
     assert set(ended.stored.calibration) == set(JOINTS)
     assert all(kit.driven)

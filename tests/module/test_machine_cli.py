@@ -8,14 +8,14 @@ import time
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from machine_harness import running_machine
+from harness.viam_machine import running_machine
 
 from so101_motion.cli import main
-from so101_motion.errors import So101Error
-from so101_motion.machine import MachineRig
-from so101_motion.modes import Mode
+from so101_motion.common.errors import So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.goals import JointGoal
-from so101_motion.state import ARM_JOINTS
+from so101_motion.viam.client import MachineRig
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,13 @@ import time
 
 import numpy as np
 import pytest
-from fake_parent import ARM, SIMULATED
 from grpclib import GRPCError, Status
-from machine_harness import SIM, running_machine
+from harness.fake_parent import ARM, SIMULATED
+from harness.viam_machine import SIM, running_machine
 from viam.components.arm import ArmClient
 from viam.logging import LOGGERS
 
-from so101_motion.errors import (
+from so101_motion.common.errors import (
     ConfigError,
     Interrupted,
     MachineRefused,
@@ -21,9 +21,9 @@ from so101_motion.errors import (
     OutsideLimits,
     PlanningError,
 )
-from so101_motion.machine import MachineRig
-from so101_motion.modes import Mode
+from so101_motion.common.modes import Mode
 from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.viam.client import MachineRig
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
 LEFT = np.radians([30.0, -45.0, 45.0, 60.0, 0.0])

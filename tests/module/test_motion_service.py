@@ -6,10 +6,10 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-from fake_parent import config_of, until
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
-from harness import arm_client, in_time, new_arm
+from harness.fake_parent import config_of, until
+from harness.in_process_module import arm_client, in_time, new_arm
 from viam.components.arm import JointPositions
 from viam.proto.common import (
     GeometriesInFrame,
@@ -34,10 +34,10 @@ from viam.resource.manager import ResourceManager
 from viam.services.motion import MotionClient
 from viam.services.motion.service import MotionRPCService
 
-from so101_motion.geometry import SE3, rotation_by
-from so101_motion.models import convert
-from so101_motion.models.frames import set_machine
-from so101_motion.models.motion_service import So101Motion
+from so101_motion.common.geometry import SE3, rotation_by
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.models.motion_service import So101Motion
 
 MOTION = "rdk:service:motion"
 READY = [0.0, -45.0, 45.0, 60.0, 0.0]
@@ -167,7 +167,7 @@ async def test_a_line_ends_in_the_cloud_that_its_destination_has(arm, motion):
     aside = PoseInFrame(reference_frame="world", pose=convert.to_pose(there))
     aside.pose.y += 80.0
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=0.02, o_y=0.02, o_z=0.02, theta=180))
-    with pytest.raises(GRPCError, match="outside its cloud; widen the leeways"):
+    with pytest.raises(GRPCError, match="outside its cloud; widen the tolerances"):
         await motion.move("arm", aside, constraints=straight)
     aside.goal_cloud.CopyFrom(GoalCloud(o_x=1, o_y=1, o_z=2, theta=180))
     assert await in_time(arm, motion.move("arm", aside, constraints=straight))
@@ -271,6 +271,44 @@ async def test_a_plan_can_be_asked_for_looked_at_and_executed(arm, motion):
 async def test_where_a_component_is_can_be_asked(arm, motion):
     pose = (await motion.get_pose("arm", "world")).pose
     np.testing.assert_allclose((pose.x, pose.y, pose.z), await tool(arm), atol=1e-6)
+
+
+@asynccontextmanager
+async def two_arms(**attributes):
+    """A gripper hangs from the arm "arm"; beside it stands another, "left"."""
+    set_machine(MachineWithGripper)
+    arms = [new_arm(name=name, simulate_time=False) for name in ("arm", "left")]
+    config = config_of(MOTION, "devrel:so101:motion", attributes, "planner")
+    try:
+        async with motion_client(So101Motion.new(config, {})) as client:
+            yield client
+    finally:
+        for arm in arms:
+            await arm.close()
+        set_machine(lambda: None)
+
+
+def to_there(component):
+    pose = {"x": 220, "y": 60, "z": 120, "oZ": 1}
+    destination = {"referenceFrame": "arm_origin", "pose": pose}
+    return {"preview": {"componentName": component, "destination": destination}}
+
+
+async def test_of_several_arms_the_one_moves_that_the_component_hangs_from():
+    async with two_arms() as motion:
+        told = (await motion.do_command(to_there("gripper")))["preview"]
+        assert list(told["plan"][0]) == ["arm"]
+        with pytest.raises(GRPCError, match="hangs from no arm of this module") as caught:
+            await motion.do_command(to_there("camera"))
+        assert "arm, left" in caught.value.message
+        assert await motion.get_status() == {"arms": ["arm", "left"]}
+
+
+async def test_an_arm_that_the_configuration_misspells_is_named():
+    async with two_arms(arm="lfet") as motion:
+        with pytest.raises(GRPCError, match=r"lfet.*did you mean .left"):
+            await motion.move("arm", at(220, 60, 120, "arm_origin"))
+        assert "lfet" in (await motion.get_status())["problem"]
 
 
 async def test_what_is_for_machines_that_drive_is_refused_as_such(motion):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pinocchio
 import pytest
-from fake_parent import ARM, ROOT, SIMULATED, running_module
+from harness.fake_parent import ARM, ROOT, SIMULATED, running_module
 from viam.components.arm import Pose
 
 pytestmark = pytest.mark.slow
@@ -106,7 +106,8 @@ async def test_the_module_is_installed_and_runs_from_the_archive_in_an_empty_dir
     folder = unpacked(archive, tmp_path)
     for key, value in OFFLINE.items():
         monkeypatch.setenv(key, value)
-    assert "installed in" in run(folder / "first_run.sh", cwd="/")
+    said = run(folder / "first_run.sh", cwd="/")
+    assert "installed in" in said, said
     assert "installed already" in run(folder / "first_run.sh", cwd="/")
 
     monkeypatch.setenv("PIP_NO_DEPS", "0")  # whatever is asked for now could only fail
@@ -124,7 +125,7 @@ def test_a_first_run_that_cannot_install_does_not_hold_up_the_machine(archive, t
     folder = unpacked(archive, tmp_path)
     cut_off = {**OFFLINE, "PIP_NO_DEPS": "0", "PYTHONPATH": ""}
     said = run(folder / "first_run.sh", cwd="/", **cut_off)
-    assert "error: the installation failed. Is the network there?" in said
+    assert "error: the installation failed. What pip says above is the reason." in said
 
     failed = subprocess.run(
         [folder / "run.sh", "m.sock"], env={**os.environ, **cut_off}, capture_output=True, text=True
@@ -154,9 +155,9 @@ def test_wheel_and_source_distribution_hold_the_description_and_the_types(distri
 def test_the_installed_wheel_has_the_library_the_command_and_the_module(environment, tmp_path):
     code = (
         "import so101_motion\n"
-        "from so101_motion.planning.model import RobotModel\n"
+        "from so101_motion.planning.kinematics.model import RobotModel\n"
         "RobotModel.load()\n"
-        "from so101_motion.models.module import MODELS\n"
+        "from so101_motion.viam.models.module import MODELS\n"
         "print(so101_motion.__file__)\n"
     )
     said = run(environment, "-c", code, cwd=tmp_path, PYTHONPATH=HERE)
@@ -191,4 +192,9 @@ def test_without_the_viewer_the_preview_says_what_to_install(environment, tmp_pa
     )
     assert done.returncode != 0
     assert "needs viser, which is not installed" in done.stderr
-    assert "pip install 'so101-motion[viewer]'" in done.stderr
+    pinned = next(
+        line
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if line.startswith("viser==")
+    )
+    assert f"install it: {environment} -m pip install {pinned} " in done.stderr  # works anywhere

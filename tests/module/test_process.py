@@ -5,10 +5,15 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
-from fake_parent import (
+from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
+from harness.emulated_port import emulated_port
+from harness.fake_parent import (
     ARM,
     CALIBRATION,
     DISCOVERY,
@@ -23,9 +28,6 @@ from fake_parent import (
     running_module,
     until,
 )
-from grpclib import GRPCError, Status
-from grpclib.exceptions import StreamTerminatedError
-from hardware_port import emulated_port
 from viam.components.arm import JointPositions, Pose
 from viam.proto.common import (
     GeometriesInFrame,
@@ -35,11 +37,13 @@ from viam.proto.common import (
     Vector3,
     WorldState,
 )
+from viam.proto.robot import GetPoseRequest, RobotServiceStub
 from viam.resource.manager import ResourceManager
 from viam.services.motion import Motion
 from viam.services.motion.service import MotionRPCService
 
-from so101_motion.models.module import MODELS
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.viam.models.module import MODELS
 
 SWEEP = [90.0, 0.0, 0.0, 0.0, 0.0]
 
@@ -103,12 +107,14 @@ async def test_a_session_from_the_handshake_to_the_end():
         assert "matplotlib" not in maps
         (worker,) = children_of(module.process.pid)
 
+        left = (await arm.get_joint_positions()).values
         await module.remove(ARM, "arm")
         with pytest.raises(GRPCError) as caught:
             await arm.is_moving()
         assert caught.value.status is Status.NOT_FOUND
         again = await module.add(ARM, SIMULATED, {}, "arm")
-        assert list((await again.get_joint_positions()).values) == pytest.approx([0] * 5)
+        stands = (await again.get_joint_positions()).values
+        assert stands == pytest.approx(left, abs=0.01)  # as a real one would
 
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
@@ -143,14 +149,60 @@ async def test_what_it_logs_reaches_the_parent():
         assert len(lines()) == 1
 
 
-async def test_ending_while_the_arm_moves_is_clean():
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+async def test_ending_while_the_arm_moves_is_clean(number):
     async with running_module(arguments=("--log-level=debug",)) as (module, _, _):
         arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 10.0}, "arm")
         move = await begin_sweep(arm)
-        module.process.send_signal(signal.SIGTERM)
+        module.process.send_signal(number)
         assert await module.ended() == 0
         with pytest.raises((GRPCError, StreamTerminatedError)):
             await move
+
+
+def preview_in_vain():
+    """A plan to behind a wall, searched for half a minute."""
+    x, y, z = 1e3 * RobotModel.load().frame(np.radians([-60.0, 0.0, 0.0, 0.0, 0.0])).p
+    box = [("wall", (600, 20, 1200), (390, 0, 600)), ("roof", (1000, 1000, 20), (0, 0, 300))]
+    geometries = [
+        {
+            "label": label,
+            "box": {"dimsMm": dict(zip("xyz", size, strict=True))},
+            "center": dict(zip("xyz", at, strict=True)),
+        }
+        for label, size, at in box
+    ]
+    destination = {"referenceFrame": "arm_origin", "pose": {"x": x, "y": y, "z": z, "oX": 1}}
+    around = {"obstacles": [{"referenceFrame": "arm_origin", "geometries": geometries}]}
+    return {
+        "preview": {
+            "componentName": "arm",
+            "destination": destination,
+            "worldState": around,
+            "extra": {"timeout": 30},
+        }
+    }
+
+
+async def test_abandoned_plans_hold_up_neither_the_next_move_nor_the_end_of_the_process():
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, SIMULATED, {"speed_degs_per_sec": 90.0}, "arm")
+        motion = await module.add(MOTION, "devrel:so101:motion", {"arm": "arm"}, "planner")
+        await arm.move_to_joint_positions(JointPositions(values=[60.0, 0.0, 0.0, 0.0, 0.0]))
+        for number in (0, 1):
+            plans = [asyncio.ensure_future(motion.do_command(preview_in_vain())) for _ in range(8)]
+            done, _ = await asyncio.wait(plans, timeout=1.0)
+            assert not done, "they are being searched for"
+            begin = time.monotonic()
+            if number == 0:
+                for plan in plans:
+                    plan.cancel()
+                await arm.move_to_joint_positions(JointPositions(values=[62.0, 0, 0, 0, 0]))
+            else:
+                module.process.send_signal(signal.SIGTERM)
+                assert await module.ended() == 0
+            assert time.monotonic() < begin + 5.0, "not the 30 s of one of them"
+            await asyncio.gather(*plans, return_exceptions=True)
 
 
 async def test_frozen_time_does_not_hold_up_the_end_of_the_process():
@@ -280,3 +332,22 @@ async def test_without_a_socket_it_says_how_it_is_meant():
 
     assert process.returncode != 0
     assert b"usage: python -m so101_motion SOCKET" in complaint
+
+
+async def test_where_a_component_is_is_asked_on_the_modules_socket():
+    """viam-server's client of a motion service sends the machine's GetPose there."""
+    async with running_module() as (module, _, _):
+        machine = RobotServiceStub(module.channel)
+        request = GetPoseRequest(component_name="arm", destination_frame="world")
+        answer = await machine.GetPose(request)
+        assert (answer.pose.reference_frame, answer.pose.pose.x) == ("world", 391.4)
+        with pytest.raises(GRPCError, match="frame moon not found"):
+            await machine.GetPose(GetPoseRequest(component_name="moon"))
+
+
+async def test_a_refused_configuration_is_a_sentence():
+    async with running_module() as (module, _, _):
+        with pytest.raises(GRPCError) as caught:
+            await module.validate(ARM, SIMULATED, {"sped_degs_per_sec": 60})
+        assert caught.value.status is Status.INVALID_ARGUMENT
+        assert caught.value.message.startswith('"sped_degs_per_sec" = 60')

@@ -12,7 +12,9 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 import pytest_asyncio
-from fake_parent import (
+from grpclib import GRPCError, Status
+from harness.emulated_port import HardwarePort, emulated_port
+from harness.fake_parent import (
     ARM,
     GRIPPER,
     HARDWARE_ARM,
@@ -21,8 +23,6 @@ from fake_parent import (
     running_module,
     until,
 )
-from grpclib import GRPCError, Status
-from hardware_port import HardwarePort, emulated_port
 from viam.components.arm import JointPositions, MoveOptions, Pose
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")

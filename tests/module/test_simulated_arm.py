@@ -5,9 +5,9 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
-from fake_parent import until
 from grpclib import GRPCError, Status
-from harness import advance, arm_client, duration_of, in_time, new_arm
+from harness.fake_parent import until
+from harness.in_process_module import advance, arm_client, duration_of, in_time, new_arm
 from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, MoveOptions, Pose
 from viam.services.motion import Motion
 
@@ -420,7 +420,26 @@ async def test_manual_mode_ends_by_itself_when_it_was_given_a_time(client):
             await advance(client, 0.01)
 
 
+async def test_a_time_limit_that_viam_s_message_cannot_carry_is_not_sent(client):
+    with pytest.raises(TypeError):
+        await client.set_manual_mode(True, enabled_for=0.2)
+
+    assert not await client.get_manual_mode()
+
+
+@pytest.mark.parametrize("seconds", [0.2, 1])
+async def test_the_request_of_ours_carries_parts_of_a_second(client, seconds):
+    await client.do_command({"command": "enter_manual_mode", "enabled_for": seconds})
+    assert await client.get_manual_mode()
+    async with asyncio.timeout(5):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+
+
 async def test_manual_mode_for_less_than_no_time_is_refused(client):
+    with pytest.raises(GRPCError) as caught:
+        await client.set_manual_mode(True, enabled_for=-1)
+    assert caught.value.status is Status.INVALID_ARGUMENT
     with pytest.raises(GRPCError) as caught:
         await client.do_command({"command": "enter_manual_mode", "enabled_for": -1})
 
@@ -618,3 +637,42 @@ async def test_what_always_stands_around_is_said_in_the_configuration():
 def test_an_obstacle_that_cannot_be_meant_is_named():
     with pytest.raises(GRPCError, match="crate"):
         new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
+
+
+async def test_a_new_configuration_leaves_the_joints_where_they_are():
+    arm = new_arm(simulate_time=False)
+    async with arm_client(arm) as client:
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    await arm.close()
+    arm, other = new_arm(simulate_time=False, floor_z_mm=-5.0), new_arm(name="other")
+    try:
+        async with arm_client(arm) as client, arm_client(other) as elsewhere:
+            assert await positions(client) == pytest.approx(HOME, abs=0.01)
+            assert await positions(elsewhere) == pytest.approx([0.0] * 5)
+    finally:
+        await arm.close()
+        await other.close()
+
+
+async def test_no_request_exceeds_the_arm_s_largest_speed():
+    arm = new_arm(simulate_time=False, max_speed_degs_per_sec=20.0)
+    try:
+        async with arm_client(arm) as client:
+            with pytest.raises(GRPCError, match="max_speed_degs_per_sec, 20 deg/s") as caught:
+                await client.do_command({"set_speed": 21.0})
+            assert caught.value.status is Status.INVALID_ARGUMENT
+            await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+            for pan, options in (
+                (60.0, MoveOptions(max_vel_degs_per_sec=180.0, max_acc_degs_per_sec2=500.0)),
+                (0.0, MoveOptions(max_vel_degs_per_sec_joints=[180.0] * 5)),
+            ):
+                there = client.move_through_joint_positions([joints(pan, *HOME[1:])], options)
+                assert await duration_of(client, there) > 60.0 / 20.0
+            at_once = client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
+            await at_once
+            before = list((await client.get_joint_positions()).values)
+            await advance(client, 0.5)
+            after = list((await client.get_joint_positions()).values)
+            assert max(abs(b - a) for a, b in zip(before, after, strict=True)) <= 10.0 + 1e-6
+    finally:
+        await arm.close()

@@ -3,9 +3,9 @@ import json
 import math
 
 import pytest
-from fake_parent import until
 from grpclib import GRPCError, Status
-from harness import gripper_client, new_gripper
+from harness.fake_parent import until
+from harness.in_process_module import gripper_client, new_gripper
 from viam.components.arm import KinematicsFileFormat
 
 
@@ -179,3 +179,14 @@ async def test_a_leader_has_a_handle_and_a_trigger():
         await gripper.close()
 
     assert labels == ["gripper_body_0", "gripper_body_1", "gripper_moving"]
+
+
+async def test_a_new_configuration_leaves_the_jaw_where_it_is(client, gripper):
+    await client.open()
+    await gripper.close()
+    anew = new_gripper(mesh_detail="high")
+    try:
+        async with gripper_client(anew) as client:
+            assert await opening(client) == pytest.approx(100.0, abs=0.1)
+    finally:
+        await anew.close()

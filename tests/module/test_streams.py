@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from harness import advance, arm_client, new_arm
+from harness.in_process_module import advance, arm_client, new_arm
 from viam.components.arm import Arm, JointPositions
 
 FAST = {"speed_degs_per_sec": 60.0, "acceleration_degs_per_sec_per_sec": 200.0}

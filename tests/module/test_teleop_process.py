@@ -12,10 +12,10 @@ import sys
 
 import numpy as np
 import pytest
-from fake_parent import ROOT, until
+from harness.fake_parent import ROOT, until
 
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 
 SO101 = "from so101_motion.cli import main; main()"
 HEAVY = ("shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")

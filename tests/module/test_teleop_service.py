@@ -6,19 +6,27 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-from fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, running_module, until
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
-from harness import arm_client, gripper_client, new_arm, new_gripper
+from harness.fake_parent import (
+    ARM,
+    GRIPPER,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    config_of,
+    running_module,
+    until,
+)
+from harness.in_process_module import arm_client, gripper_client, new_arm, new_gripper
 from viam.components.arm import Arm, JointPositions
 from viam.components.gripper import Gripper
 from viam.resource.manager import ResourceManager
 from viam.services.generic.client import GenericClient
 from viam.services.generic.service import GenericRPCService
 
-from so101_motion.models.arm_resource import ArmResource
-from so101_motion.models.gripper_resource import GripperResource
-from so101_motion.models.teleop import So101Teleop
+from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.gripper_resource import GripperResource
+from so101_motion.viam.models.teleop import So101Teleop
 
 GENERIC = "rdk:service:generic"
 TELEOP = "devrel:so101:teleop"

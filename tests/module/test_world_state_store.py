@@ -5,18 +5,17 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
-from fake_parent import config_of
-from grpclib import GRPCError
+from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
-from harness import new_arm
+from harness.fake_parent import config_of
+from harness.in_process_module import new_arm
+from viam.proto.service.worldstatestore import StreamTransformChangesResponse
 from viam.resource.manager import ResourceManager
 from viam.services.worldstatestore import WorldStateStoreClient
 from viam.services.worldstatestore.service import WorldStateStoreService
 
-from so101_motion.geometry import SE3
-from so101_motion.models.world_state_store import So101WorldState
-from so101_motion.planning.goals import PoseGoal
-from so101_motion.planning.scene import (
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import (
     Attached,
     Box,
     Capsule,
@@ -26,6 +25,8 @@ from so101_motion.planning.scene import (
     Scene,
     Sphere,
 )
+from so101_motion.planning.goals import PoseGoal
+from so101_motion.viam.models.world_state_store import So101WorldState
 
 STORE = "rdk:service:world_state_store"
 
@@ -81,7 +82,8 @@ def scene():
 async def test_what_is_around_and_in_the_hand_is_shown_where_it_is(arm, store):
     arm.scene = scene()
     shown = await everything(store)
-    assert set(shown) == {"box", "post", "plate", "seen", "zone", "cube"}
+    assert set(shown) == {"box", "post", "plate", "seen", "zone", "cube", "arm floor"}
+    assert all(thing.physical_object.HasField("center") for thing in shown.values())
     assert shown["box"].physical_object.box.dims_mm.z == pytest.approx(300)
     assert shown["box"].pose_in_observer_frame.reference_frame == "arm_origin"
     assert shown["box"].pose_in_observer_frame.pose.x == pytest.approx(300)
@@ -100,6 +102,9 @@ async def test_the_newest_plan_is_shown_with_its_goal(arm, store):
 async def test_a_stream_tells_what_comes_changes_and_goes(arm, store):
     changes = store.stream_transform_changes()
     arm.scene = Scene(obstacles=scene().obstacles[:1])
+    # viam-server drops the first message, and waits for it before it answers its own client.
+    assert await anext(changes) == StreamTransformChangesResponse()
+    assert (await anext(changes)).transform.reference_frame == "arm floor"
     added = await anext(changes)
     assert (added.change_type, added.transform.reference_frame) == (1, "box")
     moved = Obstacle(
@@ -122,8 +127,29 @@ async def test_what_is_no_longer_there_is_said_to_be_gone(store):
         await store.get_transform(b"nothing")
 
 
-async def test_without_an_arm_there_is_nothing_to_show():
-    service = So101WorldState.new(
-        config_of(STORE, "devrel:so101:world-state", {"arm": "later"}, "world"), {}
-    )
-    assert await service.list_uuids() == []
+async def test_there_is_always_something_to_show(store):
+    """viam-server takes an empty list for a failure: nil response."""
+    (floor,) = (await everything(store)).values()
+    assert floor.reference_frame == "arm floor"
+    top_mm = floor.pose_in_observer_frame.pose.z + floor.physical_object.box.dims_mm.z / 2
+    assert top_mm == pytest.approx(-2.4)
+
+
+async def test_an_arm_that_is_not_there_is_named(arm):
+    config = config_of(STORE, "devrel:so101:world-state", {"arm": "amr"}, "world")
+    service = So101WorldState.new(config, {})
+    async with store_client(service) as client:
+        with pytest.raises(GRPCError, match=r"amr.*did you mean .arm") as caught:
+            await client.list_uuids()
+        assert caught.value.status is Status.INVALID_ARGUMENT
+        assert "amr" in (await client.get_status())["problem"]
+        changes = client.stream_transform_changes()
+        assert await anext(changes) == StreamTransformChangesResponse()
+        await changes.aclose()
+
+
+async def test_a_request_is_refused_with_what_answers_instead(store):
+    with pytest.raises(GRPCError, match="answers no requests; ListUUIDs") as caught:
+        await store.do_command({"command": "list"})
+    assert caught.value.status is Status.UNIMPLEMENTED
+    assert await store.get_status() == {"arms": ["arm"]}

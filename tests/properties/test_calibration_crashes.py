@@ -3,11 +3,11 @@ import os
 import subprocess
 import sys
 
-import killed_writer
 import pytest
+from harness import killed_writer
 
-from so101_motion.calib import store
-from so101_motion.calib.record import JointCalibration
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JointCalibration
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="nothing is killed with -9 there")
 

@@ -5,16 +5,15 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from calibration_bench import LentArm
+from harness.calibration_rig import LentArm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.calib import zero
-from so101_motion.calib.eeprom import Held, write_held
-from so101_motion.calib.jobs import servo_id
-from so101_motion.calib.record import JOINTS
-from so101_motion.calib.recording import Sweep, fit, homing_offset
-from so101_motion.calib.session import Session
+from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.procedure.travel import Sweep, fit, homing_offset
+from so101_motion.calib.record import zero
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 
 
 @st.composite
@@ -102,7 +101,7 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
 ):
     arm = LentArm(joints={joint: {"zero_ticks": ticks} for joint, ticks in zeros.items()})
     for joint, offset in held_before.items():
-        write_held(arm.bus, servo_id(joint), Held(homing_offset=offset))
+        write_held(arm.bus, SERVO_IDS[joint], Held(homing_offset=offset))
         lower, upper = arm.stops(joint)
         arm.put(**{joint: round(lower + poses[joint] * (upper - lower))})
     at_home = {joint: arm.drive(joint).q for joint in JOINTS}

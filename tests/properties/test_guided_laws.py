@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from so101_motion.guided.path import JAW_TOLERANCE, GuidedPath, along
+from so101_motion.tasks.guided.path import JAW_TOLERANCE, GuidedPath, along
 
 
 @st.composite

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.errors import Unreachable
-from so101_motion.geometry import SE3, rotation_angle
+from so101_motion.common.errors import Unreachable
+from so101_motion.common.geometry import SE3, rotation_angle
 from so101_motion.planning.goals import GoalMetric, PoseGoal
-from so101_motion.planning.ik import IkSolver
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
 
 MODEL = RobotModel.load()
 SOLVER = IkSolver(MODEL)
@@ -98,8 +98,8 @@ def test_candidates_all_arrive_and_differ(q, q_seed, frame, metric):
 def test_a_refused_point_is_farther_from_no_posture_than_said(q, other, frame):
     p_far = MODEL.frame(q, frame).p * 1.5
     found = answer(PoseGoal.at_point(p_far, frame=frame), np.zeros(5))
-    for posture in (q, other):
-        away = np.linalg.norm(MODEL.frame(posture, frame).p - p_far)
+    for configuration in (q, other):
+        away = np.linalg.norm(MODEL.frame(configuration, frame).p - p_far)
         assert found.error_position <= max(away, 1e-4) + 1e-7
 
 

@@ -4,12 +4,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.clock import ManualClock
-from so101_motion.drivers.sim_arm import SimArm
-from so101_motion.executor import Executor
-from so101_motion.modes import Mode
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Executor
+from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
 
 DT = 0.01
 LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)

@@ -4,9 +4,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from so101_motion.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
-from so101_motion.models import convert
-from so101_motion.models.orientation import POLE, OrientationVector, from_rotation, to_rotation
+from so101_motion.common.geometry import SE3, rot_x, rot_y, rot_z, rotation_angle
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.orientation import (
+    POLE,
+    OrientationVector,
+    from_rotation,
+    to_rotation,
+)
 
 angles = st.floats(-math.pi, math.pi)
 components = st.floats(-1.0, 1.0, allow_subnormal=False)

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.errors import InCollision, PlanningError
-from so101_motion.geometry import SE3
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import InCollision, PlanningError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.verify import violations
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.verify import violations
 
 MODEL = RobotModel.load()
 COLLISION = CollisionModel(MODEL)
@@ -31,7 +31,7 @@ def motion_limits(draw):
     )
 
 
-def free_posture(rng, q_jaw):
+def free_configuration(rng, q_jaw):
     while True:
         q = rng.uniform(MODEL.lower, MODEL.upper)
         if COLLISION.is_free(q, q_jaw):
@@ -62,7 +62,7 @@ LAZY = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
 @settings(max_examples=40)
 def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
     rng = np.random.default_rng(seed)
-    start, goal = free_posture(rng, q_jaw), free_posture(rng, q_jaw)
+    start, goal = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
     plan = PLANNER.plan(
         PlanRequest(q_start=start, goal=JointGoal(q=goal), limits=limits, q_jaw=q_jaw)
     )
@@ -75,7 +75,7 @@ def test_between_free_postures_there_is_a_verified_motion(seed, q_jaw, limits):
 @settings(max_examples=40)
 def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
     rng = np.random.default_rng(seed)
-    start, there = free_posture(rng, q_jaw), free_posture(rng, q_jaw)
+    start, there = free_configuration(rng, q_jaw), free_configuration(rng, q_jaw)
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
     T = MODEL.frame(there, frame)
     goal = PoseGoal(T_base_tool=T, frame=frame)
@@ -88,16 +88,16 @@ def test_every_point_that_a_free_posture_reaches_is_reached(seed, q_jaw, frame):
 @settings(max_examples=25)
 def test_waypoints_are_passed_as_near_as_asked_or_refused(seed, count, tolerance):
     rng = np.random.default_rng(seed)
-    start = free_posture(rng, 0.0)
-    waypoints = np.array([free_posture(rng, 0.0) for _ in range(count)])
+    start = free_configuration(rng, 0.0)
+    waypoints = np.array([free_configuration(rng, 0.0) for _ in range(count)])
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
     goal = PathGoal(waypoints=waypoints, tolerance=tolerance)
     plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits))
     if refusal:
         assert isinstance(refusal, InCollision)
-        assert refusal.where == "way"
+        assert refusal.where == "path"
         corners = np.array([start, *waypoints])
-        assert COLLISION.blocked_posture(corners) is not None
+        assert COLLISION.first_blocked(corners) is not None
         return
     assert_verified(plan, limits, 0.0)
     # A corner is cut by the tolerance; in between two samples the arm moves on by up to 0.03 rad.
@@ -131,26 +131,26 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
 
 
 @given(seed=seeds, length=st.floats(0.005, 0.15))
-@example(seed=155735, length=0.03125)  # between two postures the curve left a limit
+@example(seed=155735, length=0.03125)  # between two configurations the curve left a limit
 @example(seed=1157, length=0.1094290691661624)  # likewise
 @example(seed=7, length=0.0956388426576767)  # slowed down once, its jerk was still 1 % over
 @settings(max_examples=40)
 def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, length):
     rng = np.random.default_rng(seed)
-    start = free_posture(rng, 0.0)
+    start = free_configuration(rng, 0.0)
     direction = rng.standard_normal(3)
-    way = length * direction / np.linalg.norm(direction)
+    path = length * direction / np.linalg.norm(direction)
     T = MODEL.frame(start)
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
-    goal = LineGoal(T_base_tool=SE3(T.R, T.p + way))
+    goal = LineGoal(T_base_tool=SE3(T.R, T.p + path))
     plan, refusal = plan_or_refusal(PlanRequest(q_start=start, goal=goal, limits=limits))
     if refusal:
         assert f"of the {length * 1e3:.0f} mm of the line" in str(refusal)
         return
     assert_verified(plan, limits, 0.0)
     offset = np.array([MODEL.frame(q).p for q in plan.trajectory.q]) - T.p
-    along = offset @ way / (way @ way)
-    assert np.linalg.norm(offset - np.outer(along, way), axis=1).max() <= 1e-4
+    along = offset @ path / (path @ path)
+    assert np.linalg.norm(offset - np.outer(along, path), axis=1).max() <= 1e-4
     assert along[-1] == pytest.approx(1.0, abs=1e-4)
 
 
@@ -158,8 +158,8 @@ def test_a_line_is_followed_within_its_tolerance_or_refused_with_a_reason(seed, 
 @settings(max_examples=15)
 def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
-    start, goal = free_posture(rng, 0.0), free_posture(rng, 0.0)
-    assume(COLLISION.blocked_posture(np.array([start, goal])) is None or seed % 4 == 0)
+    start, goal = free_configuration(rng, 0.0), free_configuration(rng, 0.0)
+    assume(COLLISION.first_blocked(np.array([start, goal])) is None or seed % 4 == 0)
     limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
     request = PlanRequest(
         q_start=start, goal=PoseGoal(T_base_tool=MODEL.frame(goal)), limits=limits, seed=seed

@@ -9,17 +9,17 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.errors import PlanningError
-from so101_motion.geometry import SE3
-from so101_motion.planning import verify
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.plan import Plan, PlanRequest
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import SE3
+from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Obstacle, Scene, Sphere
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner
-from so101_motion.planning.scene import Obstacle, Scene, Sphere
-from so101_motion.program import Program, Waypoint
-from so101_motion.program.rehearsal import PASSING, Leg, plan_leg
-from so101_motion.units import to_rad
+from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.timing import verify
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.tasks.program import Program, Waypoint
+from so101_motion.tasks.program.rehearsal import PASSING, ProgramLeg, plan_leg
 
 MODEL = RobotModel.load()
 CAPS = [
@@ -70,7 +70,7 @@ def ways(draw) -> np.ndarray:
     return np.array([*0.4 * rng.uniform(MODEL.lower, MODEL.upper, (2, 5))] * m)[:m]
 
 
-def leg(arm: Arm, way: np.ndarray) -> Leg:
+def leg(arm: Arm, way: np.ndarray) -> ProgramLeg:
     places = [Waypoint(name=f"{k}", q=q, passes=True) for k, q in enumerate(way[1:])]
     return plan_leg(arm, Program(waypoints=tuple(places)), range(len(places)), way[0], 0.0)
 

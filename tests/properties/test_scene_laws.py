@@ -8,14 +8,10 @@ import so101_description
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.errors import InCollision, NoPath, PlanningError
-from so101_motion.geometry import SE3
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.goals import JointGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.scene import (
+from so101_motion.common.errors import InCollision, NoPath, PlanningError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import (
     FLOOR_Z,
     LINKS,
     Attached,
@@ -27,6 +23,10 @@ from so101_motion.planning.scene import (
     Scene,
     Sphere,
 )
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
 
 MODEL = RobotModel.load()
 PLANNER = Planner(MODEL)
@@ -79,13 +79,13 @@ def random_scene(rng, margin=0.003, *, held=False, count=None):
     )
 
 
-def random_posture(rng):
+def random_configuration(rng):
     return rng.uniform(MODEL.lower, MODEL.upper)
 
 
-def free_posture(rng, collision, q_jaw):
+def free_configuration(rng, collision, q_jaw):
     for _ in range(200):
-        q = random_posture(rng)
+        q = random_configuration(rng)
         if collision.is_free(q, q_jaw):
             return q
     return None
@@ -104,7 +104,7 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
     rng = np.random.default_rng(seed)
     collision = CollisionModel(MODEL, random_scene(rng, margin, held=held))
     for _ in range(20):
-        q = random_posture(rng)
+        q = random_configuration(rng)
         room = (collision.distances(q, q_jaw) - collision.margins).min()
         if abs(room) > 2e-6:
             assert collision.is_free(q, q_jaw) == (room > 0.0)
@@ -116,7 +116,7 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
     rng = np.random.default_rng(seed)
     collision = CollisionModel(MODEL, random_scene(rng, held=True))
     for _ in range(8):
-        q = random_posture(rng)
+        q = random_configuration(rng)
         distances = collision.distances(q, q_jaw)
         near = collision.nearest(q, q_jaw, within=within)
         expected = {collision.pairs[k] for k in np.flatnonzero(distances < within - 2e-6)}
@@ -137,7 +137,7 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw):
     collision = CollisionModel(MODEL, random_scene(rng, held=True))
     h = 1e-4
     for _ in range(5):
-        q = random_posture(rng)
+        q = random_configuration(rng)
         here = collision.distances(q, q_jaw)
         ahead, behind = (
             np.array([collision.distances(q + step, q_jaw) for step in sign * h * np.eye(5)])
@@ -157,9 +157,12 @@ def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
     collision = CollisionModel(MODEL, random_scene(rng, held=held))
     for _ in range(6):
-        start, end = free_posture(rng, collision, q_jaw), free_posture(rng, collision, q_jaw)
+        start, end = (
+            free_configuration(rng, collision, q_jaw),
+            free_configuration(rng, collision, q_jaw),
+        )
         assume(start is not None and end is not None)
-        blocked = collision.blocked_posture(np.array([start, end]), q_jaw)
+        blocked = collision.first_blocked(np.array([start, end]), q_jaw)
         if blocked is None:
             dense = np.linspace(start, end, 150)
             assert min(collision.distances(q, q_jaw).min() for q in dense) > -1e-6
@@ -265,7 +268,7 @@ def test_the_second_opinion_knows_contact_when_it_sees_it():
         scene = random_scene(rng, held=True)
         collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
         for _ in range(10):
-            q = random_posture(rng)
+            q = random_configuration(rng)
             if opinion.touches(q, 0.5):
                 touching += 1
                 assert not collision.is_free(q, 0.5)
@@ -278,7 +281,10 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=held)
     collision, opinion = CollisionModel(MODEL, scene), SecondOpinion(scene)
-    start, goal = free_posture(rng, collision, q_jaw), free_posture(rng, collision, q_jaw)
+    start, goal = (
+        free_configuration(rng, collision, q_jaw),
+        free_configuration(rng, collision, q_jaw),
+    )
     assume(start is not None and goal is not None)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, q_jaw=q_jaw, scene=scene,
@@ -287,7 +293,7 @@ def test_a_plan_touches_nothing_or_says_what_is_in_the_way(seed, q_jaw, held):
     plan, refusal = plan_or_refusal(PLANNER, request)
     if refusal:
         assert isinstance(refusal, NoPath)
-        assert refusal.where in ("start", "goal", "way")
+        assert refusal.where in ("start", "goal", "path")
         assert set(refusal.blockers) <= {*LINKS, "floor", *(o.name for o in scene.obstacles)}
         return
     assert np.array_equal(plan.trajectory.q[0], start)
@@ -302,7 +308,7 @@ def test_from_any_start_the_arm_leaves_harmlessly_or_says_what_it_touches(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=True)
     collision = CollisionModel(MODEL, scene)
-    start, goal = random_posture(rng), free_posture(rng, collision, 0.0)
+    start, goal = random_configuration(rng), free_configuration(rng, collision, 0.0)
     assume(goal is not None)
     request = PlanRequest(
         q_start=start, goal=JointGoal(q=goal), limits=LIMITS, scene=scene, time_budget=2.0
@@ -328,7 +334,7 @@ def test_the_same_request_gives_the_same_bytes(seed):
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, held=bool(seed % 2), count=3)
     collision = CollisionModel(MODEL, scene)
-    start, goal = free_posture(rng, collision, 0.0), free_posture(rng, collision, 0.0)
+    start, goal = free_configuration(rng, collision, 0.0), free_configuration(rng, collision, 0.0)
     assume(start is not None and goal is not None)
     wanted = PoseGoal(T_base_tool=MODEL.frame(goal)) if seed % 3 else JointGoal(q=goal)
     request = PlanRequest(

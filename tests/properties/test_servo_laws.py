@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.geometry import SE3, rotation_by
-from so101_motion.planning.collision import CollisionModel
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
-from so101_motion.planning.scene import Box, Obstacle, Scene, Sphere
-from so101_motion.planning.servo import Servo
-from so101_motion.planning.targets import STILL, Twist
-from so101_motion.planning.torque import Load, Payload, Strength
+from so101_motion.common.geometry import SE3, rotation_by
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene, Sphere
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.differential.targets import STILL, Twist
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Load, Payload, Strength
 
 MODEL = RobotModel.load()
 DT = 0.01
@@ -45,7 +45,7 @@ def a_target(rng: np.random.Generator):
     return STILL
 
 
-def a_free_posture(rng: np.random.Generator, collision: CollisionModel, q_jaw: float):
+def a_free_configuration(rng: np.random.Generator, collision: CollisionModel, q_jaw: float):
     for _ in range(200):
         q = rng.uniform(MODEL.lower, MODEL.upper)
         if collision.is_free(q, q_jaw):
@@ -65,7 +65,7 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     rng = np.random.default_rng(seed)
     scene, q_jaw = a_scene(rng), float(rng.uniform(0.0, 1.7))
     judge = CollisionModel(MODEL, scene)
-    start = a_free_posture(rng, judge, q_jaw)
+    start = a_free_configuration(rng, judge, q_jaw)
     if start is None:
         return
     jerk = acceleration / jerk_time
@@ -75,7 +75,7 @@ def test_whatever_is_asked_for_limits_are_kept_nothing_is_touched_and_it_can_sto
     for _ in range(rng.integers(1, 7)):
         target = a_target(rng)
         steps += [servo.step(target, q_jaw) for _ in range(rng.integers(1, 40))]
-    announced = servo.way_to_rest()[2:]
+    announced = servo.path_to_rest()[2:]
     steps += [servo.step(STILL, q_jaw) for _ in range(len(announced) + 1)]
 
     q = np.array([start, start, start, *(step.q for step in steps)])
@@ -101,7 +101,7 @@ def test_whatever_is_asked_for_no_joint_has_to_hold_more_than_it_may(
     seed: int, mass: float, holding: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    start = a_free_posture(rng, CollisionModel(MODEL), 0.0)
+    start = a_free_configuration(rng, CollisionModel(MODEL), 0.0)
     payload = Payload(mass=mass, com=tuple(rng.uniform(-0.1, 0.15, 3)))
     strength = Strength(holding=holding, moving=1.25 * holding)
     limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=50.0)
@@ -130,11 +130,11 @@ def test_bodies_that_are_too_close_at_the_start_never_get_closer(seed: int) -> N
         return
     limits = MotionLimits.uniform(velocity=1.0, acceleration=3.0, jerk=100.0)
     servo = Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, q)
-    postures = [q]
+    configurations = [q]
     for _ in range(3):
         target = a_target(rng)
-        postures += [servo.step(target).q for _ in range(20)]
-    distances = [np.minimum(judge.distances(each), 0.003) for each in postures]
+        configurations += [servo.step(target).q for _ in range(20)]
+    distances = [np.minimum(judge.distances(each), 0.003) for each in configurations]
     # How deep two hulls overlap is known to some tenths of a millimetre only.
     assert np.min(np.array(distances) - distances[0]) >= -5e-4
     assert np.all(distances[-1] >= distances[0] - 2e-4)

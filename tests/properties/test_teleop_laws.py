@@ -4,15 +4,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.clock import ManualClock
-from so101_motion.planning import online
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.trajectory import Setpoint
-from so101_motion.pursuit import Aim, Pursuit
-from so101_motion.teleop.gate import EASE, GATE, Phase
-from so101_motion.teleop.mirror import Mirror
-from so101_motion.teleop.pilot import LOST_AFTER, Pace, Pilot
-from so101_motion.teleop.predictor import Predictor
+from so101_motion.common.clock import ManualClock
+from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.tasks.teleop.gate import EASE, GATE, Phase
+from so101_motion.tasks.teleop.mirror import Mirror
+from so101_motion.tasks.teleop.pilot import LOST_AFTER, Pace, Pilot
+from so101_motion.tasks.teleop.predictor import Predictor
 
 DT = 0.01
 LOWER, UPPER = np.full(5, -1.6), np.full(5, 1.7)
@@ -44,7 +44,7 @@ def bounded(steps, *, velocity, acceleration, jerk):
 def test_a_pursuit_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_does(q_start, plan):
     wish = None
     pursuit = Pursuit(
-        lambda _: None if wish is None else Aim(q=wish[0], qd=wish[1], limits=wish[2]),
+        lambda _: None if wish is None else TrackingTarget(q=wish[0], qd=wish[1], limits=wish[2]),
         q_start=q_start,
         lower=LOWER,
         upper=UPPER,
@@ -56,10 +56,10 @@ def test_a_pursuit_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_d
         if asked is not None:
             asked = (np.clip(asked[0], LOWER, UPPER), asked[1], asked[2])
         wish = asked
-        steps += [pursuit.advance().q for _ in range(ticks)]
+        steps += [pursuit.sample(0).q for _ in range(ticks)]
     pursuit.close()
     for _ in range(120):
-        steps.append(pursuit.advance().q)
+        steps.append(pursuit.sample(0).q)
     assert pursuit.is_over
     steps = np.array(steps)
     assert np.all(steps >= np.minimum(LOWER, q_start) - 5e-4)
@@ -79,7 +79,7 @@ def test_what_is_watched_is_never_passed(q_start, goals, fence):
 
     at = goals[0]
     pursuit = Pursuit(
-        lambda _: Aim(q=np.clip(at, LOWER, UPPER), qd=np.zeros(5), limits=PACE.full),
+        lambda _: TrackingTarget(q=np.clip(at, LOWER, UPPER), qd=np.zeros(5), limits=PACE.full),
         q_start=q_start,
         lower=LOWER,
         upper=UPPER,
@@ -90,9 +90,9 @@ def test_what_is_watched_is_never_passed(q_start, goals, fence):
     steps = []
     for goal in goals:
         at = goal
-        steps += [pursuit.advance().q for _ in range(60)]
+        steps += [pursuit.sample(0).q for _ in range(60)]
     pursuit.close()
-    steps += [pursuit.advance().q for _ in range(60)]
+    steps += [pursuit.sample(0).q for _ in range(60)]
     assert np.all(np.array(steps)[:, 0] <= max(fence, q_start[0]) + 5e-4)
 
 
@@ -126,7 +126,7 @@ moves = st.lists(
 def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_start):
     clock, predictor = ManualClock(), Predictor()
     pilot = Pilot(clock, predictor, Mirror(), PACE)
-    pilot.fit(LOWER, UPPER, lambda: 1.0)
+    pilot.fit(LOWER, UPPER, lambda limits: limits)
     pursuit = Pursuit(pilot.arm, q_start=q_start, lower=LOWER, upper=UPPER, stop_limits=STOP, dt=DT)
     heard, leader = np.ones(6, dtype=bool), np.zeros(6)
     predictor.take(0.0, leader, heard)
@@ -147,7 +147,7 @@ def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_star
             elif silent_since is None:
                 silent_since = clock.now() - DT
             before = steps[-1]
-            steps.append(pursuit.advance().q)
+            steps.append(pursuit.sample(0).q)
             phase = pilot.gate.phase
             if silent_since is not None and clock.now() - silent_since > LOST_AFTER + DT:
                 assert phase is Phase.WAITING

@@ -4,14 +4,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.errors import Overloaded, PlanningError
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import Overloaded, PlanningError
+from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import JointGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.torque import Payload, Strength
-from so101_motion.planning.verify import violations
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength
+from so101_motion.planning.timing.verify import violations
 
 MODEL = RobotModel.load()
 COLLISION = CollisionModel(MODEL)
@@ -20,7 +20,7 @@ PLANNER = Planner(MODEL)
 seeds = st.integers(min_value=0, max_value=2**32 - 1)
 
 
-def free_posture(rng: np.random.Generator) -> np.ndarray:
+def free_configuration(rng: np.random.Generator) -> np.ndarray:
     while True:
         q = rng.uniform(MODEL.lower, MODEL.upper)
         if COLLISION.is_free(q):
@@ -40,7 +40,7 @@ def test_no_servo_has_to_exert_more_than_it_can_or_the_motion_is_refused(
     seed: int, mass: float, holding: float, more: float, acceleration: float
 ) -> None:
     rng = np.random.default_rng(seed)
-    start, goal = free_posture(rng), free_posture(rng)
+    start, goal = free_configuration(rng), free_configuration(rng)
     payload = Payload(mass=mass, com=tuple(rng.uniform(-0.1, 0.15, 3)))
     strength = Strength(holding=holding, moving=more * holding)
     limits = MotionLimits.uniform(velocity=3.0, acceleration=acceleration, jerk=500.0)

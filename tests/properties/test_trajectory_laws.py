@@ -6,11 +6,15 @@ import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from so101_motion.planning import online, verify
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.path_geometry import JointPath, blended_path, spline_path
-from so101_motion.planning.retime import retime
-from so101_motion.planning.trajectory import Trajectory
+from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
+from so101_motion.common.units import to_rad
+from so101_motion.planning.timing import online, verify
+from so101_motion.planning.timing.exact_retiming import time_exactly
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.timing.retime import retime
+from so101_motion.planning.timing.trajectory import Trajectory
 
 FINE = 1e-3
 
@@ -123,6 +127,36 @@ def test_a_timed_path_leaves_its_path_by_no_more_than_the_deviation(request: Req
     gap = request.path.length / 4000
     for q in trajectory.q[:: max(1, len(trajectory) // 50)]:
         assert np.abs(dense - q).max(axis=1).min() <= 0.01 + 2.0 * gap
+
+
+@st.composite
+def motions_of_an_arm(draw) -> tuple[Trajectory, MotionLimits]:
+    """A motion under caps that an arm can have, with its setpoints 10 ms apart."""
+    speed = draw(st.floats(*map(to_rad, SPEED_RANGE_DEG)))
+    acceleration = draw(st.floats(*map(to_rad, ACCELERATION_RANGE_DEG)))
+    limits = JointCaps(speed=speed, acceleration=acceleration).limits
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    points = random.uniform(-1.5, 1.5, (random.integers(2, 7), 5))
+    kind = draw(st.sampled_from(["straight", "spline", "rounded", "exact"]))
+    if kind == "straight":
+        return online.point_to_point(points[0], points[-1], limits, 0.01), limits
+    if kind == "exact":
+        near = random.uniform(-0.05, 0.05, (30, 5)).cumsum(axis=0)
+        return time_exactly(spline_path(near), limits, 0.01), limits
+    path = spline_path(points) if kind == "spline" else blended_path(points, 0.1)
+    return retime(path, limits, 0.01), limits
+
+
+@settings(max_examples=80)
+@given(motions_of_an_arm())
+def test_between_the_setpoints_of_an_arm_the_caps_are_kept_as_far_as_is_claimed(made) -> None:
+    trajectory, limits = made
+    assert_within(trajectory, limits)
+    q, qd, qdd = trajectory.at(np.arange(10 * (len(trajectory) - 1) + 1) * FINE)
+    assert np.all(np.abs(qd) <= 1.001 * limits.velocity)
+    assert np.all(np.abs(qdd) <= 1.02 * limits.acceleration)
+    at_rest = np.concatenate([q[:1], q[:1], q[:1], q, q[-1:], q[-1:], q[-1:]])
+    assert np.all(np.abs(np.diff(at_rest, 3, axis=0)) <= 1.35 * limits.jerk * FINE**3)
 
 
 @settings(max_examples=60)

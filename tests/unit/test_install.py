@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import shutil
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -10,12 +11,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
+PINS = ("pyproject.toml", "constraints.txt")
 
 
 @pytest.fixture
 def installer(tmp_path):
     """The script, in a directory of its own with what it reads there."""
-    for name in ("install.py", "setup.sh", "first_run.sh", "pyproject.toml", "constraints.txt"):
+    for name in ("install.py", "setup.sh", "run.sh", "first_run.sh", *PINS):
         shutil.copy(ROOT / name, tmp_path)
     spec = importlib.util.spec_from_file_location("so101_installer", tmp_path / "install.py")
     module = importlib.util.module_from_spec(spec)
@@ -34,28 +36,154 @@ def command_of(pid):
         return ""
 
 
+HERE = ".".join(map(str, sys.version_info[:2]))
+
+
+def pretend_environment(installer, *, version=HERE, imports=0, extras=()):
+    """An environment in which pip says its version and has done its work."""
+    installer.PYTHON.parent.mkdir(parents=True, exist_ok=True)
+    installer.PYTHON.write_text(
+        "#!/bin/sh\n"
+        f'[ "$3" = --version ] && echo "pip 25.0 from /here (python {version})" && exit\n'
+        'echo "$*" >>"$(dirname "$0")/asked"\n'
+        f'case "$*" in *import_check*) echo "error: libodd is missing" >&2; exit {imports};; esac\n'
+    )
+    installer.PYTHON.chmod(0o755)
+    installer.PACKAGES.write_text(installer.record(set(extras)))
+
+
+def asked_of(installer):
+    asked = installer.PYTHON.parent / "asked"
+    return asked.read_text().splitlines() if asked.exists() else []
+
+
 def test_what_is_complete_is_left_alone(installer, capsys):
-    installer.VENV.mkdir()
-    assert not installer.is_installed()
-    installer.DONE.write_text(installer.asked_for())
+    pretend_environment(installer)
+    assert not installer.is_installed(set())
+    assert installer.main([]) == 0
+    assert installer.is_installed(set())
+    capsys.readouterr()
 
     assert installer.main([]) == 0
     assert installer.main(["--background"]) == 0
-    assert capsys.readouterr().err.count("installed already") == 2
+    told = capsys.readouterr()
+    assert told.out.count("installed already") == 2
+    assert told.err == "", "viam-server logs that as an error"
+    assert len(asked_of(installer)) == 1  # the imports, the first time
 
 
 def test_a_new_version_is_noticed(installer):
-    installer.VENV.mkdir()
-    installer.DONE.write_text(installer.asked_for())
-    assert installer.is_installed()
+    pretend_environment(installer)
+    assert installer.main([]) == 0
     with (installer.HERE / "constraints.txt").open("a") as file:
         file.write("another==1.0\n")
-    assert not installer.is_installed()
+    assert not installer.is_installed(set())
 
 
-def test_what_is_compiled_is_what_has_sources(installer):
-    """toppra's newest is there as a wheel for x86-64 Linux alone, and cannot be compiled."""
-    assert installer.compiled_versions() == ["ruckig==0.19.4", "toppra==0.6.3"]
+def test_it_is_complete_only_once_everything_can_be_imported(installer, capsys):
+    pretend_environment(installer, imports=1)
+    assert installer.main([]) == 1
+    said = capsys.readouterr().err
+    assert "error: libodd is missing" in said
+    assert "not complete" in said
+    assert not installer.DONE.exists()
+
+    pretend_environment(installer, imports=0)
+    assert installer.main([]) == 0
+    assert installer.is_installed(set())
+    assert all("import_check" in line for line in asked_of(installer))  # pip had nothing to do
+
+
+def test_what_the_tests_need_is_more_than_what_the_demo_needs(installer):
+    pretend_environment(installer, extras=("viewer",))
+    assert installer.main(["--with", "viewer"]) == 0
+    assert installer.is_installed(set())
+    assert not installer.is_installed(installer.EXTRAS["dev"])
+    assert installer.main(["--with", "dev"]) == 0
+    assert installer.is_installed(installer.EXTRAS["viewer"])
+    assert any("pip install" in line and ".[dev,viewer]" in line for line in asked_of(installer))
+
+
+def test_an_environment_without_pip_is_made_anew(installer):
+    pretend_environment(installer)
+    (command,) = installer.steps(set())
+    assert "pip" in command
+    installer.PYTHON.write_text("#!/bin/sh\necho 'No module named pip' >&2; exit 1\n")
+    assert not installer.is_filled(set())
+    first, _ = installer.steps(set())
+    assert first[1:] == ("-m", "venv", "--clear", str(installer.VENV))
+
+
+@pytest.mark.parametrize(
+    ("version", "wanted", "works"),
+    [
+        ("3.10", "", False),
+        ("3.12", "", True),
+        ("3.15", "", False),
+        ("3.10", sys.executable, False),
+        (HERE, sys.executable, True),
+    ],
+)
+def test_an_environment_of_another_python_is_made_anew(
+    installer, monkeypatch, version, wanted, works
+):
+    monkeypatch.setenv("PYTHON", wanted)
+    pretend_environment(installer, version=version)
+    assert installer.environment_works() == works
+
+
+def test_too_little_disk_space_is_said_before_anything_is_done(installer, capsys):
+    installer.MEGABYTES = {**installer.MEGABYTES, "": 1e9}
+    assert installer.main([]) == 1
+    said = capsys.readouterr().err
+    assert "MB are needed" in said
+    assert "free some space" in said
+    assert not installer.VENV.exists()
+
+
+@pytest.mark.parametrize(
+    ("said", "then"),
+    [
+        ("ERROR: ... [Errno 28] No space left on device", "The disk is full"),
+        ("WARNING: Retrying ... Failed to establish a new connection", "Is the network there?"),
+        ("ERROR: ResolutionImpossible", "What pip says above is the reason"),
+    ],
+)
+def test_a_failure_is_told_as_what_it_is(installer, said, then):
+    if then.startswith("What") and not installer.has_ready_wheels():
+        pytest.skip("this system compiles, and may lack what that takes")
+    assert installer.what_to_try(said).startswith(then)
+
+
+def test_what_a_step_says_is_shown_and_kept(installer, capsys):
+    with installer.the_lock(0.0) as lock:
+        assert installer.run(("sh", "-c", "echo why >&2; exit 3"), 5.0, lock) == (3, "why\n")
+    assert capsys.readouterr().err == "why\n"
+
+
+def test_only_ruckig_is_ever_compiled(installer):
+    """toppra has wheels for x86-64 Linux alone; elsewhere it is not installed."""
+    assert installer.compiled_versions() == ["ruckig==0.19.4"]
+    lines = (installer.HERE / "pyproject.toml").read_text().splitlines()
+    [needed] = [line for line in lines if line.strip().startswith('"toppra')]
+    assert "; sys_platform == 'linux' and platform_machine == 'x86_64'" in needed
+
+
+@pytest.mark.parametrize(
+    ("system", "machine", "ready"),
+    [
+        ("linux", "x86_64", True),
+        ("darwin", "arm64", True),
+        ("linux", "aarch64", False),
+        ("darwin", "x86_64", False),
+    ],
+)
+def test_a_mac_of_today_compiles_nothing_and_a_pi_does(
+    installer, monkeypatch, system, machine, ready
+):
+    monkeypatch.setattr(sys, "platform", system)
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    assert installer.has_ready_wheels() is ready
 
 
 def test_two_installations_do_not_run_at_once(installer, capsys):
@@ -64,7 +192,7 @@ def test_two_installations_do_not_run_at_once(installer, capsys):
         with installer.the_lock(0.0) as second:
             assert second is None
         installer.PATIENCE = 0.0
-        assert installer.in_foreground() == 1
+        assert installer.in_foreground(set()) == 1
     assert "another installation is still running" in capsys.readouterr().err
     with installer.the_lock(0.0) as third:
         assert third is not None
@@ -74,7 +202,7 @@ def test_a_step_that_hangs_is_ended_with_all_it_started(installer, capsys):
     mark = f"30.0{os.getpid()}"
     begin = time.monotonic()
     with installer.the_lock(0.0) as lock:
-        assert installer.run(("sh", "-c", f"sleep {mark} & wait"), 0.2, lock) == 1
+        assert installer.run(("sh", "-c", f"sleep {mark} & wait"), 0.2, lock) == (1, "")
     assert time.monotonic() - begin < 5.0
     assert "it is ended" in capsys.readouterr().err
     deadline = time.monotonic() + 5.0
@@ -87,10 +215,9 @@ def test_compiled_wheels_that_came_along_are_counted_for_this_python_alone(insta
     assert not installer.has_ready_wheels()
     installer.WHEELS.mkdir()
     tag = f"cp{sys.version_info.major}{sys.version_info.minor}"
-    for name in (f"ruckig-0.19.4-{tag}-{tag}-any.whl", "toppra-0.6.3-cp39-cp39-any.whl"):
-        (installer.WHEELS / name).touch()
+    (installer.WHEELS / "ruckig-0.19.4-cp39-cp39-any.whl").touch()
     assert not installer.has_ready_wheels()
-    (installer.WHEELS / f"toppra-0.6.3-{tag}-{tag}-any.whl").touch()
+    (installer.WHEELS / f"ruckig-0.19.4-{tag}-{tag}-any.whl").touch()
     assert installer.has_ready_wheels()
 
 
@@ -100,22 +227,95 @@ def test_compiled_wheels_that_came_along_are_counted_for_this_python_alone(insta
 )
 def test_a_missing_compiler_is_named(installer, monkeypatch, platform, says):
     monkeypatch.setattr(sys, "platform", platform)
-    monkeypatch.setattr("platform.machine", lambda: "arm64")
+    monkeypatch.setattr("platform.machine", lambda: "some")
     monkeypatch.setenv("PATH", str(installer.HERE))
-    assert says in installer.what_to_try()
+    assert says in installer.what_to_try("")
 
 
-def test_without_python_the_first_run_says_so_and_succeeds(installer, tmp_path):
-    tools = tmp_path / "bin"
-    tools.mkdir()
+@pytest.fixture
+def tools(tmp_path):
+    """A PATH on which there is no Python yet."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
     for name in ("sh", "dirname"):
-        (tools / name).symlink_to(shutil.which(name))
-    said = tmp_path / "said"
-    status = os.waitstatus_to_exitcode(
-        os.system(f"env -i PATH={tools} {tools}/sh {tmp_path}/first_run.sh 2>{said}")
+        (folder / name).symlink_to(shutil.which(name))
+    return folder
+
+
+def python(folder, name, *, version, has_venv=True):
+    """A Python that says its version, has venv or not, and tells what it is to run."""
+    file = folder / name
+    file.write_text(
+        f"#!{shutil.which('sh')}\n"
+        'case "$*" in\n'
+        f'*"sys.exit"*) exit {int(not (3, 11) <= version <= (3, 14))} ;;\n'
+        f'*"import ensurepip"*) exit {int(not has_venv)} ;;\n'
+        f'*"print("*) echo {version[0]}.{version[1]} ;;\n'
+        f"*) echo {name} runs $* ;;\n"
+        "esac\n"
     )
-    assert status == 0
-    assert "no Python 3.11 or newer with venv was found" in said.read_text()
+    file.chmod(0o755)
+
+
+def ended(tools, script, *arguments, **environment):
+    return subprocess.run(
+        [tools / "sh", tools.parent / script, *arguments],
+        env={"PATH": str(tools), **environment},
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
+
+
+def test_without_python_the_first_run_says_so_and_succeeds(installer, tools):
+    first = ended(tools, "first_run.sh")
+    assert first.returncode == 0
+    assert "no Python 3.11 to 3.14 was found" in first.stderr
+    assert "try: apt-get install python3-venv (as root)" in first.stderr
+
+
+@pytest.mark.parametrize("name", ["python3.11", "python3.12", "python3.13", "python3.14"])
+def test_each_python_that_suits_is_found(installer, tools, name):
+    python(tools, "python3", version=(3, 9))
+    python(tools, name, version=(3, int(name.partition(".")[2])))
+    assert (
+        ended(tools, "setup.sh", "--with", "dev").stdout == f"{name} runs install.py --with dev\n"
+    )
+
+
+def test_a_python_without_venv_is_passed_over_and_otherwise_told(installer, tools):
+    python(tools, "python3.11", version=(3, 11), has_venv=False)
+    setup = ended(tools, "setup.sh")
+    assert setup.returncode == 1
+    assert "try: apt-get install python3.11-venv (as root)" in setup.stderr
+    python(tools, "python3", version=(3, 13))
+    assert ended(tools, "setup.sh").stdout == "python3 runs install.py\n"
+
+
+@pytest.mark.parametrize("version", [(3, 10), (3, 15)])
+def test_a_python_that_does_not_suit_is_told_and_leaves_nothing(installer, tools, version):
+    python(tools, "python3", version=version)
+    python(tools, "mine", version=version)
+    python(tools, "python3.12", version=(3, 12))
+    setup = ended(tools, "setup.sh", PYTHON="mine")  # what is named is not passed over
+    assert setup.returncode == 1
+    assert f"mine is Python 3.{version[1]}" in setup.stderr
+    (tools / "python3.12").unlink()
+    assert f"python3 is Python 3.{version[1]}" in ended(tools, "setup.sh").stderr
+    assert not installer.VENV.exists()
+
+
+def test_a_python_that_is_named_and_not_there_is_told(installer, tools):
+    assert "PYTHON=nowhere cannot be run" in ended(tools, "setup.sh", PYTHON="nowhere").stderr
+
+
+def test_the_module_does_not_start_from_an_installation_that_is_not_complete(installer, tools):
+    pretend_environment(installer, imports=1)
+    (tools / "python3").symlink_to(sys.executable)
+    started = ended(tools, "run.sh", "/tmp/no.sock", HOME=str(tools))
+    assert started.returncode == 1
+    assert "error: libodd is missing" in started.stderr
+    assert not any("so101_motion /tmp" in line for line in asked_of(installer))
 
 
 def test_an_unknown_argument_is_refused(installer, capsys):

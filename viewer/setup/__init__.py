@@ -1,10 +1,9 @@
-"""The setup app: from a box of parts to a moving arm, step by step, in the browser.
+"""The setup in the browser: from a box of parts to a moving arm, step by step.
 
-``course.py`` knows which step it is and remembers it, ``page.py`` says what a step's page is,
-``workshop.py`` is what all of them share, ``bench.py`` is the arm or the machine that is worked on.
-The pages: ``connection.py``, ``motors.py``, ``chain.py``, then those of the calibration.
-``part.py`` puts them on the page, ``picture.py`` draws the arm beside them, ``app.py`` serves them
-without a preview.
+``step_wizard.py`` knows which step is on the page and remembers it, ``page.py`` says what a step's
+page is, ``setup_context.py`` is what the pages share, ``calibration_target.py`` is the arm that is
+set up. ``part.py`` puts the pages into a tab; ``../setup_app.py`` serves that tab by itself. It may
+import ``page``, ``scene``, ``server`` and the package, not the preview.
 """
 
 from .part import SetupPart

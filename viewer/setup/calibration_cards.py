@@ -1,13 +1,19 @@
-"""The HTML of the calibration's pages and of the test's. Every text passes ``escape``."""
+"""HTML of the calibration's and the final test's pages. Every text passes ``escape``."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from so101_motion.accuracy import JointAccuracy, MoveReport, degrees, millimetres, milliseconds
+from so101_motion.calib.procedure.summary import PoseHint, SummaryLine, Tone, TravelBar
+from so101_motion.setup.accuracy import (
+    JointAccuracy,
+    MoveReport,
+    degrees,
+    millimetres,
+    milliseconds,
+)
 
-from .calibrating import Hint, Line, Tone, Travel
 from .cards import BAD, DIM, GOOD, WARM, capital
 
 _COLOURS: dict[Tone, str] = {"good": GOOD, "busy": "#f0a500", "warm": WARM, "bad": BAD, "dim": DIM}
@@ -20,7 +26,7 @@ _VERDICTS: dict[str, tuple[str, Tone]] = {
 _BOX = "padding:.3em .8em;font-size:.85em;line-height:1.5"
 
 
-def hints(items: Iterable[Hint]) -> str:
+def hints(items: Iterable[PoseHint]) -> str:
     """How near each joint is to the pose."""
     rows = "".join(
         f"<span>{escape(hint.joint)}</span>"
@@ -30,12 +36,12 @@ def hints(items: Iterable[Hint]) -> str:
     return f'<div style="{_BOX};display:grid;grid-template-columns:8em 1fr">{rows}</div>'
 
 
-def travels(items: Iterable[Travel]) -> str:
+def travels(items: Iterable[TravelBar]) -> str:
     """A bar for each joint."""
     return f'<div style="{_BOX}">{"".join(map(_travel, items))}</div>'
 
 
-def _travel(item: Travel) -> str:
+def _travel(item: TravelBar) -> str:
     colour = _COLOURS[item.tone]
     mark = ""
     if item.is_done:  # what can be saved, but better not yet, is no tick
@@ -67,7 +73,7 @@ def _travel(item: Travel) -> str:
     )
 
 
-def summary(lines: Iterable[Line]) -> str:
+def summary(lines: Iterable[SummaryLine]) -> str:
     """What is about to be saved, joint by joint, beside what was before."""
     rows = "".join(
         f"<tr><td>{escape(line.joint)}</td><td {_RIGHT}>{escape(line.travel)}</td>"

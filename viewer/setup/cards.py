@@ -1,4 +1,4 @@
-"""The setup's pieces of HTML. Every text passes ``escape``, as in ``markup.py``."""
+"""HTML of the setup pages. Every text passes ``escape``, as in ``markup.py``."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Iterable
 from html import escape
 from typing import Literal
 
-from so101_motion.adapters import Candidate
-from so101_motion.calib.setup_view import MotorCheck, MotorView, Verification
-from so101_motion.checkup import Check
-from so101_motion.workflow import Workflow
+from so101_motion.calib.motors.setup_view import MotorCheck, MotorView, Verification
+from so101_motion.setup.checkup import Check
+from so101_motion.setup.port_selection import Candidate
+from so101_motion.setup.setup_steps import Workflow
 
-from .course import Row
-from .torque import Torque
+from .step_wizard import StepRow
+from .torque import TorqueText
 
 MotorLook = Literal["waiting", "now", "found", "trouble", "done", "skipped"]
 
@@ -49,7 +49,7 @@ def choice(workflow: Workflow) -> str:
     )
 
 
-def step_list(rows: Iterable[Row]) -> str:
+def step_list(rows: Iterable[StepRow]) -> str:
     """The steps: behind us, on the page, to come; in as little room as they need."""
     steps = []
     for number, row in enumerate(rows, start=1):
@@ -70,7 +70,7 @@ def step_list(rows: Iterable[Row]) -> str:
     )
 
 
-def torque(now: Torque) -> str:
+def torque(now: TorqueText) -> str:
     """Whether the joints are held, always in sight."""
     colour = _AMBER if now.is_on else DIM
     return (

@@ -1,7 +1,6 @@
-"""The step after the motors have their ids: all six on one cable, verified.
+"""The page on which all six motors on one cable are verified.
 
-A verification that finds something wrong is a result like any other: the grid shows which motor it
-is, why, and what to do, and the button verifies again.
+The grid shows which motor is wrong, why, and what to do; the button verifies again.
 """
 
 from __future__ import annotations
@@ -10,24 +9,20 @@ from dataclasses import replace
 
 import viser
 
-from so101_motion.calib.setup_view import Verification
-from so101_motion.workflow import CHAIN
+from so101_motion.calib.motors.setup_view import Verification
+from so101_motion.setup.setup_steps import CHAIN
 
-from . import calibrating, cards
+from . import cards
 from .page import StepPage
 from .picture import GREEN, ORANGE
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 
 class ChainPage(StepPage):
-    """The page of the third step.
+    """The page of the third step."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, CHAIN)
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, CHAIN)
         self._shown: Verification | None = None
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -36,43 +31,43 @@ class ChainPage(StepPage):
         self._verify = gui.add_button("Verify all six", icon=viser.Icon.LIST_CHECK, color="green")
         self._grid = gui.add_html("")
         self._said = gui.add_html("")
-        self._shop.desk.on_press(self._verify, self._look)
+        self._setup.context.on_press(self._verify, self._look)
 
     def enter(self) -> None:
         """Look at once, for nothing is written; not when the chain is still to be made."""
         self._shown = None
-        bench = self._shop.bench
-        one_by_one = bench is not None and bench.calibrator.motor_setup.view.next_joint is None
-        if not self._is_calibrating and (self._shop.seen.servos is not None or not one_by_one):
+        target = self._setup.target
+        one_by_one = target is not None and target.calibrator.motor_setup.view.next_joint is None
+        if not self._is_calibrating and (self._setup.seen.servos is not None or not one_by_one):
             self._look()
 
     def refresh(self) -> bool:
         """Whether something else was found."""
-        found, before = self._shop.seen.servos, self._shown
+        found, before = self._setup.seen.servos, self._shown
         self._shown = found
         return found is not before
 
     def show(self) -> None:
         """Tell what was found, and light the motors that are not as they must be."""
-        found = self._shop.seen.servos
+        found = self._setup.seen.servos
         self._verify.label = "Verify all six" if found is None else "Verify again"
-        self._verify.disabled = bool(self._shop.doing) or self._is_calibrating
+        self._verify.disabled = bool(self._setup.doing) or self._is_calibrating
         self._grid.content = "" if found is None else cards.grid(found)
         is_told = found is not None and any(check.error for check in found.motors.values())
-        is_open = found is None or is_told or bool(self._shop.doing)
+        is_open = found is None or is_told or bool(self._setup.doing)
         self._said.content = "" if is_open else cards.said(self.check())
         if self._is_calibrating:
             self._said.content = cards.note("The calibration is under way: press Next.")
         if found is not None:
             wrong = tuple(joint for joint, check in found.motors.items() if check.status != "ok")
             lit, colour = (wrong, ORANGE) if wrong else (tuple(found.motors), GREEN)
-            self._shop.picture.light(lit, colour)
+            self._setup.picture.light(lit, colour)
 
     def can_go_on(self) -> str | None:
         """That something is wrong with the chain; what it is stands above."""
         if self.check().verdict != "fail" or self._is_calibrating:
             return None
-        is_first = self._shop.seen.servos is None
+        is_first = self._setup.seen.servos is None
         return "verify them first" if is_first else "verify them once all is mended"
 
     def _as_it_was(self) -> str:
@@ -81,15 +76,15 @@ class ChainPage(StepPage):
     @property
     def _is_calibrating(self) -> bool:
         """Whether somebody has come back from a calibration, which has the motors to itself."""
-        bench = self._shop.bench
-        return bench is not None and calibrating.is_under_way(bench.calibrator)
+        target = self._setup.target
+        return target is not None and target.calibrator.is_under_way
 
     def _look(self) -> None:
         self._do(
             "looking at all six motors",
-            lambda bench: bench.calibrator.motor_setup.verify(),
+            lambda target: target.calibrator.motor_setup.verify(),
             self._take,
         )
 
     def _take(self, found: Verification) -> None:
-        self._shop.seen = replace(self._shop.seen, servos=found)
+        self._setup.seen = replace(self._setup.seen, servos=found)

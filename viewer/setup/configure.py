@@ -1,46 +1,42 @@
-"""The last page: what to do with an arm that is calibrated."""
+"""The last page: the configuration for Viam, and the preview of the calibrated arm."""
 
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import viser
 
-from so101_motion import adapters
-from so101_motion.configuration import configuration
-from so101_motion.hardware_config import SERVO_IDS
-from so101_motion.rig import open_hardware
-from so101_motion.servos import ServoSettings
-from so101_motion.workflow import CONFIGURE
+from so101_motion.drivers.bus.defaults import SERVO_IDS
+from so101_motion.rig.hardware_rig import open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup import port_selection
+from so101_motion.setup.setup_steps import CONFIGURE
+from so101_motion.viam.suggested_config import configuration
 
-from ..desk import Desk
-from . import calibrating, calibration_cards, cards
-from .bench import Bench
+from . import calibration_cards, cards
+from .calibration_target import SetupTarget
 from .page import StepPage
-from .workshop import Workshop
+from .setup_context import ServesPreview, SetupContext
 
 
-class Outlook:
+class SetupPreview:
     """The preview of an arm that was set up, on a page of its own on this computer.
 
     Args:
-        bench: Whose arm. The port is shared, so the preview stays when the bench is put away.
-
-    Attributes:
-        url: A link that opens it, once.
+        serve: Serves a preview, as ``so101_viewer.serve`` does.
+        target: Whose arm. The port is shared, so the preview stays when the target is put away.
 
     Raises:
         So101Error: The arm cannot be held, or the page cannot be served.
     """
 
-    def __init__(self, bench: Bench) -> None:
-        from ..app import serve  # it has the setup as one of its tabs
-
-        file = bench.calibrator.situation.calibration_file
-        asked = ServoSettings(port=bench.where, fallback_file=file)
+    def __init__(self, serve: ServesPreview, target: SetupTarget) -> None:
+        file = target.calibrator.situation.calibration_file
+        asked = ServoSettings(port=target.where, fallback_file=file)
         self._rig = open_hardware(asked.with_arm(SERVO_IDS))
         try:
-            self._page = serve(self._rig, port=0, title=f"Arm on {bench.where}")
+            self._page = serve(self._rig, port=0, title=f"Arm on {target.where}")
         except BaseException:
             self._rig.close()
             raise
@@ -53,14 +49,10 @@ class Outlook:
 
 
 class ConfigurePage(StepPage):
-    """The page of the configuration.
+    """The page of the configuration."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, CONFIGURE)
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, CONFIGURE)
         self._text = self._url = ""
         self._is_shown = False
 
@@ -73,15 +65,15 @@ class ConfigurePage(StepPage):
         )
         self._ways = gui.add_html("")
         self._open = gui.add_button("Open the preview", icon=viser.Icon.ROBOT, visible=False)
-        self._shop.desk.on_press(self._open, self._preview)
-        self._shop.desk.on_asked(self._keep, self._hand_over)
+        self._setup.context.on_press(self._open, self._preview)
+        self._setup.context.on_asked(self._keep, self._hand_over)
 
     def enter(self) -> None:
-        """Make the configuration of what is on the bench."""
-        bench, self._text, self._is_shown = self._shop.bench, "", False
-        if bench is not None and self._shop.saved is None:
-            self._shop.saved = calibrating.saved_before(bench.calibrator.situation)
-        if bench is not None and not bench.is_remote:
+        """Make the configuration of what is on the target."""
+        target, self._text, self._is_shown = self._setup.target, "", False
+        if target is not None and self._setup.saved is None:
+            self._setup.saved = target.calibrator.situation.saved
+        if target is not None and not target.is_remote:
             self._do("writing the configuration", snippet, self._take)
 
     def refresh(self) -> bool:
@@ -91,14 +83,14 @@ class ConfigurePage(StepPage):
 
     def show(self) -> None:
         """Show the configuration, and where the arm can be moved."""
-        bench = self._shop.bench
-        if bench is None:
+        target = self._setup.target
+        if target is None:
             return
-        saved = self._shop.saved
-        tested = self._shop.tested
+        saved = self._setup.saved
+        tested = self._setup.tested
         said = cards.instruction(CONFIGURE.title, "")
         said += "" if tested is None else cards.said(tested)
-        if bench.is_remote:
+        if target.is_remote:
             said += cards.instruction(
                 "", f"The machine has it in force already. Its calibration is in {saved}: give its"
                 " arm and gripper this calibration_file, if they have not."
@@ -111,32 +103,33 @@ class ConfigurePage(StepPage):
         self._about.content = said
         self._snippet.content = calibration_cards.to_copy(self._text) if self._text else ""
         self._keep.visible = bool(self._text)
-        self._show_ways(bench)
+        self._show_ways(target)
 
-    def _show_ways(self, bench: Bench) -> None:
-        if isinstance(self._shop.desk, Desk):
+    def _show_ways(self, target: SetupTarget) -> None:
+        if self._setup.preview is None:
             self._ways.content = cards.instruction(
                 "Move it now", "Press Finish, then open the tab Move."
             )
             return
-        self._open.visible = not self._url and not bench.is_remote
-        self._open.disabled = bool(self._shop.doing)
+        self._open.visible = not self._url and not target.is_remote
+        self._open.disabled = bool(self._setup.doing)
         said = cards.instruction("Move it now", "")
         if self._url:
             said += calibration_cards.link(
                 self._url, "The preview of the arm, on a page of its own"
             )
-        self._ways.content = said + cards.note(f"Later, from a terminal: {_command(bench)}")
+        self._ways.content = said + cards.note(f"Later, from a terminal: {_command(target)}")
 
     def _as_it_was(self) -> str:
         return "what was saved stays, and the arm is left as it is"
 
     def _preview(self) -> None:
-        if not self._url:
-            self._do("opening the preview", Outlook, self._show_preview)
+        serve = self._setup.preview
+        if serve is not None and not self._url:
+            self._do("opening the preview", partial(SetupPreview, serve), self._show_preview)
 
-    def _show_preview(self, outlook: Outlook) -> None:
-        self._shop.opened.append(outlook)
+    def _show_preview(self, outlook: SetupPreview) -> None:
+        self._setup.opened.append(outlook)
         self._url, self._is_shown = outlook.url, False
 
     def _take(self, text: str) -> None:
@@ -148,15 +141,15 @@ class ConfigurePage(StepPage):
         )
 
 
-def _command(bench: Bench) -> str:
-    if bench.is_remote and bench.rig is not None:
-        _, _, address = bench.rig.connection.to.partition(" ")
+def _command(target: SetupTarget) -> str:
+    if target.is_remote and target.rig is not None:
+        _, _, address = target.rig.connection.to.partition(" ")
         return f"so101 view --machine {address}"
-    return f"so101 view --port {bench.where}"
+    return f"so101 view --port {target.where}"
 
 
-def snippet(bench: Bench) -> str:
-    """What viam-server is to be told of the arm on the bench's port, as JSON."""
-    seen = adapters.look((bench.where,))
+def snippet(target: SetupTarget) -> str:
+    """What viam-server is to be told of the arm on the target's port, as JSON."""
+    seen = port_selection.look((target.where,))
     reports = [candidate.report for candidate in seen.candidates]
     return json.dumps(configuration(reports), indent=2)

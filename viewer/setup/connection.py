@@ -1,7 +1,7 @@
-"""The first step: which port the arm is on, and what keeps it from being used.
+"""The page on which the port is chosen, and what keeps it from being used is shown.
 
-While the step is on the page, all ports are looked at again and again, so that a cable that is
-plugged in, a supply that is switched on or a program that is ended shows by itself.
+All ports are looked at again and again while the page is shown, so a cable that is plugged in, a
+supply that is switched on or a program that is ended shows by itself.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ from functools import partial
 
 import viser
 
-from so101_motion.adapters import Candidate, Look
-from so101_motion.checkup import Check
-from so101_motion.workflow import CONNECT
+from so101_motion.setup.checkup import Check, fail
+from so101_motion.setup.port_selection import Candidate, PortsSeen
+from so101_motion.setup.setup_steps import CONNECT
 
 from . import cards
-from .bench import Bench
-from .benches import Ports
+from .calibration_target import Ports, SetupTarget
 from .page import StepPage
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 PERIOD = 1.0
 """How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""
@@ -35,18 +34,18 @@ _BARE = (
 _MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
 
 
-class Lookout:
+class PortWatch:
     """Looks at the ports in a thread of its own.
 
     Args:
         look: Looks at them; takes up to two seconds.
     """
 
-    def __init__(self, look: Callable[[], Look]) -> None:
+    def __init__(self, look: Callable[[], PortsSeen]) -> None:
         self._look = look
         self._ends: threading.Event | None = None
         self._thread: threading.Thread | None = None
-        self.seen: Look | None = None
+        self.seen: PortsSeen | None = None
 
     def begin(self) -> None:
         """Look from now on."""
@@ -71,7 +70,7 @@ class Lookout:
             ends.wait(max(PERIOD - (time.monotonic() - began), 0.2))
 
 
-class Connection:
+class PortChoice:
     """Which port is meant.
 
     Attributes:
@@ -80,7 +79,7 @@ class Connection:
     """
 
     def __init__(self) -> None:
-        self.seen: Look | None = None
+        self.seen: PortsSeen | None = None
         self.picked: str | None = None
 
     @property
@@ -103,11 +102,10 @@ class Connection:
         if self.seen is None:
             return Check(name="connect", verdict="fail", sentence="looking at the ports")
         if self.chosen is None and len(self.seen.candidates) > 1:
-            return Check(
-                name="connect",
-                verdict="fail",
-                sentence=f"there are {len(self.seen.candidates)} ports",
-                fix="choose the one of the arm that is to be set up",
+            return fail(
+                "connect",
+                f"there are {len(self.seen.candidates)} ports",
+                "choose the one of the arm that is to be set up",
             )
         return None
 
@@ -116,15 +114,14 @@ class ConnectionPage(StepPage):
     """The page of the first step.
 
     Args:
-        shop: What all pages share.
-        ports: Where the arm may be.
+        setup: What all pages share.
     """
 
-    def __init__(self, shop: Workshop, ports: Ports) -> None:
-        super().__init__(shop, CONNECT)
+    def __init__(self, setup: SetupContext, ports: Ports) -> None:
+        super().__init__(setup, CONNECT)
         self._ports = ports
-        self._lookout = Lookout(ports.look)
-        self.model = Connection()
+        self._port_watch = PortWatch(ports.look)
+        self.model = PortChoice()
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
@@ -132,28 +129,28 @@ class ConnectionPage(StepPage):
         self._cards = [gui.add_html("", visible=False) for _ in range(_MOST_PORTS)]
         self._picks = [gui.add_button("", visible=False, color="gray") for _ in range(_MOST_PORTS)]
         for place, button in enumerate(self._picks):
-            self._shop.desk.on_press(button, partial(self._pick, place))
+            self._setup.context.on_press(button, partial(self._pick, place))
         self._said = gui.add_html("")
 
     def enter(self) -> None:
         """Begin to look."""
-        self._shop.make = self._open
-        if self._shop.fixed is None and self._shop.bench is None:
-            self._lookout.begin()
+        self._setup.make = self._open
+        if self._setup.fixed is None and self._setup.target is None:
+            self._port_watch.begin()
 
     def leave(self) -> None:
         """End looking; the port may be opened for good now."""
-        self._lookout.end()
+        self._port_watch.end()
 
     def refresh(self) -> bool:
         """Take up the last look."""
-        fixed, before = self._shop.fixed, self._shop.seen
+        fixed, before = self._setup.fixed, self._setup.seen
         if fixed is not None:
-            self._shop.seen = replace(fixed.findings(), servos=before.servos)
-            return self._shop.seen != before
-        if self._lookout.seen is self.model.seen:
+            self._setup.seen = replace(fixed.findings(), servos=before.servos)
+            return self._setup.seen != before
+        if self._port_watch.seen is self.model.seen:
             return False
-        self.model.seen = self._lookout.seen
+        self.model.seen = self._port_watch.seen
         self._judge()
         return True
 
@@ -183,24 +180,24 @@ class ConnectionPage(StepPage):
     # How
 
     def _of_several(self) -> Check | None:
-        is_settled = self._shop.fixed is not None or self._shop.bench is not None
+        is_settled = self._setup.fixed is not None or self._setup.target is not None
         return None if is_settled else self.model.check
 
     def _judge(self) -> None:
         seen, chosen = self.model.seen, self.model.chosen
         if seen is not None:
-            self._shop.seen = seen.nothing if chosen is None else chosen.findings
+            self._setup.seen = seen.nothing if chosen is None else chosen.findings
 
     def _pick(self, place: int) -> None:
         if self.model.seen is not None and place < len(self.model.seen.candidates):
             self.model.picked = self.model.seen.candidates[place].name
             self._judge()
 
-    def _open(self) -> Bench:
-        """The bench on the chosen port; in a worker's thread."""
-        if self._shop.fixed is not None:
-            return self._shop.fixed.open()
+    def _open(self) -> SetupTarget:
+        """The target on the chosen port; in a worker's thread."""
+        if self._setup.fixed is not None:
+            return self._setup.fixed.open()
         chosen = self.model.chosen
         assert chosen is not None  # else one could not have gone on
-        self._lookout.end()
+        self._port_watch.end()
         return self._ports.open(chosen)

@@ -1,9 +1,7 @@
-"""The second step: one motor after the other gets its id.
+"""The page on which one motor after the other gets its id.
 
-Finding needs no button: as long as the step waits for a motor, whoever is on the cable is looked
-at again and again. Writing does: what was found is shown with what would be written, and nothing is
-until somebody presses the button that says so. Whatever goes wrong names its cause and what to do,
-and has a button to look again at once.
+The page looks for the motor by itself, again and again. It writes only when somebody presses the
+button that says what will be written. Every failure names its cause and what to do.
 """
 
 from __future__ import annotations
@@ -15,15 +13,21 @@ from functools import partial
 
 import viser
 
-from so101_motion.calib.setup_view import MOVES, SETUP_ORDER, MotorView, SetupView
-from so101_motion.workflow import MOTORS
+from so101_motion.calib.motors.setup_view import (
+    AS_NEW,
+    SETUP_ORDER,
+    MotorView,
+    SetupView,
+    connect_alone,
+)
+from so101_motion.setup.setup_steps import MOTORS
 
-from ..fields import put
+from ..page.shared_fields import put
 from . import cards
 from .cards import MotorLook
 from .page import StepPage
 from .picture import GREEN, ORANGE
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 PAUSE = 0.6
 """How long to wait between two looks at the cable [s]; chosen: a look alone takes up to two."""
@@ -31,9 +35,6 @@ PAUSE = 0.6
 PATIENCE = 12.0
 """When nobody has answered for so long, it is said what may be wrong [s]; chosen: time to unplug
 one motor and plug in another."""
-
-AS_NEW = 1
-"""The id of every new motor, which therefore tells nothing."""
 
 _LOOKING = (
     "Looking at the cable all the time, no need to press anything before a motor is found. The six"
@@ -50,7 +51,7 @@ _SILENT = (
 )
 
 
-class Motors:
+class MotorCards:
     """How the cards look and what can be pressed, from what is known of the motors.
 
     Args:
@@ -92,13 +93,8 @@ class Motors:
 
     def doubt(self, view: SetupView, joint: str) -> str:
         """Why the motor that was found must not be written to; empty for no reason."""
-        motor = view.motors[joint]
-        for other in view.motors.values():
-            is_set_up = other.state in ("configured", "verified")
-            same = other.target_id == motor.found_id and motor.found_id != AS_NEW
-            if other.joint != joint and is_set_up and same:
-                return f"this is the motor of {other.joint}, which is set up already"
-        return ""
+        owner = view.owner(view.motors[joint].found_id, but=joint)
+        return f"this is the motor of {owner}, which is set up already" if owner else ""
 
     def can_write(self, view: SetupView) -> bool:
         """Whether there is a motor to write to, and nothing to be mended first, as its supply."""
@@ -133,10 +129,7 @@ class Motors:
         there = [m.joint for m in settled if m.target_id == found != AS_NEW]
         done = there or [m.joint for m in settled]
         unplug = f"unplug the motor of {done[-1]} and write its name on it, then " if done else ""
-        return (
-            f"{unplug}connect only the motor of {joint}, which {MOVES[joint]}, to the adapter, with"
-            " the power on"
-        )
+        return unplug + connect_alone(joint)
 
 
 def _found(motor: MotorView) -> str:
@@ -147,15 +140,11 @@ def _found(motor: MotorView) -> str:
 
 
 class MotorsPage(StepPage):
-    """The page of the second step.
+    """The page of the second step."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, MOTORS)
-        self.model = Motors()
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, MOTORS)
+        self.model = MotorCards()
         self._shown: tuple[SetupView, str] | None = None
         self._is_here = False
 
@@ -169,11 +158,11 @@ class MotorsPage(StepPage):
         self._doing = gui.add_html("")
         self._list = gui.add_html("")
         self._redo = gui.add_dropdown("Set up again", (_NONE, *SETUP_ORDER), initial_value=_NONE)
-        on_press = self._shop.desk.on_press
+        on_press = self._setup.context.on_press
         on_press(self._write, self._assign)
         on_press(self._again, self.model.look_again)
         on_press(self._skip, self._leave_out)
-        self._shop.desk.on_entry(self._redo, self._pick)
+        self._setup.context.on_entry(self._redo, self._pick)
 
     def enter(self) -> None:
         """Begin to look at the cable."""
@@ -187,13 +176,13 @@ class MotorsPage(StepPage):
     def refresh(self) -> bool:
         """Look at the cable if it is time; whether anything has changed."""
         view = self._view
-        bench, joint = self._shop.bench, self.model.wants_to_look(view)
-        if bench is not None and joint is not None and self._is_here:
-            look = partial(bench.calibrator.motor_setup.discover, joint)
-            self._shop.watch(look, lambda: self.model.looked(self._view))
+        target, joint = self._setup.target, self.model.wants_to_look(view)
+        if target is not None and joint is not None and self._is_here:
+            look = partial(target.calibrator.motor_setup.discover, joint)
+            self._setup.watch(look, lambda: self.model.looked(self._view))
         for motor in view.motors.values():
             if motor.state in ("configured", "verified"):
-                self._shop.progress.add(motor.joint)
+                self._setup.progress.add(motor.joint)
         now = (replace(view, doing=""), self.model.hint)
         is_news, self._shown = now != self._shown, now
         return is_news
@@ -211,7 +200,7 @@ class MotorsPage(StepPage):
             state, words, fix = looks[joint]
             self._card.content = cards.motor(view.motors[joint], state=state, words=words, fix=fix)
         is_found = model.can_write(view)
-        self._shop.picture.light(() if joint is None else (joint,), GREEN if is_found else ORANGE)
+        self._setup.picture.light(() if joint is None else (joint,), GREEN if is_found else ORANGE)
         self._doing.content = cards.note(self._about(view, is_found))
         self._write.visible = joint is not None
         self._write.disabled = not is_found or self._is_writing
@@ -237,16 +226,16 @@ class MotorsPage(StepPage):
 
     @property
     def _view(self) -> SetupView:
-        bench = self._shop.bench
-        return SetupView() if bench is None else bench.calibrator.motor_setup.view
+        target = self._setup.target
+        return SetupView() if target is None else target.calibrator.motor_setup.view
 
     @property
     def _is_writing(self) -> bool:
-        return self._shop.doing.startswith("writing")
+        return self._setup.doing.startswith("writing")
 
     def _about(self, view: SetupView, is_found: bool) -> str:
         if self._is_writing:
-            return cards.capital(self._shop.doing)
+            return cards.capital(self._setup.doing)
         if view.next_joint is None and self.model.picked is None:
             return "All motors are settled. Press Next."
         if is_found:
@@ -254,18 +243,18 @@ class MotorsPage(StepPage):
         return self.model.hint or _LOOKING
 
     def _assign(self) -> None:
-        bench, joint = self._shop.bench, self.model.joint(self._view)
-        if bench is None or joint is None or not self.model.can_write(self._view):
+        target, joint = self._setup.target, self.model.joint(self._view)
+        if target is None or joint is None or not self.model.can_write(self._view):
             return
-        motors = bench.calibrator.motor_setup
+        motors = target.calibrator.motor_setup
         doing = f"writing id {self._view.motors[joint].target_id} to the motor of {joint}"
-        self._shop.do(doing, partial(motors.assign, joint), lambda _: self._settled())
+        self._setup.do(doing, partial(motors.assign, joint), lambda _: self._settled())
 
     def _leave_out(self) -> None:
-        bench, joint = self._shop.bench, self.model.joint(self._view)
-        if bench is not None and joint is not None:
-            skip = partial(bench.calibrator.motor_setup.skip, joint)
-            self._shop.do(f"skipping {joint}", skip, lambda _: self._settled())
+        target, joint = self._setup.target, self.model.joint(self._view)
+        if target is not None and joint is not None:
+            skip = partial(target.calibrator.motor_setup.skip, joint)
+            self._setup.do(f"skipping {joint}", skip, lambda _: self._settled())
 
     def _settled(self) -> None:
         self.model.picked = None

@@ -1,12 +1,13 @@
-"""What a step's page is.
+"""The base classes of a step's page.
 
-A page shows one step of ``so101_motion.workflow`` and lets people do it. It never waits: what talks
-to motors runs beside it, and ``refresh`` sees what has come of it. All pages work for every browser
-at once and keep nothing in the browser, so a reload loses nothing.
+A page shows one step of ``so101_motion.setup.setup_steps`` and lets people do it. It never waits:
+what talks to motors runs beside it, and ``refresh`` sees what has come of it. All pages work for
+every browser at once and keep nothing in the browser, so a reload loses nothing.
 """
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
@@ -14,13 +15,14 @@ from typing import TypeVar
 
 import viser
 
-from so101_motion.checkup import Check
-from so101_motion.workflow import Step
+from so101_motion.calib.procedure.pose_estimate import PoseEstimate, estimate_pose
+from so101_motion.calib.procedure.steps import Command
+from so101_motion.setup.calibrator import Situation
+from so101_motion.setup.checkup import Check
+from so101_motion.setup.setup_steps import SetupStep
 
-from . import calibrating
-from .bench import Bench
-from .watch import Watch
-from .workshop import Workshop
+from .calibration_target import SetupTarget
+from .setup_context import SetupContext
 
 T = TypeVar("T")
 
@@ -29,12 +31,11 @@ class StepPage(ABC):
     """The page of one step. All of it but ``abort`` is called from the page's thread.
 
     Args:
-        shop: What all pages share.
-        step: Which step it is.
+        setup: What all pages share.
     """
 
-    def __init__(self, shop: Workshop, step: Step) -> None:
-        self._shop, self._step = shop, step
+    def __init__(self, setup: SetupContext, step: SetupStep) -> None:
+        self._setup, self._step = setup, step
 
     @abstractmethod
     def build(self, gui: viser.GuiApi) -> None:
@@ -57,7 +58,7 @@ class StepPage(ABC):
 
     def check(self) -> Check:
         """How far the step is; the workflow's own check of what is known."""
-        return self._step.check(self._shop.known)
+        return self._step.check(self._setup.known)
 
     def can_go_on(self) -> str | None:
         """Why one cannot go on yet, as a sentence; None if one can."""
@@ -72,10 +73,10 @@ class StepPage(ABC):
         Raises:
             So101Error: It cannot be ended now; the message says what to do.
         """
-        bench = self._shop.bench
-        if bench is None or not calibrating.is_under_way(bench.calibrator):
+        target = self._setup.target
+        if target is None or not target.calibrator.is_under_way:
             return self._as_it_was()
-        return calibrating.put_back(bench.calibrator)
+        return target.calibrator.step(Command.ABORT).put_back
 
     @abstractmethod
     def _as_it_was(self) -> str:
@@ -84,25 +85,54 @@ class StepPage(ABC):
     def _do(
         self,
         doing: str,
-        call: Callable[[Bench], T],
+        call: Callable[[SetupTarget], T],
         then: Callable[[T], None] = lambda _result: None,
     ) -> bool:
-        """Do something with the bench, see ``Workshop.do``; whether it is done, not without one."""
-        bench = self._shop.bench
-        return bench is not None and self._shop.do(doing, partial(call, bench), then)
+        """Do something with the target, see ``SetupContext.do``; whether it is."""
+        target = self._setup.target
+        return target is not None and self._setup.do(doing, partial(call, target), then)
+
+
+_PERIOD = 0.07
+"""Time between two pictures [s]; chosen: hands are slow, and browsers on phones are as well."""
 
 
 class CalibrationPage(StepPage):
     """The page of a step that looks at the arm all the time while it is calibrated."""
 
-    def __init__(self, shop: Workshop, step: Step) -> None:
-        super().__init__(shop, step)
-        self._watch = Watch(shop)
+    def __init__(self, setup: SetupContext, step: SetupStep) -> None:
+        super().__init__(setup, step)
+        self._now: Situation | None = None  # what was seen last; None without an arm
+        self._due = 0.0
 
     def refresh(self) -> bool:
-        """Look at the arm."""
-        return self._watch.refresh()
+        """Look at the arm; whether there is news."""
+        target, t = self._setup.target, time.monotonic()
+        if target is None or t < self._due:
+            return False
+        before, self._now = self._now, target.calibrator.situation
+        if before is not None and _is_same(before, self._now):
+            return False
+        self._due = t + _PERIOD
+        return True
+
+    def _draw(self, now: Situation) -> PoseEstimate:
+        """Draw the arm where its joints probably are."""
+        seen = estimate_pose(now.view.state, now.joints, now.angles)
+        self._setup.picture.move(seen.q, seen.q_jaw)
+        return seen
 
     def _as_it_was(self) -> str:
-        bench = self._shop.bench
-        return "nothing was changed" if bench is None else calibrating.untouched(bench.calibrator)
+        target = self._setup.target
+        return "nothing was changed" if target is None else target.calibrator.situation.untouched
+
+
+def _is_same(before: Situation, now: Situation) -> bool:
+    """Whether nobody would see a difference."""
+    a, b = before.view, now.view
+    return (
+        (a.state, a.error, a.note) == (b.state, b.error, b.note)
+        and before.joints == now.joints
+        and before.is_connected == now.is_connected
+        and before.notes == now.notes
+    )

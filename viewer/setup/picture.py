@@ -1,7 +1,6 @@
-"""The arm beside the steps: which motor is meant, where the joints are, where they should be.
+"""Draw the arm beside the steps: which motor is meant, where the joints are and should be.
 
-It is a picture of its own under ``/setup``; while a setup is under way it stands in the place of
-the preview's arm.
+It is a model of its own under ``/setup`` and replaces the preview's arm during a setup.
 """
 
 from __future__ import annotations
@@ -11,11 +10,11 @@ from collections.abc import Callable, Collection
 import numpy as np
 import viser
 
-from so101_motion.geometry import SE3, Array, rotation_angle
-from so101_motion.planning.model import RobotModel
-from so101_motion.state import GRIPPER_JOINT
+from so101_motion.common.geometry import SE3, Array, rotation_angle
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.planning.kinematics.model import RobotModel
 
-from ..robot_view import Color, RobotView
+from ..scene.robot_view import Color, RobotView
 
 MOVED_LINK = {
     "shoulder_pan": "shoulder_link",
@@ -37,12 +36,7 @@ _Q_JAW_SHOWN = 0.6  # [rad], so that the jaw is seen to be a part of its own
 
 
 class Picture:
-    """The arm of the setup.
-
-    Args:
-        scene: Where to draw it.
-        on_stage: Told whether the preview's own arm has the stage.
-    """
+    """The arm of the setup."""
 
     def __init__(self, scene: viser.SceneApi, on_stage: Callable[[bool], None]) -> None:
         self._on_stage = on_stage

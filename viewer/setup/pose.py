@@ -1,27 +1,28 @@
-"""The page on which the joints go limp and are held in the homing pose.
+"""The page on which the joints go limp and the homing pose is taken.
 
 A ghost shows the pose, the arm beside it moves as the real one does. The person has both hands on
-the arm when the pose is to be taken, so the button only says that it is there: it is taken once the
-arm has been held still for a moment.
+the arm, so the pose is taken once the arm has been still for a moment after the button.
 """
 
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import numpy as np
 import viser
 
-from so101_motion.calib.likely import HOMING_POSE, Likely
-from so101_motion.calib.steps import State
-from so101_motion.calib.stillness import STILL, Stillness
-from so101_motion.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.workflow import POSE
+from so101_motion.calib.procedure import summary
+from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, PoseEstimate
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.stillness import STILL, Stillness
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.setup.setup_steps import POSE
 
-from . import calibrating, calibration_cards, cards
-from .bench import Bench
+from . import calibration_cards, cards
+from .calibration_target import SetupTarget
 from .page import CalibrationPage
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 _LET_GO = (
     "The arm must be screwed together by now; that takes an hour or two, and this page waits. Hold"
@@ -37,14 +38,10 @@ _TAKEN = "The pose is taken. Relax, and go on."
 
 
 class PosePage(CalibrationPage):
-    """The page of the homing pose.
+    """The page of the homing pose."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, POSE)
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, POSE)
         self._stillness: Stillness | None = None  # while the pose is about to be taken
         self._still = 0.0
 
@@ -63,7 +60,7 @@ class PosePage(CalibrationPage):
             "Put the motors back", icon=viser.Icon.ARROW_BACK_UP, visible=False
         )
         self._said = gui.add_html("")
-        on_press = self._shop.desk.on_press
+        on_press = self._setup.context.on_press
         on_press(self._let_go, self._start)
         on_press(self._take, self._wait_for_stillness)
         on_press(self._again, self._start_over)
@@ -84,12 +81,11 @@ class PosePage(CalibrationPage):
 
     def show(self) -> None:
         """Tell what to do, and how near each joint is."""
-        now, busy = self._watch.now, bool(self._shop.doing)
+        now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
         state = now.view.state
-        seen = self._watch.draw()
-        assert seen is not None  # there is a situation
+        seen = self._draw(now)
         self._show_pose(state, seen)
         taken = state in (State.HOMED, State.RECORDING, State.COMPLETED)
         text = {State.IDLE: _LET_GO, State.STARTED: _MATCH, State.ERROR: ""}.get(state, _TAKEN)
@@ -101,8 +97,8 @@ class PosePage(CalibrationPage):
         self._take.disabled = busy or self._stillness is not None
         self._say()
 
-    def _show_pose(self, state: State, seen: Likely) -> None:
-        now, picture = self._watch.now, self._shop.picture
+    def _show_pose(self, state: State, seen: PoseEstimate) -> None:
+        now, picture = self._now, self._setup.picture
         if state is not State.STARTED or now is None:
             picture.ghost(None)
             picture.light(())
@@ -110,15 +106,15 @@ class PosePage(CalibrationPage):
             return
         q = np.array([HOMING_POSE[joint] for joint in ARM_JOINTS])
         picture.ghost(q, HOMING_POSE[GRIPPER_JOINT])
-        told = calibrating.hints(now.joints, seen)
+        told = summary.hints(now.joints, seen)
         picture.light(tuple(hint.joint for hint in told if hint.tone == "warm"))
-        note = calibrating.picture_note(seen, now.joints)
+        note = summary.picture_note(seen, now.joints)
         is_all_guessed = all(hint.tone == "dim" for hint in told)
         table = "" if is_all_guessed else calibration_cards.hints(told)
         self._hints.content = table + cards.note(note)
 
     def _say(self) -> None:
-        now = self._watch.now
+        now = self._now
         assert now is not None
         view = now.view
         said = cards.note(view.note or "")
@@ -126,42 +122,44 @@ class PosePage(CalibrationPage):
             left = STILL - self._still
             told = f"hold still: {left:.1f} s more" if self._still else "hold still: it moves"
             said += cards.going_on(told)
-        elif view.error and not self._shop.trouble:
+        elif view.error and not self._setup.trouble:
             said += cards.failed(view.error)
         self._said.content = said
 
     # What the buttons do
 
     def _start(self) -> None:
-        bench = self._shop.bench
-        if bench is None:
+        target = self._setup.target
+        if target is None:
             return
-        before = calibrating.in_force(bench.calibrator.situation.joints)
-        if self._shop.do("letting go of the joints", bench.calibrator.start):
-            self._shop.before = before
-            self._shop.saved = self._shop.tested = None
+        before = summary.in_force(target.calibrator.situation.joints)
+        if self._setup.do(
+            "letting go of the joints", partial(target.calibrator.step, Command.START)
+        ):
+            self._setup.before = before
+            self._setup.saved = self._setup.tested = None
 
     def _start_over(self) -> None:
-        def again(bench: Bench) -> None:
-            bench.calibrator.abort()
-            bench.calibrator.start()
+        def again(target: SetupTarget) -> None:
+            target.calibrator.step(Command.ABORT)
+            target.calibrator.step(Command.START)
 
         if self._do("putting the motors back, to begin again", again):
-            self._shop.saved = self._shop.tested = None
+            self._setup.saved = self._setup.tested = None
 
     def _put_back(self) -> None:
-        self._do("putting the motors back", lambda bench: bench.calibrator.reset())
+        self._do("putting the motors back", lambda target: target.calibrator.step(Command.RESET))
 
     def _wait_for_stillness(self) -> None:
-        if not self._shop.doing:
+        if not self._setup.doing:
             self._stillness, self._still = Stillness(), 0.0
 
     def _await_stillness(self) -> bool:
         """Take the pose once the arm is still; whether there is something to tell about that."""
-        stillness, bench = self._stillness, self._shop.bench
-        if stillness is None or bench is None:
+        stillness, target = self._stillness, self._setup.target
+        if stillness is None or target is None:
             return False
-        now = bench.calibrator.situation
+        now = target.calibrator.situation
         if now.view.state is not State.STARTED:
             self._stillness = None
             return True
@@ -169,5 +167,5 @@ class PosePage(CalibrationPage):
         self._still = stillness.feed(time.monotonic(), ticks)
         if self._still >= STILL:
             self._stillness = None
-            self._shop.do("taking the pose", bench.calibrator.set_homing)
+            self._setup.do("taking the pose", partial(target.calibrator.step, Command.SET_HOMING))
         return True

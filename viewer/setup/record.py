@@ -1,21 +1,21 @@
 """The page on which every joint is moved to both its stops.
 
-Recording begins with the page, for it writes nothing. A bar for each joint shows how far it has
-been and turns green by itself. A cable that is pulled costs nothing: it is said, and the recording
-goes on when the arm is back.
+Recording begins with the page, because it writes nothing. A bar for each joint turns green once
+it has moved far enough. After a pulled cable the recording goes on when the arm is back.
 """
 
 from __future__ import annotations
 
 import viser
 
-from so101_motion.calib.steps import State
-from so101_motion.workflow import RECORD
+from so101_motion.calib.procedure import summary
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.setup.setup_steps import RECORD
 
-from ..fields import Field
-from . import calibrating, calibration_cards, cards
+from ..page.shared_fields import SharedField
+from . import calibration_cards, cards
 from .page import CalibrationPage
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 _TOO_EARLY = (
     "There is no homing pose to count from: this program was ended after it was taken, or the"
@@ -24,14 +24,10 @@ _TOO_EARLY = (
 
 
 class RecordPage(CalibrationPage):
-    """The page of the travels.
+    """The page of the travels."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, RECORD)
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, RECORD)
         self._accepted: tuple[str, ...] = ()
         self._refused = ""  # why the recording could not end, said once
         self._missing: tuple[str, ...] = ()  # what was missing then
@@ -47,16 +43,16 @@ class RecordPage(CalibrationPage):
         self._finish = gui.add_button(
             "Finish the recording", icon=viser.Icon.CHECK, color="green", visible=False
         )
-        on_press = self._shop.desk.on_press
+        on_press = self._setup.context.on_press
         on_press(self._start, self._record)
         on_press(self._finish, self._stop)
-        self._accepts = Field(self._accept, self._take_as_is, self._shop.desk, shown=bool)
+        self._accepts = SharedField(self._accept, self._take_as_is, self._setup.context, shown=bool)
 
     def enter(self) -> None:
         """Begin to record."""
         self._accepted = ()
-        bench = self._shop.bench
-        if bench is not None and bench.calibrator.situation.view.state is State.HOMED:
+        target = self._setup.target
+        if target is not None and target.calibrator.situation.view.state is State.HOMED:
             self._record()
 
     def leave(self) -> None:
@@ -64,21 +60,20 @@ class RecordPage(CalibrationPage):
 
     def show(self) -> None:
         """Tell how far each joint is."""
-        now, busy = self._watch.now, bool(self._shop.doing)
+        now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
         state, joints = now.view.state, now.joints
-        seen = self._watch.draw()
-        assert seen is not None  # there is a situation
+        seen = self._draw(now)
         is_on = state is State.RECORDING
-        missing = calibrating.left(joints) if is_on else ()
-        short = calibrating.short(joints) if is_on and not missing else ()
-        self._shop.picture.light(missing)
+        missing = summary.left(joints) if is_on else ()
+        short = summary.short(joints) if is_on and not missing else ()
+        self._setup.picture.light(missing)
         todo = _TOO_EARLY if self._lacks_pose() else _instruction(state, missing, short)
         self._todo.content = cards.instruction(RECORD.title, todo)
         has_bars = state in (State.RECORDING, State.COMPLETED)
-        bars = calibration_cards.travels(calibrating.travels(joints)) if has_bars else ""
-        note = calibrating.picture_note(seen, joints) if is_on else ""
+        bars = calibration_cards.travels(summary.travels(joints)) if has_bars else ""
+        note = summary.picture_note(seen, joints) if is_on else ""
         self._bars.content = bars + cards.note(note)
         self._said.content = self._about_trouble(now.view.error, missing)
         self._start.visible, self._finish.visible = state is State.HOMED, is_on
@@ -88,16 +83,16 @@ class RecordPage(CalibrationPage):
 
     def _about_trouble(self, error: str | None, missing: tuple[str, ...]) -> str:
         """What is wrong now. Why a recording could not end is old when a joint has moved on."""
-        trouble = self._shop.trouble
+        trouble = self._setup.trouble
         if trouble is not None:
             self._refused, self._missing = str(trouble), self._missing or missing
             if missing != self._missing:
-                self._shop.trouble, self._missing = None, ()
+                self._setup.trouble, self._missing = None, ()
         return cards.failed(error) if error and error != self._refused else ""
 
     def _show_accept(self, missing: tuple[str, ...]) -> None:
-        now = self._watch.now
-        offered = calibrating.acceptable(now.joints) if now is not None and missing else ()
+        now = self._now
+        offered = summary.acceptable(now.joints) if now is not None and missing else ()
         if offered != self._accepted:
             self._accepted = ()  # what was agreed to is not what is asked now
         self._limited.visible = self._accept.visible = bool(offered)
@@ -114,7 +109,7 @@ class RecordPage(CalibrationPage):
         check = self.check()
         if check.verdict != "fail":
             return None
-        if self._shop.known.view.error:
+        if self._setup.known.view.error:
             return "first see to what is said above"
         return (
             "finish the recording" if check.sentence == "the recording goes on" else check.sentence
@@ -122,22 +117,24 @@ class RecordPage(CalibrationPage):
 
     def _lacks_pose(self) -> bool:
         """Whether there is nothing to record yet, or not any more: this program was ended."""
-        shop = self._shop
-        return shop.saved is None and shop.known.view.state in (State.IDLE, State.STARTED)
+        setup = self._setup
+        return setup.saved is None and setup.known.view.state in (State.IDLE, State.STARTED)
 
     # What the widgets do
 
     def _record(self) -> None:
-        self._do("beginning to record", lambda bench: bench.calibrator.start_recording())
+        self._do(
+            "beginning to record", lambda target: target.calibrator.step(Command.START_RECORDING)
+        )
 
     def _take_as_is(self, is_meant: bool) -> None:
-        now = self._watch.now
-        offered = calibrating.acceptable(now.joints) if now is not None else ()
+        now = self._now
+        offered = summary.acceptable(now.joints) if now is not None else ()
         self._accepted = offered if is_meant else ()
 
     def _stop(self) -> None:
-        accepted = self._accepted
-        self._do("finishing", lambda bench: bench.calibrator.stop_recording(accept=accepted))
+        command, accepted = Command.STOP_RECORDING, self._accepted
+        self._do("finishing", lambda target: target.calibrator.step(command, accept=accepted))
 
 
 def _instruction(state: State, missing: tuple[str, ...], short: tuple[str, ...]) -> str:

@@ -1,4 +1,4 @@
-"""The page on which a calibration is looked at, saved, and taken back."""
+"""The page on which a calibration is reviewed, saved, and undone."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ from dataclasses import dataclass
 
 import viser
 
-from so101_motion.calib import zero, zero_meaning
-from so101_motion.calib.steps import State
-from so101_motion.calib.store import Stored
-from so101_motion.calibrator import Ended
-from so101_motion.planning.model import RobotModel
-from so101_motion.state import ARM_JOINTS
-from so101_motion.workflow import SAVE
+from so101_motion.calib.procedure import summary
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.record import zero_report
+from so101_motion.calib.record.store import Stored
+from so101_motion.setup.calibrator import StepResult
+from so101_motion.setup.setup_steps import SAVE
 
-from . import calibrating, calibration_cards, cards
+from . import calibration_cards, cards
 from .page import CalibrationPage
-from .workshop import Workshop
+from .setup_context import SetupContext
 
 _BESIDE = (
     " What this file says now is kept. Since before: how far the two ends of each travel have"
@@ -34,15 +33,11 @@ class _Told:
 
 
 class SavePage(CalibrationPage):
-    """The page of the result.
+    """The page of the result."""
 
-    Args:
-        shop: What all pages share.
-    """
-
-    def __init__(self, shop: Workshop) -> None:
-        super().__init__(shop, SAVE)
-        self._lines: tuple[calibrating.Line, ...] = ()
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, SAVE)
+        self._lines: tuple[summary.SummaryLine, ...] = ()
         self._told: _Told | None = None
         self._is_undone = False
 
@@ -60,40 +55,40 @@ class SavePage(CalibrationPage):
             color="gray",
             visible=False,
         )
-        self._shop.desk.on_press(self._save, self._store)
-        self._shop.desk.on_press(self._undo, self._restore)
+        self._setup.context.on_press(self._save, self._store)
+        self._setup.context.on_press(self._undo, self._restore)
 
     def enter(self) -> None:
         """Look at what was recorded, or was saved by a setup that ended here."""
-        shop = self._shop
-        if shop.saved is None:
+        setup = self._setup
+        if setup.saved is None:
             self._told, self._is_undone = None, False
-            if shop.bench is not None:
-                shop.saved = calibrating.saved_before(shop.bench.calibrator.situation)
+            if setup.target is not None:
+                setup.saved = setup.target.calibrator.situation.saved
 
     def show(self) -> None:
         """Tell what is about to be saved, or was."""
-        now, busy = self._watch.now, bool(self._shop.doing)
+        now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
-        self._watch.draw()
+        self._draw(now)
         is_open = now.view.state is State.COMPLETED
         if is_open:
-            self._lines = calibrating.summary(now.joints, self._shop.before)
-        saved = self._shop.saved
+            self._lines = summary.lines(now.joints, self._setup.before)
+        saved = self._setup.saved
         self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
         is_in_force = self._told is not None and not self._is_undone
         self._table.content = (
             calibration_cards.summary(self._lines) if is_open or is_in_force else ""
         )
         self._save.visible, self._save.disabled = is_open, busy
-        self._save.label = "Try to save again" if is_open and self._shop.trouble else "Save"
+        self._save.label = "Try to save again" if is_open and self._setup.trouble else "Save"
         self._undo.visible = (
-            self._told is not None and bool(self._shop.before) and not self._is_undone
+            self._told is not None and bool(self._setup.before) and not self._is_undone
         )
         self._undo.disabled = busy
         if is_open:
-            kept = _BESIDE if self._shop.before else ""
+            kept = _BESIDE if self._setup.before else ""
             self._said.content = cards.note(
                 f"It will be stored in the motors and in {now.calibration_file}.{kept}"
             )
@@ -113,19 +108,19 @@ class SavePage(CalibrationPage):
     # What the buttons do
 
     def _store(self) -> None:
-        is_first = not self._shop.before
+        is_first = not self._setup.before
         self._do(
             "storing it in the motors and in the file",
-            lambda bench: _told(bench.calibrator.save(), is_first=is_first),
+            lambda target: _told(target.calibrator.step(Command.SAVE), is_first=is_first),
             self._take,
         )
 
     def _restore(self) -> None:
-        self._do("going back", lambda bench: _told(bench.calibrator.restore()), self._take_back)
+        self._do("going back", lambda target: _told(target.calibrator.restore()), self._take_back)
 
     def _take(self, told: _Told, *, is_undone: bool = False) -> None:
         self._told, self._is_undone = told, is_undone
-        self._shop.saved = told.stored.path
+        self._setup.saved = told.stored.path
 
     def _take_back(self, told: _Told) -> None:
         self._take(told, is_undone=True)
@@ -139,7 +134,7 @@ def _instruction(is_open: bool, is_saved: bool) -> str:
     return "There is nothing to save yet: go back to the homing pose."
 
 
-def _told(ended: Ended, *, is_first: bool = False) -> _Told:
+def _told(ended: StepResult, *, is_first: bool = False) -> _Told:
     assert ended.stored is not None  # it was saved
     meanings = _meanings(ended.stored, is_first=is_first)
     return _Told(stored=ended.stored, trouble=ended.trouble or "", meanings=meanings)
@@ -150,13 +145,8 @@ def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
 
     That compares with other software, so whoever had no calibration before is not told.
     """
-    zeros = {
-        joint: zero.in_force(stored.zeros.get(joint), None)
-        for joint in ARM_JOINTS
-        if joint in stored.calibration
-    }
-    if not zeros or not stored.zeros:
+    if not stored.zeros:
         return ()  # a machine does not tell
-    told = zero_meaning.explain(zeros, stored.calibration, RobotModel.load())
+    told = zero_report.explain_stored(stored)
     guessed = [meaning.sentence for meaning in told[:-1] if meaning.by == "middle"]
     return (*guessed,) if is_first else (*guessed, told[-1].sentence)

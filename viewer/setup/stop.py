@@ -1,4 +1,4 @@
-"""Stop and the torque, beside a setup that has no preview around it."""
+"""The panel with Stop and the torque, for a setup that is served without a preview."""
 
 from __future__ import annotations
 
@@ -6,30 +6,24 @@ from collections.abc import Callable
 
 import viser
 
-from ..desk import Counter
+from ..page.page_context import PageContext
+from ..page.part import Part
 from . import cards
-from .torque import Torque
-from .workshop import Workshop
+from .setup_context import SetupContext
+from .torque import TorqueText
 
 _WIDTH = 250
 
 
-class StopPanel:
-    """The panel on the left. Stop is the only thing to press in it, so no click can be lost.
+class StopPanel(Part):
+    """The panel on the left. Stop is the only thing to press in it, so no click can be lost."""
 
-    Args:
-        desk: Where to make it.
-        shop: What is worked on.
-        drop: Forgets every command still waiting.
-
-    Attributes:
-        widgets: What stops the arm.
-    """
-
-    def __init__(self, desk: Counter, shop: Workshop, *, drop: Callable[[], None]) -> None:
-        self._shop, self._drop = shop, drop
-        self._shown: Torque | None = None
-        gui = desk.gui
+    def __init__(
+        self, context: PageContext, setup: SetupContext, *, drop: Callable[[], None]
+    ) -> None:
+        self._setup, self._drop = setup, drop
+        self._shown: TorqueText | None = None
+        gui = context.gui
         panel = gui.add_panel()
         with panel.add_tab("Arm", viser.Icon.ROBOT):
             self._torque = gui.add_html("")
@@ -50,19 +44,16 @@ class StopPanel:
 
     def refresh(self) -> bool:
         """Whether the torque has changed."""
-        before, self._shown = self._shown, self._shop.torque.told
+        before, self._shown = self._shown, self._setup.torque.told
         return self._shown != before
 
     def show(self) -> None:
         """Tell the torque."""
-        self._torque.content = cards.torque(self._shop.torque.told)
-
-    def close(self) -> None:
-        """Nothing is held."""
+        self._torque.content = cards.torque(self._setup.torque.told)
 
     def _stop(self) -> None:
         self._drop()
-        bench = self._shop.bench
-        if bench is not None and bench.rig is not None:
-            bench.rig.arm.stop()
-            bench.rig.gripper.stop()
+        target = self._setup.target
+        if target is not None and target.rig is not None:
+            target.rig.arm.stop()
+            target.rig.gripper.stop()

@@ -1,4 +1,4 @@
-"""Whether the joints are held, in words: what anybody near the arm has to know at any moment."""
+"""Whether the joints are held, in words; shown at all times to whoever is near the arm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .bench import Bench
+from .calibration_target import SetupTarget
 
 SETTLED = 0.4
 """For how long what is told must not have been seen before something else is told [s]; chosen. A
@@ -15,11 +15,10 @@ that moment nothing is known of anybody's torque."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Torque:
+class TorqueText:
     """How it is.
 
     Attributes:
-        text: In words.
         is_on: Whether any motor drives its joint; None if that is not known.
     """
 
@@ -27,18 +26,18 @@ class Torque:
     is_on: bool | None = None
 
 
-def torque(bench: Bench | None) -> Torque:
+def torque(target: SetupTarget | None) -> TorqueText:
     """How it is with what is worked on."""
-    if bench is None:
-        return Torque(text="Torque: not connected yet")
-    now = bench.calibrator.situation
+    if target is None:
+        return TorqueText(text="Torque: not connected yet")
+    now = target.calibrator.situation
     if not now.is_connected:
-        return Torque(text="Torque: not known, there is no connection")
+        return TorqueText(text="Torque: not known, there is no connection")
     if now.holds is None:
-        return Torque(text="Torque: no motor answers")
+        return TorqueText(text="Torque: no motor answers")
     if now.holds:
-        return Torque(text="Torque on: the joints are held", is_on=True)
-    return Torque(text="Torque off: the joints are limp", is_on=False)
+        return TorqueText(text="Torque on: the joints are held", is_on=True)
+    return TorqueText(text="Torque off: the joints are limp", is_on=False)
 
 
 class TorqueWatch:
@@ -46,9 +45,6 @@ class TorqueWatch:
 
     Args:
         now: What time it is [s].
-
-    Attributes:
-        told: What to tell.
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
@@ -56,19 +52,19 @@ class TorqueWatch:
         self._now = now
         self._doubted: float | None = None  # since when what is told has not been seen
 
-    def look(self, bench: Bench | None, *, is_blind: bool) -> bool:
+    def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
         """Look again; whether there is something else to tell.
 
         What is known is told at once where nothing was, for one answer is proof and the next ones
         may be lost.
 
         Args:
-            bench: What is worked on.
+            target: What is worked on.
             is_blind: Whether the motors are being looked for, so that nothing can be told.
         """
-        seen = torque(bench)
-        is_new = bench is not None and self.told == torque(None)
-        is_news = is_new or bench is None or (self.told.is_on is None and seen.is_on is not None)
+        seen = torque(target)
+        is_new = target is not None and self.told == torque(None)
+        is_news = is_new or target is None or (self.told.is_on is None and seen.is_on is not None)
         if seen == self.told or (is_blind and not is_news):
             self._doubted = None
             return False

@@ -19,7 +19,7 @@ Source: as in ``codec.py``; slot times: firmware arithmetic, bench-tested by its
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
 
@@ -64,6 +64,10 @@ class Bus:
     Args:
         world: Whose servos hang on it.
         faults: What goes wrong on the wire; may be changed while it runs.
+
+    Attributes:
+        observers: Called with the time [s] and the bytes of every chunk a client writes, after the
+            world has caught up and before the chunk takes effect; the world's lock is held.
     """
 
     def __init__(self, world: World, faults: WireFaults | None = None) -> None:
@@ -71,6 +75,7 @@ class Bus:
         self._listener = Listener()
         self._baud = 0
         self.faults = faults or WireFaults()
+        self.observers: list[Callable[[float, bytes], None]] = []
 
     def feed(self, data: bytes, now: float, *, baud: int = 1_000_000) -> list[Reply]:
         """Carry out what a chunk of bytes asks for.
@@ -85,6 +90,11 @@ class Bus:
         """
         if baud != self._baud:
             self._listener, self._baud = Listener(), baud
+        if self.observers:
+            with self._world.lock:
+                self._world.advance(now)
+                for observe in self.observers:
+                    observe(now, data)
         instructions = self._listener.hear(data)
         if not instructions:
             return []

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Motor
-from so101_motion.drivers.emulator.hardware import MAX_DUTY, TICKS_PER_RAD, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint, ServoType
 from so101_motion.drivers.emulator.mechanics import Shaft
-from so101_motion.drivers.emulator.motion import Gains, Loop, Profile
+from so101_motion.drivers.emulator.motion import DT, Gains, GoalDelay, Loop, Profile, duty_table
 from so101_motion.drivers.emulator.protection import Condition, Guard, Limits
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN
 
@@ -81,6 +81,9 @@ class Drive:
         self.powered = True
         self.load, self.volts = 0.0, kind.volts
         self._settings = settings
+        self._goals = GoalDelay(kind.goal_delay)
+        self._shape = duty_table(kind.duty_shape)
+        self._duties = [0.0] * (round(kind.loop_delay / DT) + 1)  # the last ones, newest first
         self.restart(offset=0)
 
     def restart(self, *, offset: int) -> None:
@@ -145,27 +148,39 @@ class Drive:
 
     def halt(self) -> None:
         """Forget the goal: the present position is the set-point."""
-        self.duty = 0.0
-        self.profile.seed(self.position)
+        self._forget()
         self.loop.reset()
+        self.wake()
+
+    def _forget(self) -> None:
+        self.duty = 0.0
+        self._duties = [0.0] * len(self._duties)
+        self._goals.clear()
+        self.profile.seed(self.position)
+
+    def send(self, goal: float) -> None:
+        """Travel to a goal [tick], as soon as the firmware gets round to it."""
+        self._goals.put(goal)
         self.wake()
 
     def step(self) -> None:
         """One millisecond of control and mechanics."""
         if self.powered and self.torque == 1 and self._settings.drives and not self._blocked:
+            goal = self._goals.step()
+            if goal is not None:
+                self.profile.target = goal
             self.profile.step()
             error = int(self.profile.position) - self.position
             demand = self.loop.step(error, integrate=self._may_integrate)
             if self._capped:
                 cap = self.guard.limits.protective_duty
                 demand = max(min(demand, cap), -cap)
-            duty = max(min(demand / 1000.0, MAX_DUTY), -MAX_DUTY) * self._settings.drive_sign
-            self.duty = duty
-            self.shaft.step(duty * self.volts, bridge=True, load=self.load)
+            self._duties.insert(0, math.copysign(self._shape[abs(demand)], demand))
+            self.duty = self._duties.pop() * self._settings.drive_sign
+            self.shaft.step(self.duty * self.volts, bridge=True, load=self.load)
             return
-        self.duty = 0.0
+        self._forget()
         self.shaft.step(0.0, bridge=self.powered and self.torque in (1, 2), load=self.load)
-        self.profile.seed(self.position)
 
     def inspect(self, dt: float) -> None:
         """Housekeeping after ``dt`` seconds."""
@@ -182,7 +197,7 @@ class Drive:
         self._unchanged = self._unchanged + 1 if seen == self._seen else 0
         self._seen = seen
         patience = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
-        self.quiet = shaft.velocity == 0.0 and self._unchanged >= patience
+        self.quiet = shaft.velocity == 0.0 and self._unchanged >= patience and not self._goals
 
     def _check(self, dt: float) -> None:
         position = self.position
@@ -213,7 +228,7 @@ class Drive:
             still = abs(ticks) < self._settings.gains.still
             self.speed = 0 if still else round(ticks) * _SPEED_QUANTUM
             self._speed_since, self._speed_from = 0.0, self.position
-        if self.torque == 1 and self.profile.running:
+        if self.torque == 1 and (self.profile.running or self._goals):
             self.moving = True
         elif self.speed == 0:
             self.moving = False

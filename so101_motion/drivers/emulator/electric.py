@@ -69,7 +69,7 @@ class Motor:
             velocity: Of the output [tick/s].
         """
         kind = self._kind
-        emf = kind.volts * (velocity / TICKS_PER_RAD) / kind.free_speed
+        emf = kind.back_emf * velocity / TICKS_PER_RAD
         winding = (duty * volts - emf) / kind.resistance if duty else 0.0
         # The shunt sees the winding's current during the on-time only.
         self.current = math.copysign(max(duty * winding, 0.0), duty) if duty else 0.0

@@ -14,19 +14,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.bus import Bus
 from so101_motion.drivers.emulator.electric import Supply
 from so101_motion.drivers.emulator.faults import FaultEvent, WireFaults
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.emulator.hardware import SO101, STS3215_12V, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import DATASHEET_12V, SO101, Joint, ServoType
 from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.emulator.spread import differing_servos
 from so101_motion.drivers.emulator.sweep import SPEED, holding_script, sweeping_script
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
-from so101_motion.errors import ConfigError
 
 ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
 """A finished arm: ids 1 to 6 from the base to the gripper."""
@@ -41,6 +42,8 @@ class EmulatorOptions:
         ids: Servo id by place on the cable (1 base .. 6 gripper); places left out are unplugged.
         joints: The joints with their servos' mounting.
         kind: Which servo is built in.
+        spread: How much the servos differ from each other, see ``spread.py``; 0 for not at all.
+        seed: Which of all such arms.
         volts: Supply voltage [V]; None for the one the servo is made for.
         q_start: Joint angles at the start, shape (6,), [rad].
         loose: Whether no servo is on the cable at the start, whatever their ids.
@@ -56,7 +59,9 @@ class EmulatorOptions:
     link: Path | None = None
     ids: Mapping[int, int] = field(default_factory=lambda: dict(ALL_IDS))
     joints: tuple[Joint, ...] = SO101
-    kind: ServoType = STS3215_12V
+    kind: ServoType = DATASHEET_12V
+    spread: float = 0.0
+    seed: int = 0
     volts: float | None = None
     q_start: tuple[float, ...] = (0.0,) * 6
     loose: bool = False
@@ -97,13 +102,18 @@ def build_world(
         gravity: Holding torque [N m] as a function of the six joint angles [rad].
     """
     servos = []
-    for place, (joint, q) in enumerate(zip(options.joints, options.q_start, strict=True), start=1):
+    differing = differing_servos(
+        options.joints, options.kind, spread=options.spread, seed=options.seed
+    )
+    for place, ((joint, kind), q) in enumerate(
+        zip(differing, options.q_start, strict=True), start=1
+    ):
         factory = {
             reg.ID: options.ids.get(place, place),
             reg.MAX_VOLTAGE: options.kind.max_voltage_raw,
         }
         servo = Servo(
-            joint, options.kind, q=q, factory=factory,
+            joint, kind, q=q, factory=factory,
             goal_enables_torque=options.goal_enables_torque, dither=options.dither,
         )  # fmt: skip
         if options.calibrated:
@@ -127,7 +137,11 @@ class Emulator:
     Attributes:
         world: The servos; call its methods to trouble them.
         bus: The wire; ``bus.faults`` may be changed at any time.
+        now: The clock the physics follows [s].
+        on_open: Called with every emulator of this process as it is made.
     """
+
+    on_open: ClassVar[list[Callable[[Emulator], None]]] = []
 
     def __init__(
         self,
@@ -137,11 +151,13 @@ class Emulator:
         gravity: Gravity = no_gravity,
     ) -> None:
         self._options = options or EmulatorOptions()
-        self._now, self._gravity = now, gravity
+        self.now, self._gravity = now, gravity
         self.world = build_world(self._options, t=now(), gravity=gravity)
         self.world.hand = Hand(parse_script(self._options.hand), now())
         self.bus = Bus(self.world, replace(self._options.wire))
         self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]
+        for attend in self.on_open:
+            attend(self)
         self._pty = PtyPort(self.bus, now, pacing=self._options.pacing, link=self._options.link)
 
     @property
@@ -163,7 +179,7 @@ class Emulator:
         For those who turn the clock by seconds at once: catching up takes some 20 ms for each
         second that six joints moved, longer than many a client waits for an answer.
         """
-        self.world.advance(self._now())
+        self.world.advance(self.now())
 
     def begin(self, fault: FaultEvent) -> None:
         """Let a fault happen now, whatever its time says."""
@@ -173,7 +189,7 @@ class Emulator:
         value = fault.value if fault.value is not None else 0.0
         place = fault.servo or ""
         with self.world.lock:
-            self.world.advance(self._now())
+            self.world.advance(self.now())
             match fault.kind:
                 case "dead":
                     self.world.disconnect(place)
@@ -206,7 +222,7 @@ class Emulator:
             return
         place = fault.servo or ""
         with self.world.lock:
-            self.world.advance(self._now())
+            self.world.advance(self.now())
             match fault.kind:
                 case "dead":
                     self.world.connect(place)

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from so101_motion.errors import ConfigError
+from so101_motion.common.errors import ConfigError
 
 FaultKind = Literal[
     "dead", "reboot", "hot", "brownout", "unplug", "twin", "object",

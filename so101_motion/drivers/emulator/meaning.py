@@ -40,13 +40,19 @@ def settings_from(memory: Memory) -> Settings:
     )
 
 
-def plan_profile(memory: Memory, joint: Joint, profile: Profile) -> None:
+def plan_profile(memory: Memory, joint: Joint, profile: Profile, *, top_speed: float) -> None:
     """Set the profile's acceleration, cruising speed and floor.
 
     The firmware promises 100 tick/s^2 a unit and cuts register 41 at register 85; on the arm the
     line has another slope, an offset and a knee, and those are used here. The knee was measured
     with register 85 as delivered. Whether that register makes it or the loop behind the profile,
     raising it must raise the profile's ceiling: in proportion, which is chosen, not measured.
+
+    Args:
+        memory: The registers.
+        joint: Where the servo sits.
+        profile: What to set.
+        top_speed: The set-point is never faster [tick/s], whatever register 84 says.
     """
     value = memory.value
     top, units = value(reg.MAX_ACCELERATION), value(reg.ACCELERATION)
@@ -60,7 +66,7 @@ def plan_profile(memory: Memory, joint: Joint, profile: Profile) -> None:
         joint.acceleration_ceiling * max(top / reg.MAX_ACCELERATION.default, 1.0),
     )
     profile.floor = SLOWEST * value(reg.MIN_SPEED)
-    cap = 50.0 * value(reg.MAX_SPEED)
+    cap = min(50.0 * value(reg.MAX_SPEED), top_speed)
     phase, speed = value(reg.PHASE), float(abs(value(reg.GOAL_VELOCITY)))
     if not phase & reg.PHASE_SPEED_IN_TICKS:
         speed *= value(reg.SPEED_UNIT)

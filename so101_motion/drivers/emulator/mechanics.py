@@ -6,16 +6,23 @@ Between the rotor and the output there is play. A load presses the output agains
 and is carried by the motor; an unloaded output is dragged along and lies anywhere in between,
 which is why a joint reached from two sides rests in two places. The encoder sits on the output.
 
+Dry friction grows with what the gears carry, from the motor's side and from the world's. Lifting a
+weight therefore takes more torque than holding it, lowering it takes less, and between the two the
+joint stands still: where it rests depends on where it came from.
+
 Integration is semi-implicit at 1 ms, so neither damping nor dry friction can make energy. Dry
 friction holds a resting shaft against any torque smaller than itself, exactly: a joint that hangs
 still keeps hanging still, bit for bit, and the emulator may stop computing it.
+
+Source: Rhoban's bam, model M5, for the form of the friction; ``hardware.py`` for the figures.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 
-from so101_motion.drivers.emulator.hardware import FRICTION, TICKS_PER_RAD, VISCOUS, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, ServoType
 from so101_motion.drivers.emulator.motion import DT
 
 STOP_STIFFNESS = 150.0
@@ -24,10 +31,20 @@ STOP_STIFFNESS = 150.0
 _STOP_DAMPING = 2.0  # [N m s/rad], chosen: an arm that falls on its stop does not bounce
 _PLAY_FRICTION = 0.01  # [N m], chosen: smaller loads do not move the output through the play
 _PLAY_SPEED = 1.5  # [tick/ms], chosen: how fast a load takes the output through the play
+_SPEED_STEP = 8.0  # [tick/s], of the table of the Stribeck curve
+_SPEEDS = 1000  # in that table; beyond them the curve stays as it is
 
 
 class Shaft:
     """Output shaft of one servo, in encoder ticks counted from an arbitrary turn.
+
+    Args:
+        kind: Motor and gears.
+        inertia: Of the links [kg m^2].
+        lash: Play [rad].
+        lower: A stop [tick].
+        upper: A stop [tick].
+        at: Where it starts, at rest [tick].
 
     Attributes:
         output: Where the output is [tick].
@@ -39,8 +56,9 @@ class Shaft:
     """
 
     __slots__ = (
-        "_brake", "_damping", "_drive", "_half_play", "_motor", "_push", "_slip",
-        "lower", "lower_stiffness", "output", "upper", "upper_stiffness", "velocity",
+        "_brake", "_braking_torque", "_damping", "_drive", "_friction", "_half_play", "_motor",
+        "_push", "_stribeck", "lower", "lower_stiffness", "output", "upper", "upper_stiffness",
+        "velocity",
     )  # fmt: skip
 
     def __init__(
@@ -51,11 +69,17 @@ class Shaft:
         self.lower, self.upper = lower, upper
         self.lower_stiffness = self.upper_stiffness = STOP_STIFFNESS
         self._half_play = lash * TICKS_PER_RAD / 2.0
-        self._push = DT * TICKS_PER_RAD / inertia  # speed a torque of 1 N m gives in one step
-        self._slip = FRICTION * self._push
-        self._drive = kind.stall_torque / kind.volts  # torque by a volt, shaft blocked
-        self._damping = VISCOUS * DT / inertia
-        self._brake = (kind.stall_torque / kind.free_speed) * DT / inertia
+        mass = inertia + kind.armature
+        self._push = DT * TICKS_PER_RAD / mass  # speed a torque of 1 N m gives in one step
+        self._drive = kind.torque_per_volt
+        self._damping = kind.viscous * DT / mass
+        self._brake = kind.torque_per_volt * kind.back_emf * DT / mass
+        self._braking_torque = kind.torque_per_volt * kind.back_emf / TICKS_PER_RAD
+        self._friction = (
+            kind.coulomb, kind.load_external, kind.load_motor, kind.still_external,
+            kind.still_motor,
+        )  # fmt: skip
+        self._stribeck = _stribeck_table(kind)
 
     def put(self, position: float) -> None:
         """Place the output somewhere, at rest."""
@@ -74,15 +98,29 @@ class Shaft:
         if not self.lower <= output <= self.upper:
             load += self._stop(output)
         pressed = abs(load) > _PLAY_FRICTION
-        torque = self._drive * volts + (load if pressed else 0.0)
-        damping = self._damping + (self._brake if bridge else 0.0)
-        speed = (self.velocity + torque * self._push) / (1.0 + damping)
-        if abs(speed) <= self._slip:
+        external = load if pressed else 0.0
+        motor = self._drive * volts
+        slip = self._push * self._dry_friction(
+            external, motor - self._braking_torque * self.velocity if bridge else motor
+        )
+        speed = self.velocity + (motor + external) * self._push
+        if abs(speed) <= slip:
             self.velocity = 0.0
         else:
-            self.velocity = speed - math.copysign(self._slip, speed)
+            damping = self._damping + (self._brake if bridge else 0.0)
+            self.velocity = (speed - math.copysign(slip, speed)) / (1.0 + damping)
             self._motor += self.velocity * DT
         self.output = self._follow(output, math.copysign(1.0, load) if pressed else 0.0)
+
+    def _dry_friction(self, external: float, motor: float) -> float:
+        """Dry friction [N m] at the torques [N m] of the world and of the motor."""
+        coulomb, load_external, load_motor, still_external, still_motor = self._friction
+        still = self._stribeck[min(int(abs(self.velocity) / _SPEED_STEP), _SPEEDS - 1)]
+        return (
+            coulomb
+            + abs(load_external * external - load_motor * motor)
+            + still * abs(still_external * external - still_motor * motor)
+        )
 
     def _stop(self, output: float) -> float:
         if output > self.upper:
@@ -100,3 +138,10 @@ class Shaft:
             reach = _PLAY_SPEED * side
             output += reach
         return min(max(output, low), high)
+
+
+@functools.cache
+def _stribeck_table(kind: ServoType) -> tuple[float, ...]:
+    """How much of the friction at rest is left, by speed in steps of ``_SPEED_STEP``."""
+    speeds = (k * _SPEED_STEP / TICKS_PER_RAD for k in range(_SPEEDS))
+    return tuple(math.exp(-w / kind.stribeck_speed) for w in speeds)

@@ -19,8 +19,12 @@ github.com/0o8o0-blip/sts3215-firmware, motion.c and pid.c (behaviour only).
 
 from __future__ import annotations
 
+import functools
 import math
+from collections import deque
 from dataclasses import dataclass
+
+from so101_motion.drivers.emulator.hardware import MAX_DUTY
 
 DT = 0.001
 """The servo's control period [s] (firmware: 1 kHz)."""
@@ -176,3 +180,41 @@ class Loop:
             self.integral += error
         share = int(self.integral * self.gains.i / 500)
         return max(min(share, top), -top) if top else share
+
+
+class GoalDelay:
+    """Goals between their arrival and the control step that takes them up.
+
+    Args:
+        delay: How long that takes [s].
+    """
+
+    def __init__(self, delay: float) -> None:
+        self._steps = round(delay / DT)
+        self._now = 0
+        self._waiting: deque[tuple[int, float]] = deque()
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def put(self, goal: float) -> None:
+        """A goal has arrived."""
+        self._waiting.append((self._now + self._steps, goal))
+
+    def clear(self) -> None:
+        """Forget the goals that wait."""
+        self._waiting.clear()
+
+    def step(self) -> float | None:
+        """One control period; the goal that is due, if there is one."""
+        self._now += 1
+        goal = None
+        while self._waiting and self._waiting[0][0] < self._now:
+            goal = self._waiting.popleft()[1]
+        return goal
+
+
+@functools.cache
+def duty_table(shape: float) -> tuple[float, ...]:
+    """Share of the supply that drives the motor, by demanded duty in thousandths, 0..1000."""
+    return tuple(min((k / 1000.0) ** shape, MAX_DUTY) for k in range(1001))

@@ -34,8 +34,8 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
+from so101_motion.common.realtime import go_first
 from so101_motion.drivers.emulator.bus import Bus, Reply
-from so101_motion.realtime import go_first
 
 FASTEST = 1_000_000
 """What the port is set to before any client sets it [baud]."""

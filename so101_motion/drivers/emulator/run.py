@@ -9,11 +9,11 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.realtime import go_first
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
 from so101_motion.drivers.emulator.world import Gravity, no_gravity
-from so101_motion.errors import ConfigError
-from so101_motion.realtime import go_first
 
 _LOOK_EVERY = 0.05  # [s], how often it looks whether it should stop, and lets physics catch up
 

@@ -24,7 +24,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.drive import Drive
 from so101_motion.drivers.emulator.electric import BROWN_OUT
-from so101_motion.drivers.emulator.hardware import Joint, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint, ServoType
 from so101_motion.drivers.emulator.meaning import (
     clamped_goal,
     plan_profile,
@@ -73,6 +73,7 @@ class Servo:
         self.joint = joint
         self._dither, self._random = dither, random.Random(joint.name)
         self._goal_enables_torque = goal_enables_torque
+        self._top_speed = kind.speed_limit * TICKS_PER_RAD
         self.memory = Memory(factory)
         self.drive = Drive(joint, kind, q, settings_from(self.memory))
         self.connected = True
@@ -89,7 +90,7 @@ class Servo:
         self.drive.powered = True
         self.drive.settings = settings_from(self.memory)
         self.drive.restart(offset=reg.decode_offset(self.memory.raw(reg.OFFSET)))
-        plan_profile(self.memory, self.joint, self.drive.profile)
+        self._plan_profile()
 
     def power_off(self) -> None:
         """Limp and silent, until ``boot``."""
@@ -199,9 +200,12 @@ class Servo:
         if touched(reg.TORQUE_ENABLE):
             self._switch_torque()
         if touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or reached.stop > 80:
-            plan_profile(self.memory, self.joint, self.drive.profile)
+            self._plan_profile()
         if touched(reg.GOAL_POSITION):
             self._set_off()
+
+    def _plan_profile(self) -> None:
+        plan_profile(self.memory, self.joint, self.drive.profile, top_speed=self._top_speed)
 
     # -- what writes trigger ---------------------------------------------------------------------
 
@@ -213,7 +217,7 @@ class Servo:
         if drive.torque != 1:
             drive.halt()
             drive.torque = 1
-        drive.profile.target = float(clamped_goal(self.memory))
+        drive.send(float(clamped_goal(self.memory)))
 
     def _switch_torque(self) -> None:
         wanted = self.memory.raw(reg.TORQUE_ENABLE)
@@ -233,7 +237,7 @@ class Servo:
         self.memory.set(reg.GOAL_VELOCITY, 0)
         self.drive.torque = 0
         self._clear_turns()
-        plan_profile(self.memory, self.joint, self.drive.profile)
+        self._plan_profile()
 
     def _clear_turns(self) -> None:
         self.drive.locate(reg.decode_offset(self.memory.raw(reg.OFFSET)), turns=0)

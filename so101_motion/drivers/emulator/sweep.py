@@ -13,9 +13,9 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from so101_motion.common.geometry import Array
 from so101_motion.drivers.emulator.hand import STIFFNESS
-from so101_motion.drivers.emulator.hardware import FRICTION, JOINTS, SO101
-from so101_motion.geometry import Array
+from so101_motion.drivers.emulator.hardware import DATASHEET_12V, JOINTS, SO101
 
 SPEED = math.radians(120.0)
 """How fast it leads a joint [rad/s]; chosen, a person is slower."""
@@ -23,7 +23,9 @@ SPEED = math.radians(120.0)
 REST = 0.3
 """For how long it stays at a stop [s]; chosen."""
 
-_PRESS = 2.0 * FRICTION  # [N m], chosen: enough to get there, too little to push the stop in
+_PRESS = (
+    2.0 * DATASHEET_12V.break_away
+)  # [N m], chosen: enough to get there, too little to push the stop in
 
 
 UPRIGHT = {"wrist_roll": 0.0486795}

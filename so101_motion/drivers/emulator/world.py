@@ -21,13 +21,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
 from so101_motion.drivers.emulator.electric import ROOM_C, Supply
 from so101_motion.drivers.emulator.hand import OBJECT_STIFFNESS, Hand, jaw_angle_for_gap
 from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
 from so101_motion.drivers.emulator.mechanics import STOP_STIFFNESS
 from so101_motion.drivers.emulator.servo import Servo
-from so101_motion.errors import ConfigError
-from so101_motion.geometry import Array
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] the six joints must exert to hold still at joint angles ``q`` [rad], shapes (6,):

@@ -5,9 +5,9 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.calib import lerobot, store
-from so101_motion.calib.record import JOINTS, JointCalibration
-from so101_motion.calib.zero import Zero
+from so101_motion.calib.record import lerobot, store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.zero import Zero
 from so101_motion.cli import main
 
 

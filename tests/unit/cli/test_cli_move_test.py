@@ -7,10 +7,10 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.accuracy import MoveReport
 from so101_motion.cli import main
 from so101_motion.cli.shared import write_report
-from so101_motion.errors import ConfigError
+from so101_motion.common.errors import ConfigError
+from so101_motion.setup.accuracy import MoveReport
 
 
 @pytest.fixture

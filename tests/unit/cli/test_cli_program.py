@@ -11,9 +11,9 @@ from click.testing import CliRunner, Result
 
 from so101_motion.cli import main
 from so101_motion.cli.program import _wait
-from so101_motion.errors import NoReply
-from so101_motion.pose_book import PoseBook
-from so101_motion.program import Program, Waypoint, files
+from so101_motion.common.errors import NoReply
+from so101_motion.files.saved_poses import PoseBook
+from so101_motion.tasks.program import Program, Waypoint, files
 
 A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
 

@@ -6,12 +6,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from so101_motion import errors
 from so101_motion.cli import main
-from so101_motion.cli.ending import reports_errors
+from so101_motion.cli.error_exit import reports_errors
+from so101_motion.cli.error_text import parted
 from so101_motion.cli.shared import DEBUG
 from so101_motion.cli.sources import MachineSource, Source, any_source_options, paced
-from so101_motion.cli.telling import parted
+from so101_motion.common import errors
 
 
 @click.command()

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from so101_motion.calib.stillness import STILL, TREMBLE, Stillness
-from so101_motion.calib.verdict import Verdict
-from so101_motion.calib.view import JointView
-from so101_motion.cli import bars
+from so101_motion.calib.procedure.stillness import STILL, TREMBLE, Stillness
+from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.procedure.view import JointView
+from so101_motion.cli import calibration_bars
 from so101_motion.cli.terminal import ENTER, Quit, Terminal
 
 # Holding still
@@ -61,26 +61,26 @@ def view(**changes):
 
 @given(st.integers(0, 4095), st.integers(0, 4095), st.integers(-4096, 8191))
 def test_a_bar_always_has_its_width(lower, travel, ticks):
-    drawn = bars.bar(view(recorded_min=lower, recorded_max=lower + travel, ticks=ticks))
-    assert len(drawn.plain) == bars.WIDTH
+    drawn = calibration_bars.bar(view(recorded_min=lower, recorded_max=lower + travel, ticks=ticks))
+    assert len(drawn.plain) == calibration_bars.WIDTH
 
 
 def test_a_bar_grows_with_the_travel_and_shows_where_the_joint_is():
     def drawn(**changes):
-        return bars.bar(view(**changes)).plain
+        return calibration_bars.bar(view(**changes)).plain
 
-    assert drawn(recorded_min=None, recorded_max=None) == "·" * bars.WIDTH
+    assert drawn(recorded_min=None, recorded_max=None) == "·" * calibration_bars.WIDTH
     half = drawn(recorded_min=1000, recorded_max=1000 + 1098, ticks=1000)
     assert half.startswith("●█")
-    assert half.count("·") == bars.WIDTH // 2
+    assert half.count("·") == calibration_bars.WIDTH // 2
     assert drawn(recorded_min=0, recorded_max=3000, ticks=3000).endswith("█●")
     assert "●" not in drawn(ticks=None)
 
 
 def test_tables_name_every_joint_and_what_is_to_do():
     console = Console(width=100, file=io.StringIO())
-    console.print(bars.travels({"elbow_flex": view()}))
-    console.print(bars.positions({"gripper": view(ticks=None)}))
+    console.print(calibration_bars.travels({"elbow_flex": view()}))
+    console.print(calibration_bars.positions({"gripper": view(ticks=None)}))
     text = console.file.getvalue()
     for words in ("elbow_flex", "move it on", "gripper", "does not answer"):
         assert words in text

@@ -8,11 +8,11 @@ from collections import deque
 
 import pytest
 
-from so101_motion.drivers.bus import Bus
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.emulator.faults import WireFaults
-from so101_motion.errors import PortUnavailable
 
 
 class WiredPort:

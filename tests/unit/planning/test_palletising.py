@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from so101_motion.errors import Unreachable
-from so101_motion.geometry import SE3, rot_z
+from so101_motion.common.errors import Unreachable
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.collision.scene import FLOOR_Z
 from so101_motion.planning.goals import ApproachGoal, GoalMetric, LineGoal, PoseCloud, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.scene import FLOOR_Z
+from so101_motion.planning.timing.limits import MotionLimits
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -72,7 +72,7 @@ def turned(T, other):
 
 
 def test_the_whole_pose_is_had_but_for_the_gap_of_the_roll(model, planner):
-    # The roll turns through 320 degrees; what is left of a full circle no posture can have.
+    # The roll turns through 320 degrees; what is left of a full circle no configuration can have.
     refused = 0
     for radius, azimuth in PLACES[4:]:
         for yaw in YAWS:

@@ -1,19 +1,20 @@
 import pickle
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
-from so101_motion.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
-from so101_motion.geometry import SE3
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.scene import Scene
-from so101_motion.planning.verify import violations
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.verify import violations
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 HOME = np.zeros(5)
@@ -150,13 +151,13 @@ def test_waypoints_on_one_line_are_one_straight_move(plan):
 
 
 def test_a_line_goal_moves_the_tool_straight(model, collision, plan):
-    start, way = np.radians([0, -45, 45, 60, 0]), np.array([0.0, 0.08, 0.02])
+    start, path = np.radians([0, -45, 45, 60, 0]), np.array([0.0, 0.08, 0.02])
     T = model.frame(start)
-    made = plan(LineGoal(T_base_tool=SE3(T.R, T.p + way)), start)
+    made = plan(LineGoal(T_base_tool=SE3(T.R, T.p + path)), start)
     assert_sound(model, collision, made)
     offset = np.array([model.frame(q).p for q in made.trajectory.q]) - T.p
-    along = offset @ way / (way @ way)
-    assert offset == pytest.approx(np.outer(along, way), abs=1e-4)
+    along = offset @ path / (path @ path)
+    assert offset == pytest.approx(np.outer(along, path), abs=1e-4)
     assert along[-1] == pytest.approx(1.0)
 
 
@@ -213,10 +214,11 @@ def test_requests_and_plans_survive_a_process_boundary(plan):
     assert len(pickle.dumps(made)) < 100_000
 
 
+@pytest.mark.skipif(find_spec("toppra") is None, reason="toppra has wheels for x86-64 Linux alone")
 def test_toppra_is_loaded_by_the_warm_up_and_matplotlib_never():
     code = (
         "import sys\n"
-        "from so101_motion.planning.model import RobotModel\n"
+        "from so101_motion.planning.kinematics.model import RobotModel\n"
         "from so101_motion.planning.planner import Planner\n"
         "planner = Planner(RobotModel.load())\n"
         "assert 'toppra' not in sys.modules\n"
@@ -259,7 +261,9 @@ def test_a_goal_in_contact_is_refused_with_the_pair_and_the_depth(plan):
 
 
 def test_a_point_under_the_table_is_refused_after_trying_every_posture(plan):
-    with pytest.raises(InCollision, match=r"in the best of \d+ postures, .* the floor") as caught:
+    with pytest.raises(
+        InCollision, match=r"in the best of \d+ configurations, .* the floor"
+    ) as caught:
         plan(PoseGoal.at_point((0.25, 0.0, -0.05)))
     assert caught.value.where == "goal"
 
@@ -288,7 +292,7 @@ def test_a_waypoint_outside_the_limits_is_named(plan):
 def test_a_waypoint_in_contact_is_named(plan):
     with pytest.raises(InCollision, match="at waypoint 1 of 2 the jaw would be") as caught:
         plan(PathGoal(waypoints=np.array([BELOW, HOME])))
-    assert caught.value.where == "way"
+    assert caught.value.where == "path"
 
 
 def test_a_path_without_waypoints_is_refused(plan):

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from so101_motion.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
-from so101_motion.geometry import SE3
-from so101_motion.planning.collision import CollisionModel
+from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Attached, Box, Obstacle, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.model import RobotModel
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
-from so101_motion.planning.scene import Attached, Box, Obstacle, Scene, Sphere
+from so101_motion.planning.timing.limits import MotionLimits
 
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
 # The finger's tip 30 cm ahead and 7 cm above the table.
@@ -117,9 +117,9 @@ def test_a_way_that_is_walled_off_is_told_with_what_is_in_it(plan):
             frozenset({"wall", link}) for link in ("shoulder", "upper arm", "lower arm")
         ),
     )
-    with pytest.raises(NoPath, match="way between them is blocked, mostly by 'wall'") as caught:
+    with pytest.raises(NoPath, match="path between them is blocked, mostly by 'wall'") as caught:
         plan(JointGoal(q=RIGHT), LEFT, wall, time_budget=0.5)
-    assert caught.value.where == "way"
+    assert caught.value.where == "path"
     assert caught.value.blockers[0] == "wall"
 
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 from so101_viewer import source
-from so101_viewer.screen import Tone
-from so101_viewer.source import Search, Source
-from so101_viewer.source_part import notice, waiting
+from so101_viewer.page.screen_state import Tone
+from so101_viewer.panels.source_banner import notice, waiting
+from so101_viewer.source import Source, SourceOpener
 
-from so101_motion.errors import PortUnavailable
-from so101_motion.modes import Mode
-from so101_motion.rig_like import Connection
-from so101_motion.state import JointReading, JointState
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointReading, JointState
+from so101_motion.rig.protocols import ArmConnection
 
 AT = datetime(2026, 5, 4, 12, 30, 15)
 
@@ -54,8 +54,8 @@ class Finder:
             raise PortUnavailable("/dev/ttyACM0", "there is no such port")
         return SimpleNamespace(close=self.closed.set)
 
-    def search(self) -> Search:
-        return Search(
+    def search(self) -> SourceOpener:
+        return SourceOpener(
             Source(title="Arm", open=self.open),
             found=lambda _rig: self.found.set(),
             failed=self.errors.append,
@@ -83,7 +83,7 @@ def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None
     assert finder.opening.wait(5.0)
     ending = threading.Thread(target=search.close)
     ending.start()
-    while not search._over.is_set():
+    while not search.closing.is_set():
         pass
     finder.may_open.set()
     ending.join(5.0)
@@ -96,26 +96,26 @@ def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() ->
     assert told.title == "Arm on /dev/ttyACM0"
     assert told.said is not None
     assert "there is no such port" in told.said.text
-    assert told.said.text.endswith("The page goes on looking for it.")
+    assert told.said.text.endswith("Still looking.")
     assert told.said.tone is Tone.BAD
 
 
 def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
-    lost = Connection(to="arm on /dev/ttyACM0", problem="the port went away")
+    lost = ArmConnection(to="arm on /dev/ttyACM0", problem="the port went away")
     told = notice(lost, state(Mode.FAULT, "the port went away"), AT)
     assert told.said is not None
     assert told.said.text.startswith(
         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
     )
-    assert "nothing moves then" in told.said.text
+    assert "nothing will move" in told.said.text
     assert not told.can_hold, "there is nothing to hold"
 
 
 @pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING, Mode.FAULT])
 def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
-    assert notice(Connection(to="arm"), state(mode), AT).can_hold
+    assert notice(ArmConnection(to="arm"), state(mode), AT).can_hold
 
 
 @pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
 def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
-    assert notice(Connection(to="arm"), state(mode), AT).said is None
+    assert notice(ArmConnection(to="arm"), state(mode), AT).said is None

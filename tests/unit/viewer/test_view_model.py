@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from so101_viewer.aim import Aimer, Surroundings
-from so101_viewer.screen import Screen, Tone
+from so101_viewer.page.screen_state import Screen, Tone
+from so101_viewer.page.target_ik import Surroundings, TargetSolver
 from so101_viewer.view_model import ViewModel
 
-from so101_motion.errors import ConfigError, Interrupted, NoPath, OutsideLimits, Unreachable
-from so101_motion.geometry import Array
-from so101_motion.modes import Mode
+from so101_motion.common.errors import ConfigError, Interrupted, NoPath, OutsideLimits, Unreachable
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal, PoseGoal
-from so101_motion.planning.limits import MotionLimits
-from so101_motion.planning.trajectory import Trajectory
-from so101_motion.state import ARM_JOINTS, JointReading, JointState
-from so101_motion.units import to_rad
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
 
 REACH = 0.5
 """The pretended arm's tool point is its first three angles, and it reaches this far [m]."""
@@ -167,8 +167,8 @@ def gripper() -> PretendedGripper:
     return PretendedGripper()
 
 
-class Desk:
-    """What the page is given: a clock that the test drives, and aimers for some surroundings."""
+class PageInputs:
+    """What the page is given: a clock that the test drives, and solvers for some surroundings."""
 
     def __init__(self) -> None:
         self.t = 0.0
@@ -178,11 +178,11 @@ class Desk:
     def now(self) -> float:
         return self.t
 
-    def load_aimer(self, around: Surroundings) -> Aimer:
+    def load_solver(self, around: Surroundings) -> TargetSolver:
         self.loaded.append(around)
         if self.failure is not None:
             raise self.failure
-        return Aimer(
+        return TargetSolver(
             point=point,
             candidates=candidates,
             clearance=clearance,
@@ -192,18 +192,18 @@ class Desk:
 
 
 @pytest.fixture
-def desk() -> Desk:
-    return Desk()
+def inputs() -> PageInputs:
+    return PageInputs()
 
 
 @pytest.fixture
-def page(arm: PretendedArm, gripper: PretendedGripper, desk: Desk) -> ViewModel:
+def page(arm: PretendedArm, gripper: PretendedGripper, inputs: PageInputs) -> ViewModel:
     return ViewModel(
         arm=arm,  # type: ignore[arg-type]
         gripper=gripper,  # type: ignore[arg-type]
-        load_aimer=desk.load_aimer,
+        load_solver=inputs.load_solver,
         submit=run_at_once,
-        now=desk.now,
+        now=inputs.now,
         welcome=WELCOME,
     )
 
@@ -220,8 +220,8 @@ def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_wa
     screen = page.screen()
     assert screen.sentence.text == WELCOME
     assert screen.q_ghost is not None
-    assert screen.way is not None
-    assert not screen.way.planned
+    assert screen.path is not None
+    assert not screen.path.planned
     assert screen.can_plan
     assert not screen.can_execute
     assert arm.executed == []
@@ -230,8 +230,8 @@ def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_wa
 def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
     screen = planned(page)
     assert screen.can_execute
-    assert screen.way is not None
-    assert screen.way.planned
+    assert screen.path is not None
+    assert screen.path.planned
     assert screen.sentence.tone is Tone.GOOD
 
     page.execute()
@@ -244,7 +244,7 @@ def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> Non
     screen = page.screen()
     assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
     assert screen.q_ghost is None
-    assert screen.way is None
+    assert screen.path is None
     assert not screen.can_plan
     assert not screen.can_execute
 
@@ -257,11 +257,11 @@ def test_nothing_moves_without_a_plan(page: ViewModel, arm: PretendedArm) -> Non
 def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
     page: ViewModel,
 ) -> None:
-    page.aim_at(np.array([0.0, 0.543, 0.0]))
+    page.set_target_point(np.array([0.0, 0.543, 0.0]))
     screen = page.screen()
-    assert screen.sentence.text == "Out of reach by 43 mm: full stretch."
+    assert screen.sentence.text == "43 mm out of reach (arm fully stretched)."
     assert screen.sentence.tone is Tone.BAD
-    assert screen.way is None
+    assert screen.path is None
     assert not screen.can_plan
     page.plan()
     assert not page.refresh()
@@ -269,19 +269,19 @@ def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
 
 
 def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> None:
-    page.aim_at(np.array([0.1, 0.0, -0.3]))
+    page.set_target_point(np.array([0.1, 0.0, -0.3]))
     screen = page.screen()
-    assert screen.sentence.text == "Collides there: gripper with floor."
+    assert screen.sentence.text == "The gripper would hit the floor."
     assert not screen.can_plan
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda page: page.aim_at(np.array([0.1, 0.1, 0.1])),
-        lambda page: page.aim_at_joints(np.full(5, 0.2)),
-        lambda page: page.aim_at_joint(3, 0.4),
-        lambda page: page.aim_with("jaw_tip"),
+        lambda page: page.set_target_point(np.array([0.1, 0.1, 0.1])),
+        lambda page: page.set_target_joints(np.full(5, 0.2)),
+        lambda page: page.set_target_joint(3, 0.4),
+        lambda page: page.set_target_frame("jaw_tip"),
         lambda page: page.set_speed(to_rad(30.0)),
         lambda page: page.set_acceleration(to_rad(30.0)),
         lambda page: page.move_jaw(1.0),
@@ -304,11 +304,11 @@ def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: Pret
     assert page.refresh()
     screen = page.screen()
     assert not screen.can_execute
-    assert screen.sentence.text == "The arm has moved since. Press Plan again."
+    assert screen.sentence.text == "The arm has moved. Press Plan again."
 
 
 def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
-    page.aim_at(np.array([0.4, 0.0, 0.0]))
+    page.set_target_point(np.array([0.4, 0.0, 0.0]))
     assert planned(page).preview_time == 1.0
     page.preview(0.5)
     screen = page.screen()
@@ -357,12 +357,12 @@ def test_a_mistake_inside_is_told_and_does_not_stop_the_page(
     page: ViewModel, arm: PretendedArm
 ) -> None:
     arm.failure = ZeroDivisionError("oops")
-    assert "Something broke inside" in planned(page).sentence.text
+    assert "Internal error" in planned(page).sentence.text
 
 
 @pytest.mark.parametrize(
     ("mode", "words"),
-    [(Mode.LIMP, "limp"), (Mode.FAULT, "fault"), (Mode.CALIBRATING, "calibrated")],
+    [(Mode.LIMP, "limp"), (Mode.FAULT, "Fault: see above"), (Mode.CALIBRATING, "calibrated")],
 )
 def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
     page: ViewModel, arm: PretendedArm, mode: Mode, words: str
@@ -381,7 +381,7 @@ def test_dragging_during_a_motion_neither_stops_nor_redirects_it(
 ) -> None:
     planned(page)
     page.execute()
-    page.aim_at(np.array([0.0, 0.3, 0.0]))
+    page.set_target_point(np.array([0.0, 0.3, 0.0]))
     screen = page.screen()
     assert not screen.can_plan
     assert not screen.can_execute
@@ -410,44 +410,47 @@ def test_the_gripper_moves_at_once(page: ViewModel, gripper: PretendedGripper) -
 
 
 def test_at_the_target_there_is_nothing_to_plan(page: ViewModel) -> None:
-    page.aim_at_joints(np.zeros(5))
+    page.set_target_joints(np.zeros(5))
     screen = page.screen()
-    assert screen.sentence.text == "The arm is there already."
+    assert screen.sentence.text == "The arm is already there."
     assert not screen.can_plan
 
 
 def test_one_joint_turns_the_ghost_and_leaves_the_others(page: ViewModel) -> None:
-    page.aim_at_joints(np.full(5, 0.1))
-    page.aim_at_joint(3, 0.5)
-    np.testing.assert_allclose(page.aim.q, [0.1, 0.1, 0.1, 0.5, 0.1])
-    page.aim_at_joint(4, 2.1)
-    assert page.screen().sentence.text == "wrist_roll at 120.3° is outside its -114.6° to 114.6°."
+    page.set_target_joints(np.full(5, 0.1))
+    page.set_target_joint(3, 0.5)
+    np.testing.assert_allclose(page.target.q, [0.1, 0.1, 0.1, 0.5, 0.1])
+    page.set_target_joint(4, 2.1)
+    assert (
+        page.screen().sentence.text
+        == "wrist_roll would be at 120.3°; its range is -114.6° to 114.6°."
+    )
     assert not page.screen().can_plan
 
 
 def test_another_frame_is_aimed_with_from_where_the_ghost_stands(page: ViewModel) -> None:
-    page.aim_at(np.array([0.2, 0.1, 0.1]))
-    q = page.aim.q
-    page.aim_with("jaw_tip")
-    np.testing.assert_array_equal(page.aim.q, q)
-    np.testing.assert_allclose(page.aim.p_base, [0.2, 0.1, 0.2])
-    page.aim_at(np.array([0.2, 0.1, 0.1]))
-    assert isinstance(page.aim.goal, PoseGoal)
-    assert page.aim.goal.frame == "jaw_tip"
+    page.set_target_point(np.array([0.2, 0.1, 0.1]))
+    q = page.target.q
+    page.set_target_frame("jaw_tip")
+    np.testing.assert_array_equal(page.target.q, q)
+    np.testing.assert_allclose(page.target.p_base, [0.2, 0.1, 0.2])
+    page.set_target_point(np.array([0.2, 0.1, 0.1]))
+    assert isinstance(page.target.goal, PoseGoal)
+    assert page.target.goal.frame == "jaw_tip"
     with pytest.raises(ConfigError, match="must be one of"):
-        page.aim_with("elbow")
+        page.set_target_frame("elbow")
 
 
 def test_here_is_where_the_arm_is(page: ViewModel, arm: PretendedArm) -> None:
     arm.be(np.full(5, 0.3))
     page.refresh()
-    page.aim_here()
-    np.testing.assert_allclose(page.aim.q, 0.3)
-    assert page.screen().sentence.text == "The arm is there already."
+    page.set_target_here()
+    np.testing.assert_allclose(page.target.q, 0.3)
+    assert page.screen().sentence.text == "The arm is already there."
 
 
 def test_a_plan_shows_postures_on_its_way_and_where_it_comes_close(page: ViewModel) -> None:
-    page.aim_at(np.array([0.3, 0.0, -0.1]))
+    page.set_target_point(np.array([0.3, 0.0, -0.1]))
     screen = planned(page)
     assert screen.sweep is not None
     assert len(screen.sweep) >= 3
@@ -459,19 +462,21 @@ def test_a_plan_shows_postures_on_its_way_and_where_it_comes_close(page: ViewMod
     assert page.screen().sweep is None
 
 
-def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page: ViewModel, desk: Desk) -> None:
+def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(
+    page: ViewModel, inputs: PageInputs
+) -> None:
     planned(page)
     page.play(0.5)
     assert page.refresh()
-    desk.t += 0.8
+    inputs.t += 0.8
     assert page.refresh()
     assert page.screen().preview_time == pytest.approx(0.4)
     page.play(0.5)  # once more: it stands
-    desk.t += 0.8
+    inputs.t += 0.8
     assert not page.refresh()
     page.play(2.0)
     page.refresh()
-    desk.t += 5.0
+    inputs.t += 5.0
     page.refresh()
     screen = page.screen()
     assert screen.preview_time == 1.0
@@ -479,7 +484,7 @@ def test_the_ghost_plays_the_plan_at_the_pace_it_was_told(page: ViewModel, desk:
 
 
 def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
-    page: ViewModel, arm: PretendedArm, desk: Desk
+    page: ViewModel, arm: PretendedArm, inputs: PageInputs
 ) -> None:
     assert planned(page).can_execute
     arm.scene = object()
@@ -489,18 +494,18 @@ def test_new_surroundings_drop_the_plan_and_are_taken_up_beside_the_page(
     assert screen.sentence.text == "The surroundings have changed. Press Plan again."
     assert not screen.can_execute
     page.refresh()
-    assert desk.loaded[-1].scene is arm.scene
+    assert inputs.loaded[-1].scene is arm.scene
     arm.range = (np.full(5, -1.0), np.full(5, 1.0))
     page.refresh()
-    assert desk.loaded[-1].range is arm.range
+    assert inputs.loaded[-1].range is arm.range
     page.refresh()
     assert not page.refresh()
 
 
 def test_surroundings_that_cannot_be_taken_up_are_told(
-    page: ViewModel, arm: PretendedArm, desk: Desk
+    page: ViewModel, arm: PretendedArm, inputs: PageInputs
 ) -> None:
-    desk.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
+    inputs.failure = ConfigError("elbow_flex", [1, 1], "leaves no angle")
     arm.range = (np.full(5, 1.0), np.full(5, 1.0))
     page.refresh()
     page.refresh()

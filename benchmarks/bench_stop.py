@@ -1,0 +1,402 @@
+"""How soon an arm slows down after Stop has reached the module, whatever else is asked of it.
+
+The real module process, with an arm of emulated servos on a serial port (their own process, the
+wire's time at 1 Mbaud, an adapter with 1 ms latency). Again and again the arm is sent to the other
+side, and stopped at full speed. Two moments are noted on the same clock. *Arrival*: the last frame
+of the Stop request has been handed to the kernel, on a connection of its own. *Slower*: the first
+setpoint whose commanded velocity is below that of the cruise has been handed to the port; a
+wrapper in the module's process notes every write. What lies between them is the figure, in seconds
+and in control cycles.
+
+Meanwhile another process attacks the module. ``ATTACKS`` is the table of what it does: a coroutine
+that goes on until it is cancelled; add a line for another one.
+
+Every row has its own module process. A witness keeps time before everybody else: where a stop was
+late while the witness was late as well, the whole machine stood still; such stops are told apart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import contextlib
+import importlib
+import json
+import math
+import os
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from grpclib.client import Channel
+from viam.components.arm import JointPositions
+from viam.components.arm.client import ArmClient
+from viam.services.motion import MotionClient
+
+from benchmarks import _common, stop_attacks
+from benchmarks.bench_stream import LATENCY, PERIOD, witnessed
+from benchmarks.bench_stream import _parent as parent
+from so101_motion.common.geometry import Array
+
+STOPS = 1000
+SEED = 6
+SPEED_DEG = 60.0
+MIDDLE_DEG, ASIDE_DEG = -20.0, 50.0  # where the first joint swings
+LIFTED_DEG = (-45.0, 45.0, 60.0, 0.0)
+MOTION_MODEL = "devrel:so101:motion"
+
+P99_CYCLES = 2.0
+MAX_CYCLES = 10.0
+
+_port: Any = importlib.import_module("harness.emulated_port")  # beside the parent
+_RECORD = "SO101_BENCH_RECORD"
+
+
+# The module's process
+
+
+def module() -> None:
+    """Be the module; note when each setpoint is written, and how fast the first joint shall go."""
+    from so101_motion.__main__ import main as serve
+    from so101_motion.drivers.feetech.feetech_arm import FeetechArm
+
+    written: list[tuple[float, float]] = []
+    write = FeetechArm.write
+
+    def noted(
+        self: FeetechArm, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None
+    ) -> None:
+        write(self, q_cmd, q_jaw_cmd, qd_cmd)
+        written.append((time.monotonic(), 0.0 if qd_cmd is None else float(qd_cmd[0])))
+
+    FeetechArm.write = noted  # type: ignore[method-assign]
+    try:
+        serve()
+    finally:
+        Path(os.environ[_RECORD]).write_text(json.dumps(written))
+
+
+# The attacks
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """The module under attack.
+
+    Attributes:
+        socket: Where it listens.
+    """
+
+    socket: str
+
+    @contextlib.contextmanager
+    def connected(self) -> Any:
+        """A connection of its own."""
+        channel = Channel(path=self.socket)
+        try:
+            yield channel
+        finally:
+            channel.close()
+
+
+async def nothing(target: Target) -> None:
+    """Leave it alone."""
+    await asyncio.Event().wait()
+
+
+def sending(
+    send: Callable[..., Awaitable[None]], *numbers: int
+) -> Callable[[Target], Awaitable[None]]:
+    """Send large messages; see ``stop_attacks``."""
+
+    async def attack(target: Target) -> None:
+        with target.connected() as channel:
+            await send(channel, *numbers)
+
+    return attack
+
+
+async def planning(target: Target) -> None:
+    """Ask for one plan after the other."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            await planner.do_command({"preview": _request(y=120.0)})
+            await planner.do_command({"preview": _request(y=-120.0)})
+
+
+async def abandoned_plans(target: Target) -> None:
+    """Ask for 50 plans at once that take long, and give them all up; again and again."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            request = {"preview": _hopeless()}
+            plans = [asyncio.ensure_future(planner.do_command(request)) for _ in range(50)]
+            await asyncio.wait(plans, timeout=0.5)
+            for plan in plans:
+                plan.cancel()
+            await asyncio.gather(*plans, return_exceptions=True)
+
+
+async def polling(target: Target, clients: int = 20, rate: float = 10.0) -> None:
+    """Many clients, each asking for the joints ``rate`` times a second."""
+
+    async def poll() -> None:
+        with target.connected() as channel:
+            arm = ArmClient("arm", channel)
+            while True:
+                await arm.get_joint_positions()
+                await asyncio.sleep(1.0 / rate)
+
+    await asyncio.gather(*(poll() for _ in range(clients)))
+
+
+ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
+    "nothing else": nothing,
+    "one plan after the other": planning,
+    "50 abandoned plans": abandoned_plans,
+    "20 polling clients": polling,
+    "200 clients, 1 Hz each": lambda target: polling(target, clients=200, rate=1.0),
+    "texts of 1 MB": sending(stop_attacks.long_texts),
+    "1,000 boxes": sending(stop_attacks.many_boxes, 1_000),
+    "100,000 boxes": sending(stop_attacks.many_boxes, 100_000),
+    "a mesh of 250,000 triangles": sending(stop_attacks.large_mesh, 250_000),
+    "a mesh of 1,000,000 triangles": sending(stop_attacks.large_mesh, 1_000_000),
+    "a cloud of 1,000,000 points": sending(stop_attacks.large_cloud, 1_000_000),
+}
+"""What the module is busy with, by the name of the row."""
+
+
+def _request(*, y: float) -> dict[str, Any]:
+    """A MoveRequest as JSON."""
+    there = {"reference_frame": "arm_origin", "pose": {"x": 200, "y": y, "z": 150, "o_z": 1}}
+    return {"component_name": "arm", "destination": there}
+
+
+def _hopeless() -> dict[str, Any]:
+    """The same behind a wall, under a roof: both ends are free, the way between them is not."""
+    azimuth = math.radians(50.0)
+    wall = {
+        "label": "wall",
+        "box": {"dims_mm": {"x": 700, "y": 6, "z": 900}},
+        "center": {
+            "x": 430.0 * math.cos(azimuth),
+            "y": 430.0 * math.sin(azimuth),
+            "z": 350,
+            "o_z": 1,
+            "theta": 50,
+        },
+    }
+    roof = {
+        "label": "roof",
+        "box": {"dims_mm": {"x": 1000, "y": 1000, "z": 10}},
+        "center": {"z": 280, "o_z": 1},
+    }
+    around = {"reference_frame": "arm_origin", "geometries": [wall, roof]}
+    there = {"x": -65, "y": 241, "z": 120, "o_z": 1}
+    return {
+        "component_name": "arm",
+        "destination": {"reference_frame": "arm_origin", "pose": there},
+        "world_state": {"obstacles": [around]},
+    }
+
+
+def attack(name: str, socket: str) -> None:
+    """Be the attacker until terminated; a refusal of the module is none of its business."""
+
+    async def go_on() -> None:
+        me = asyncio.current_task()
+        assert me is not None
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, me.cancel)
+        print("begun", flush=True)
+        while True:
+            with contextlib.suppress(Exception):
+                await ATTACKS[name](Target(socket=socket))
+            await asyncio.sleep(0.01)
+
+    with contextlib.suppress(asyncio.CancelledError):
+        asyncio.run(go_on())
+
+
+@contextlib.asynccontextmanager
+async def attacked(name: str, socket: str) -> AsyncIterator[None]:
+    """Have an attacker in a process of its own."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "benchmarks.bench_stop", "--attack", name, str(socket),
+        stdout=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None
+    await process.stdout.readline()
+    await asyncio.sleep(1.0)
+    try:
+        yield
+    finally:
+        process.terminate()
+        try:
+            await asyncio.wait_for(process.wait(), 5.0)
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+
+
+# The one who stops
+
+
+class Stopper:
+    """A client that knows when its request has arrived.
+
+    Args:
+        channel: Its own connection.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel, self._sent = channel, 0.0
+        self.arm = ArmClient("arm", channel)
+
+    async def prepare(self) -> None:
+        """Note every write to the socket from now on."""
+        protocol = await self._channel.__connect__()
+        transport: Any = protocol.connection._transport
+        write = transport.write
+
+        def noted(data: bytes) -> None:
+            write(data)
+            if _ends_a_request(data):
+                self._sent = time.monotonic()
+
+        transport.write = noted
+
+    async def stop(self) -> float:
+        """Stop the arm; when the request had arrived [s]."""
+        await self.arm.stop()
+        return self._sent
+
+
+def _ends_a_request(data: bytes) -> bool:
+    """Whether an HTTP/2 DATA frame is among ``data`` that is the last of its stream (RFC 9113)."""
+    while len(data) >= 9:
+        if data[3] == 0 and data[4] & 1:
+            return True
+        data = data[9 + int.from_bytes(data[:3], "big") :]
+    return False
+
+
+async def stops(name: str, n: int, record: Path) -> list[float]:
+    """Stop the arm ``n`` times under an attack; when each request arrived [s]."""
+    command = (sys.executable, "-m", "benchmarks.bench_stop", "--module")
+    os.environ[_RECORD] = str(record)
+    async with (
+        _port.emulated_port(record.parent, "--latency", str(LATENCY)) as servos,
+        parent.running_module(command=command) as (running, _, _),
+    ):
+        fast = {"speed_degs_per_sec": SPEED_DEG, "acceleration_degs_per_sec_per_sec": 500.0}
+        await running.add(parent.ARM, parent.HARDWARE_ARM, {"port": servos.port, **fast}, "arm")
+        await running.add(parent.MOTION, MOTION_MODEL, {"arm": "arm"}, "planner")
+        other, planner = stop_attacks.ARM, stop_attacks.PLANNER
+        await running.add(parent.ARM, parent.SIMULATED, {}, other)
+        await running.add(parent.MOTION, MOTION_MODEL, {"arm": other}, planner)
+        await servos.let_go()
+        await asyncio.sleep(2.0)  # the weight is taken up
+        with Target(socket=str(running.socket)).connected() as channel:
+            stopper = Stopper(channel)
+            await stopper.prepare()
+            await stopper.arm.move_to_joint_positions(_pan(MIDDLE_DEG))
+            async with attacked(name, str(running.socket)):
+                return [moment async for moment in _stopped(stopper, n)]
+
+
+async def _stopped(stopper: Stopper, n: int) -> AsyncIterator[float]:
+    rng = np.random.default_rng(SEED)
+    side = 1.0
+    while n > 0:
+        here = (await stopper.arm.get_joint_positions()).values[0]
+        if side * (here - MIDDLE_DEG) > ASIDE_DEG - 45.0:
+            side = -side
+        goal = _pan(MIDDLE_DEG + side * ASIDE_DEG)
+        await stopper.arm.move_to_joint_positions(goal, extra={"wait": False})
+        await asyncio.sleep(0.3 + rng.uniform(0.0, 0.05))  # at full speed since 0.25 s
+        yield await stopper.stop()
+        n -= 1
+
+
+def _pan(degrees: float) -> JointPositions:
+    return JointPositions(values=[degrees, *LIFTED_DEG])
+
+
+# The figures
+
+
+def delays(arrivals: list[float], written: Array) -> Array:
+    """From each arrival to the first slower setpoint [s]; ``written`` is moments and velocities."""
+    t, speed = written[:, 0], np.abs(written[:, 1])
+    found = []
+    for arrival in arrivals:
+        before = int(np.searchsorted(t, arrival)) - 1
+        cruise = speed[before]
+        if cruise < 0.9 * np.radians(SPEED_DEG):
+            continue  # the attack kept the arm from its full speed; it does not count
+        slower = before + 1 + int(np.argmax(speed[before + 1 :] < cruise * (1.0 - 1e-9)))
+        found.append(t[slower] - arrival)
+    return np.array(found)
+
+
+def row(name: str, n: int) -> dict[str, Any]:
+    """One line of the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        record = Path(folder) / "record.json"
+        with witnessed() as standstills:
+            arrivals = asyncio.run(stops(name, n, record))
+        written = np.array(json.loads(record.read_text()))
+    took = delays(arrivals, written)
+    bound = MAX_CYCLES * PERIOD
+    beyond = [
+        (arrival, delay)
+        for arrival, delay in zip(arrivals, took, strict=False)
+        if delay > P99_CYCLES * PERIOD
+    ]
+    excused = sum(
+        any(begin < arrival + delay and end > arrival for begin, end in standstills)
+        for arrival, delay in beyond
+    )
+    cycles = _common.summary(took / PERIOD)
+    return {
+        "meanwhile": name,
+        **_common.summary(took),
+        "p99 [cycles]": cycles["p99"],
+        "max [cycles]": cycles["max"],
+        "over 2 cycles": len(beyond),
+        "of those while the machine stood still": excused,
+        "over 10 cycles": int(np.count_nonzero(took > bound)),
+        "bar": f"p99 {P99_CYCLES:g} cycles, never {MAX_CYCLES:g}",
+    }
+
+
+def main() -> None:
+    """Measure, print and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--n", type=int, default=STOPS, help="stops for each row")
+    parser.add_argument("--only", choices=ATTACKS, action="append", help="just these rows")
+    parser.add_argument("--dry", action="store_true", help="print the table, write no results")
+    wanted = parser.parse_args()
+    _common.single_thread()
+    rows = [row(name, wanted.n) for name in wanted.only or ATTACKS]
+    if wanted.dry:
+        _common.print_table("bench_stop", rows)
+    else:
+        _common.write("bench_stop", rows, peers=("feetech-servo-sdk", "pyserial", "grpclib"))
+
+
+if __name__ == "__main__":
+    if "--module" in sys.argv:
+        sys.argv.remove("--module")
+        module()
+    elif "--attack" in sys.argv:
+        attack(*sys.argv[2:4])
+    else:
+        main()

@@ -1,0 +1,5 @@
+"""The API that programs call: an arm and a gripper that plan, move, follow and stop.
+
+``planning_process.py`` runs the planner in a process of its own, ``motion_queue.py`` lets a newer
+motion supersede the one under way. It may import ``control``, ``files`` and what is below them.
+"""

@@ -1,0 +1,449 @@
+"""Plan for an arm, move it, retarget it, lead it and stop it.
+
+Any thread may call. A call that moves returns a ``Motion`` at once; waiting for it is the caller's
+choice. A new motion supersedes the one under way: that slows to rest and ends with
+``Interrupted("a newer motion")``, then the new one is planned from there. Only a retarget does not
+stop in between.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from so101_motion.arm.joint_caps import JointCaps, JointRange
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_queue import MotionQueue, Opening
+from so101_motion.arm.protocols import ArmExecutor
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, LoadConfig
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import SUPERSEDED, MotionError, NotHolding
+from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState, lent_out
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.cartesian_jog import Jog
+from so101_motion.control.joint_group import Channel
+from so101_motion.control.motion_source import S
+from so101_motion.control.streamed_trajectory import Stream
+from so101_motion.control.target_tracking import Pursuit
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.goals import Goal
+from so101_motion.planning.request import Plan, PlanRequest, Search
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Load, Payload, Strength, carried
+
+if TYPE_CHECKING:
+    from so101_motion.planning.kinematics.model import RobotModel
+
+
+START_TOLERANCE = 1e-4
+"""How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
+
+
+class Arm:
+    """Five joints that can be planned for, moved and stopped.
+
+    Args:
+        model: Kinematics and limits.
+        executor: Moves them; owned by the rig.
+        planner: Takes a request to the planning process.
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        scene: What is around it and in its hand.
+
+    Attributes:
+        scene: The same, for plans made from now on.
+        newest: The newest plan and its request, to be shown; None before the first.
+        compliance: How it yields to a hand in manual mode.
+        slowdown: Says before each motion what share of its caps it may use, 0 to 1.
+    """
+
+    def __init__(
+        self,
+        *,
+        model: RobotModel,
+        executor: ArmExecutor,
+        planner: Callable[[PlanRequest], Future[Plan]],
+        speed: float,
+        acceleration: float,
+        scene: Scene,
+    ) -> None:
+        self.model = model
+        self.scene = scene
+        self._executor = executor
+        self._planner = planner
+        self._caps = JointCaps(speed=speed, acceleration=acceleration)
+        self._ceiling = JointCaps(
+            speed=to_rad(SPEED_RANGE_DEG[1]), acceleration=to_rad(ACCELERATION_RANGE_DEG[1])
+        )
+        self._range = JointRange(model.lower, model.upper)
+        self.set_load(LoadConfig())
+        self.newest: tuple[PlanRequest, Plan] | None = None
+        self.compliance = Compliance()
+        self.slowdown: Callable[[], float] = lambda: 1.0
+        self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
+        self._motions = MotionQueue(self._come_to_rest)
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        return self._executor.state
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way, planning not included."""
+        return self.state.arm_moving
+
+    @property
+    def in_manual(self) -> bool:
+        """Whether the joints are to be moved by hand: guided, or limp."""
+        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
+
+    @property
+    def newest_motion(self) -> Motion:
+        """What was asked for last, planning included; over when nothing is under way."""
+        return self._motions.current
+
+    def T_base(self, frame: str = "tool") -> SE3:
+        """Where ``frame`` is now, from the measured joints; maps to the base frame."""
+        with self._kinematics:
+            return self.model.frame(self.state.q, frame)
+
+    def T_base_links(self) -> dict[str, SE3]:
+        """Where all seven links are now, by name, the jaw included."""
+        state = self.state
+        with self._kinematics:
+            return self.model.link_placements(state.q, state.q_jaw)
+
+    @property
+    def speed(self) -> float:
+        """Joint speed cap [rad/s]."""
+        return self._caps.speed
+
+    @property
+    def acceleration(self) -> float:
+        """Joint acceleration cap [rad/s^2]."""
+        return self._caps.acceleration
+
+    def set_speed(self, speed: float) -> None:
+        """Set the joint speed cap [rad/s]; ``ConfigError`` above ``ceiling`` or out of range."""
+        self._caps = self._ceiling.checked(replace(self._caps, speed=speed))
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """Set the joint acceleration cap [rad/s^2]; raises as ``set_speed`` does."""
+        self._caps = self._ceiling.checked(replace(self._caps, acceleration=acceleration))
+
+    @property
+    def ceiling(self) -> JointCaps:
+        """What no motion exceeds, whatever it asks for; braking does."""
+        return self._ceiling
+
+    def set_ceiling(self, ceiling: JointCaps) -> None:
+        """Set what no motion may exceed from now on; the arm's own caps are lowered to it."""
+        self._ceiling = ceiling
+        self._caps = JointCaps(
+            speed=min(self._caps.speed, ceiling.speed),
+            acceleration=min(self._caps.acceleration, ceiling.acceleration),
+        )
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of a motion that names none of its own; see also ``slowdown``."""
+        return self._caps.limits
+
+    def granted(self, limits: MotionLimits | None) -> MotionLimits:
+        """The caps that a motion gets which asks for ``limits``; None for the arm's own."""
+        wanted = limits or self.limits
+        most = wanted.scaled_to(self._ceiling.speed, self._ceiling.acceleration)
+        return most.eased(self.slowdown())
+
+    def set_load(self, load: LoadConfig) -> None:
+        """Set what the gripper always carries and what the servos bear, for plans from now on.
+
+        Raises:
+            ConfigError: A mass or a place out of range, or unknown servos.
+        """
+        self._payload = Payload.of(load, self.model)
+        self._strength = Strength.of_servos(load.servo_voltage)
+
+    @property
+    def range(self) -> JointRange:
+        """Between which joint angles it may be sent."""
+        return self._range
+
+    def set_range(self, lower: Array, upper: Array) -> None:
+        """Narrow the joint limits to those of the calibration, shapes (5,), [rad]."""
+        self._range = JointRange(self.model.lower, self.model.upper).narrowed(lower, upper)
+
+    # Planning and moving
+
+    def plan(
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> Plan:
+        """Plan from where the arm is wanted now, or will be then; moves nothing.
+
+        Args:
+            goal: What is wanted.
+            limits: Caps of this motion; the arm's own if not given.
+            search: How to look for it.
+            q_start: Plan from here instead, shape (5,), [rad].
+            q_jaw: Where the jaw will be [rad].
+
+        Raises:
+            PlanningError: Why there is no trajectory, with figures.
+            WorkerError: The planning process died, or was closed.
+            Interrupted: The motion whose step called this was interrupted.
+        """
+        request, planning = self._start_plan(goal, limits, search, q_start, q_jaw)
+        motion = self._motions.here
+        plan = planning.result() if motion is None else motion.wait_for(planning)
+        self.newest = (request, plan)
+        return plan
+
+    def start_plan(
+        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    ) -> Future[Plan]:
+        """Like ``plan``, but returns at once; cancelling the future gives the plan up."""
+        return self._start_plan(goal, limits, search)[1]
+
+    def start_move(
+        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    ) -> Motion:
+        """Plan and move; supersedes what is under way. Arguments as for ``plan``."""
+        return self.start_planned(partial(self.start_plan, goal, limits=limits, search=search))
+
+    def start_planned(self, planning: Callable[[], Future[Plan]]) -> Motion:
+        """Bring the arm to rest, let ``planning`` begin, and move; supersedes what is under way.
+
+        ``planning`` is called on another thread; its future is cancelled with the motion.
+        """
+
+        def run(motion: Motion) -> None:
+            self._leave_manual(motion)
+            self._execute(motion, motion.wait_for(planning()))
+
+        return self._motions.start(run)
+
+    def start_execute(self, plan: Plan) -> Motion:
+        """Move along this plan, if the arm is where it starts; supersedes what is under way."""
+        return self._motions.start(lambda motion: self._execute(motion, plan))
+
+    def start_series(self, steps: Iterable[Plan | Callable[[Motion], None]]) -> Motion:
+        """Move along several plans, one after the other; supersedes what is under way.
+
+        Args:
+            steps: Plans, each from where the one before ends, and functions that are called with
+                the motion while the arm rests between them. Each is taken when the last is done.
+        """
+
+        def run(motion: Motion) -> None:
+            for step in steps:
+                if callable(step):
+                    step(motion)
+                else:
+                    self._execute(motion, step)
+
+        return self._motions.start(run)
+
+    def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
+        """Turn from the present motion straight towards ``q_goal``, shape (5,), [rad].
+
+        For a stream of goals (teleoperation, dragging). Nothing is planned: joint and motion limits
+        are kept, collisions are not checked.
+
+        Raises:
+            OutsideLimits: The goal lies outside the joint limits.
+        """
+        q_goal = frozen_array(q_goal, (5,))
+        self.model.check_limits(q_goal)
+        self._range.check(q_goal)
+        caps, executor = self.granted(limits), self._executor
+
+        def begin(motion: Motion) -> Future[None]:
+            if self._must_hold():
+                executor.hold()  # before the retarget, for requests are served in order
+            return motion.begin(
+                lambda: executor.retarget(q_goal, caps, channel=Channel.ARM), executor.interrupt
+            )
+
+        return self._motions.turn(begin)
+
+    def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
+        """Take time-stamped points once the arm rests; supersedes what is under way."""
+        caps, dt = self.granted(limits), self._executor.dt
+        return self._lead(lambda: Stream(q_start=self.state.q_ref, limits=caps, dt=dt))
+
+    def open_stream(self, *, limits: MotionLimits | None = None) -> Stream:
+        """Like ``start_stream``, but blocks until points can be pushed; raises as ``open_jog``."""
+        return self.start_stream(limits=limits).opened.result()
+
+    def open_jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
+        """Let the tool be led by velocities, poses and points; supersedes what is under way.
+
+        Blocks until the arm rests. It keeps clear of itself, of the present scene, and of
+        configurations in which its load is too heavy.
+
+        Args:
+            limits: Caps of the joints; the arm's own if not given.
+            frame: Which frame of the gripper is led.
+
+        Raises:
+            ConfigError: There is no such frame.
+            Interrupted: A newer motion or a stop was asked for meanwhile.
+        """
+        self.model.check_gripper_frame(frame)
+
+        def make() -> Jog:
+            executor, scene, q = self._executor, self.scene, self.state.q_ref
+            model = self.model.narrowed(*self._range)  # the I/O thread's own
+            servo = Servo(
+                model,
+                CollisionModel(model, scene),
+                self.granted(limits),
+                executor.dt,
+                q,
+                frame=frame,
+                load=Load.of(model, self._strength, q, carried(self._payload, scene.attached)),
+            )
+            return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+
+        return self._lead(make).opened.result()
+
+    def open_pursuit(self, make: Callable[[Array], Pursuit]) -> Pursuit:
+        """Let the arm follow a moving target; supersedes what is under way.
+
+        Args:
+            make: Makes the pursuit from where the arm rests, shape (5,), [rad].
+
+        Raises:
+            Interrupted: A newer motion or a stop was asked for meanwhile.
+        """
+        return self._lead(lambda: make(self.state.q_ref)).opened.result()
+
+    def stop(self) -> None:
+        """Slow to rest along a jerk-limited ramp and hold; returns when the arm rests.
+
+        Real joints are then up to a degree past the end of the ramp, and are drawn back within half
+        a second. The newest motion, even one being planned, ends with ``Interrupted("stop")``.
+        """
+        self.start_stop().result()
+
+    def start_stop(self, *, by: str = "stop") -> Future[None]:
+        """Like ``stop``, but waits for nobody; motions that it ends raise ``Interrupted(by)``."""
+        self._motions.current.give_up(by)  # the executor's stop ends what moves
+        return self._executor.stop(Channel.ARM, by=by)
+
+    def set_manual(self, enabled: bool, how: Compliance | None = None) -> None:
+        """Let the arm yield to a hand, as ``compliance`` or ``how`` says, or hold it where it is.
+
+        A motion, a stop and letting go end manual mode as well.
+        """
+        if enabled:
+            self.stop()
+            self._executor.guide(how or self.compliance).result()
+        else:
+            self._executor.hold().result()
+
+    def set_torque(self, on: bool) -> None:
+        """Hold the joints, the jaw too, or let go of them: the arm then sinks under its weight."""
+        if on:
+            self._executor.hold().result()
+        else:
+            self.stop()
+            self._executor.release().result()
+
+    def close(self) -> None:
+        """End what is under way and the arm's own threads; the executor belongs to the rig."""
+        self._motions.close()
+
+    # How
+
+    def _start_plan(
+        self,
+        goal: Goal,
+        limits: MotionLimits | None,
+        search: Search | None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> tuple[PlanRequest, Future[Plan]]:
+        state, search = self.state, search or Search()
+        lower, upper = self._range.with_tolerance()
+        request = PlanRequest(
+            q_start=state.q_ref if q_start is None else q_start,
+            goal=goal,
+            limits=self.granted(limits),
+            q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
+            scene=search.scene or self.scene,
+            payload=self._payload,
+            strength=self._strength,
+            frames=search.frames,
+            lower=lower,
+            upper=upper,
+            dt=self._executor.dt,
+            seed=search.seed,
+            time_budget=search.time_budget,
+        )
+        planning = self._planner(request)
+
+        def note(done: Future[Plan]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self.newest = (request, done.result())
+
+        planning.add_done_callback(note)
+        return request, planning
+
+    def _execute(self, motion: Motion, plan: Plan) -> None:
+        self._leave_manual(motion)
+        off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
+        if off > START_TOLERANCE:
+            raise MotionError(
+                f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
+            )
+        self._range.check_path(plan.trajectory.q)
+        motion.plan = plan
+        execute = partial(self._executor.execute, plan.trajectory, channel=Channel.ARM)
+        motion.begin(execute, self._executor.interrupt).result()
+
+    def _lead(self, make: Callable[[], S]) -> Opening[S]:
+        """Begin the led motion that ``make`` prepares, once the arm rests."""
+
+        def prepare(motion: Motion) -> S:
+            self._leave_manual(motion)
+            return make()
+
+        return self._motions.lead(prepare, self._executor.play, self._executor.interrupt)
+
+    def _come_to_rest(self) -> Future[None] | None:
+        """Slow down for a newer motion; None if the arm rests."""
+        if self._executor.is_resting:
+            return None
+        return self._executor.stop(Channel.ARM, by=SUPERSEDED)
+
+    def _leave_manual(self, motion: Motion) -> None:
+        """Hold an arm that yields or is limp, unless the motion was ended meanwhile."""
+        if self._must_hold():
+            motion.begin(self._executor.hold, lambda _holding, _by: None).result()
+
+    def _must_hold(self) -> bool:
+        """Whether the arm is guided or limp, so that it must hold before it moves."""
+        state = self.state
+        if state.lent_to is not None:
+            raise MotionError(lent_out(state.lent_to))
+        if state.mode is Mode.FAULT:
+            raise NotHolding(f"the arm is in a fault: {state.fault}; clear it, then hold again")
+        return self.in_manual

@@ -1,0 +1,140 @@
+"""How fast and how far the joints of one arm may be sent.
+
+``JointCaps`` are for motions that name no limits of their own. ``JointRange`` is the model's limits
+narrowed by the calibration, for each arm's stops are a little elsewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, checked_number
+from so101_motion.common.errors import ConfigError, OutsideLimits
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.planning.timing.limits import MotionLimits
+
+JERK_TIME = 0.1
+"""Time to build up full acceleration [s]: jerk cap = acceleration cap / this. Chosen: at the
+default 100 deg/s^2 the arm starts and stops without a visible jolt, and a move costs 0.1 s more."""
+
+
+TOLERANCE = to_rad(0.2)
+"""How far beyond its range a joint may be sent [rad]: two ticks, for a joint at its very stop is
+measured now on this side of it, now on that."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCaps:
+    """Caps that hold for every joint alike.
+
+    Attributes:
+        speed: [rad/s].
+        acceleration: [rad/s^2].
+
+    Raises:
+        ConfigError: One is outside ``config.SPEED_RANGE_DEG``, ``config.ACCELERATION_RANGE_DEG``.
+    """
+
+    speed: float
+    acceleration: float
+
+    def __post_init__(self) -> None:
+        _check("speed", self.speed, SPEED_RANGE_DEG, "deg/s")
+        _check("acceleration", self.acceleration, ACCELERATION_RANGE_DEG, "deg/s^2")
+
+    def checked(self, wanted: JointCaps) -> JointCaps:
+        """``wanted``, if it is not above these.
+
+        Raises:
+            ConfigError: It is; the message names the setting that says so.
+        """
+        for name, setting, unit in (
+            ("speed", "max_speed_degs_per_sec", "deg/s"),
+            ("acceleration", "max_acceleration_degs_per_sec_per_sec", "deg/s^2"),
+        ):
+            value, most = (round(to_deg(getattr(each, name)), 9) for each in (wanted, self))
+            if value > most:
+                reason = f"is above this arm's {setting}, {most:g} {unit}; ask for less"
+                raise ConfigError(name, value, reason)
+        return wanted
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The same, with the jerk that goes with them."""
+        return MotionLimits.uniform(
+            velocity=self.speed,
+            acceleration=self.acceleration,
+            jerk=self.acceleration / JERK_TIME,
+        )
+
+
+def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:
+    lower, upper = bounds_deg
+    value_deg = round(to_deg(value), 9)  # 180 deg came in as a float in radians
+    checked_number(name, value_deg, lower=lower, upper=upper, unit=unit)
+
+
+class JointRange(NamedTuple):
+    """Between which angles the joints may be.
+
+    Attributes:
+        lower: Smallest joint angles, shape (5,), [rad].
+        upper: Largest joint angles, shape (5,), [rad].
+    """
+
+    lower: Array
+    upper: Array
+
+    def narrowed(self, lower: Array, upper: Array) -> JointRange:
+        """What is both in this range and between these angles, shapes (5,), [rad]."""
+        return JointRange(
+            frozen_array(np.maximum(self.lower, lower), (5,)),
+            frozen_array(np.minimum(self.upper, upper), (5,)),
+        )
+
+    def with_tolerance(self) -> JointRange:
+        """All that is not refused, ``TOLERANCE`` included."""
+        return JointRange(self.lower - TOLERANCE, self.upper + TOLERANCE)
+
+    def check(self, q: Array) -> None:
+        """Refuse joint angles, shape (5,), [rad], that the arm cannot be sent to.
+
+        Raises:
+            OutsideLimits: Which joint, where to, and between what it may go.
+        """
+        excess = self._excess(q)
+        i = int(np.argmax(excess))
+        if not excess[i] <= TOLERANCE:
+            value, lower, upper = (float(each[i]) for each in (q, self.lower, self.upper))
+            raise OutsideLimits(
+                f"{ARM_JOINTS[i]} at {to_deg(value):.2f} deg is outside its calibrated range,"
+                f" {to_deg(lower):.2f} to {to_deg(upper):.2f} deg; choose a value between them, or"
+                " calibrate the arm again",
+                joint=ARM_JOINTS[i],
+                value=value,
+                lower=lower,
+                upper=upper,
+            )
+
+    def check_path(self, q: Array) -> None:
+        """Refuse a path, shape (n, 5), [rad], that leaves the range.
+
+        One that starts outside may come in from there, but not go further out.
+
+        Raises:
+            OutsideLimits: As for ``check``, for the configuration that is furthest off.
+        """
+        around = JointRange(np.minimum(self.lower, q[0]), np.maximum(self.upper, q[0]))
+        excess = np.max(around._excess(q), axis=1)
+        worst = int(np.argmax(excess))
+        if not excess[worst] <= TOLERANCE:
+            self.check(q[worst])
+
+    def _excess(self, q: Array) -> Array:
+        """How far joint angles, shape (..., 5), are outside [rad]; negative inside."""
+        return np.asarray(np.maximum(self.lower - q, q - self.upper))

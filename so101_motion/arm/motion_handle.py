@@ -1,0 +1,140 @@
+"""Wait for one motion, or interrupt it.
+
+A caller holds a ``Motion`` while the arm plans and moves. Interrupting ends this motion only, never
+its successor; when it is over, nothing happens.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from so101_motion.common.errors import Interrupted
+from so101_motion.control.request_queue import running_future
+
+if TYPE_CHECKING:
+    from so101_motion.common.clock import Clock
+    from so101_motion.planning.request import Plan
+
+T = TypeVar("T")
+
+
+class Motion:
+    """A motion that is being planned, is under way, or is over.
+
+    Attributes:
+        future: Completes when the arm has arrived and settled, or raises what went wrong:
+            ``PlanningError``, ``Interrupted``, ``FollowingError``, ``WorkerError``.
+        plan: What is being executed, once it is known; None for motions without a plan.
+    """
+
+    def __init__(self) -> None:
+        self.future: Future[None] = running_future()  # a motion ends by being interrupted
+        self.plan: Plan | None = None
+        self._lock = threading.Lock()
+        self._interruption: Future[str] = Future()
+        self._halt: Callable[[str], object] | None = None
+
+    def result(self, timeout: float | None = None) -> None:
+        """Wait until the arm has arrived.
+
+        Args:
+            timeout: How long to wait on the wall clock [s]; the motion goes on when it passes.
+
+        Raises:
+            TimeoutError: It is still under way.
+            So101Error: Why it did not arrive.
+        """
+        self.future.result(timeout)
+
+    def interrupt(self, by: str) -> None:
+        """End this motion early; the arm slows to rest along a jerk-limited ramp.
+
+        Returns at once; ``future`` completes when the arm is at rest.
+        """
+        halt = self.give_up(by)
+        if halt is not None:
+            halt(by)
+
+    def give_up(self, by: str) -> Callable[[str], object] | None:
+        """End the preparation of this motion, as ``interrupt`` does.
+
+        Returns:
+            What ends its movement; None if it has not begun to move, or is ending already.
+        """
+        with self._lock:
+            if self.future.done() or self._interruption.done():
+                return None
+            self._interruption.set_result(by)
+            return self._halt
+
+    def wait_for(self, awaited: Future[T]) -> T:
+        """The result of ``awaited``, which is cancelled as soon as this motion is interrupted.
+
+        Raises:
+            Interrupted: The motion was interrupted first.
+        """
+        either: list[Future[Any]] = [awaited, self._interruption]
+        wait(either, return_when=FIRST_COMPLETED)
+        if self._interruption.done():
+            awaited.cancel()
+        self.refuse_interrupted()
+        return awaited.result()
+
+    def pause(self, clock: Clock, seconds: float) -> None:
+        """Let time pass, unless this motion is interrupted.
+
+        Args:
+            clock: Whose time.
+            seconds: How much of it [s].
+
+        Raises:
+            Interrupted: The motion was interrupted meanwhile.
+        """
+        wake = threading.Event()
+        self._interruption.add_done_callback(lambda _: wake.set())
+        with clock.attend():
+            until = clock.now() + seconds
+            while clock.now() < until and not self._interruption.done():
+                clock.wait(until, wake)
+        self.refuse_interrupted()
+
+    def begin(
+        self,
+        start: Callable[[], Future[None]],
+        halt: Callable[[Future[None], str], object],
+    ) -> Future[None]:
+        """Start moving unless interrupted meanwhile.
+
+        Args:
+            start: Starts the movement and returns its future.
+            halt: ``halt(running, by)`` ends what ``start`` returned, and only that.
+
+        Raises:
+            Interrupted: The motion was interrupted before it could begin; nothing was started.
+        """
+        with self._lock:
+            self.refuse_interrupted()
+            running = start()
+            self._halt = partial(halt, running)
+            return running
+
+    def take_outcome(self, done: Future[None]) -> None:
+        """End as ``done`` did: the callback for motions that need no thread of their own."""
+        error = done.exception()
+        if error is not None:
+            self.future.set_exception(error)
+        else:
+            self.future.set_result(None)
+
+    def refuse_interrupted(self) -> None:
+        """Go on only if nobody has interrupted this motion.
+
+        Raises:
+            Interrupted: Somebody has.
+        """
+        if self._interruption.done():
+            raise Interrupted(self._interruption.result())

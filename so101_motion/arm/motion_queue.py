@@ -1,0 +1,166 @@
+"""Run one motion at a time: a newer motion supersedes the one under way.
+
+Everything that moves the arm is registered here from the instant it is asked for, so a stop ends
+what is still being prepared as well. The old motion is interrupted and the arm comes to rest before
+the new one begins. A retarget turns the arm without a stop: it begins first and interrupts then.
+
+Any thread may call. What plans and waits has threads of its own, and nothing waits while it holds
+the lock.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Generic
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import SUPERSEDED, MotionError
+from so101_motion.control.motion_source import S
+from so101_motion.control.request_queue import running_future
+
+Run = Callable[[Motion], Future[None] | None]
+"""Carries a motion out. It returns None at the end of the motion, or earlier a future that
+completes then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opening(Generic[S]):
+    """A led motion that begins as soon as the arm rests.
+
+    Attributes:
+        motion: Registered already; interrupting it ends the opening, too.
+        opened: What leads it, once it can be led; raises why it cannot.
+    """
+
+    motion: Motion
+    opened: Future[S]
+
+
+class MotionQueue:
+    """The motions of one arm.
+
+    Args:
+        come_to_rest: Slows the arm down for a newer motion. Returns at once: what completes at
+            rest, or None if the arm rests already.
+
+    Attributes:
+        current: The newest motion; before the first, one that is over.
+    """
+
+    def __init__(self, come_to_rest: Callable[[], Future[None] | None]) -> None:
+        self.current = Motion()
+        self.current.future.set_result(None)
+        self._come_to_rest = come_to_rest
+        self._lock = threading.Lock()  # held for moments only
+        self._here = threading.local()
+        self._threads = ThreadPoolExecutor(max_workers=4, thread_name_prefix="so101-arm")
+
+    @property
+    def here(self) -> Motion | None:
+        """The motion that the calling thread carries out, None for any other thread."""
+        motion: Motion | None = getattr(self._here, "motion", None)
+        return motion
+
+    def start(self, run: Run) -> Motion:
+        """Let ``run`` move the arm once it rests; returns at once.
+
+        What ``run`` or its future raises is what the motion raises.
+
+        Raises:
+            MotionError: The queue has been closed.
+        """
+        motion = Motion()
+        with self._lock:
+            previous = self.current
+            try:
+                self._threads.submit(self._run, motion, previous, run)
+            except RuntimeError as error:  # no more threads after ``close``
+                raise MotionError("this arm has been closed; open it again") from error
+            self.current = motion
+            previous.interrupt(SUPERSEDED)
+        return motion
+
+    def lead(
+        self,
+        prepare: Callable[[Motion], S],
+        play: Callable[[S], S],
+        halt: Callable[[Future[None], str], object],
+    ) -> Opening[S]:
+        """Play what somebody leads, once the arm rests; returns at once.
+
+        Args:
+            prepare: Makes the source, on another thread.
+            play: Begins to play it.
+            halt: Ends the motion with the source's future, for the reason given.
+        """
+        opened: Future[S] = running_future()
+
+        def run(motion: Motion) -> Future[None]:
+            source = prepare(motion)
+            motion.begin(lambda: play(source).future, halt)
+            opened.set_result(source)
+            return source.future
+
+        def end(over: Future[None]) -> None:
+            error = over.exception()
+            if error is not None and not opened.done():
+                opened.set_exception(error)
+
+        motion = self.start(run)
+        motion.future.add_done_callback(end)
+        return Opening(motion, opened)
+
+    def turn(self, begin: Callable[[Motion], Future[None]]) -> Motion:
+        """Begin a motion that takes over at full speed.
+
+        Args:
+            begin: Begins the motion that it is given; returns at once what completes at its end.
+        """
+        motion = Motion()
+        with self._lock:
+            running = begin(motion)
+            previous, self.current = self.current, motion
+            previous.interrupt(SUPERSEDED)
+        running.add_done_callback(motion.take_outcome)
+        return motion
+
+    def interrupt(self, by: str) -> None:
+        """End the newest motion early; returns at once."""
+        self.current.interrupt(by)
+
+    def close(self) -> None:
+        """End the newest motion, and the threads."""
+        self.interrupt("shutdown")
+        self._threads.shutdown(wait=True)
+
+    def _run(self, motion: Motion, previous: Motion, run: Run) -> None:
+        try:
+            self._rest_for(motion, previous)
+            self._here.motion = motion
+            ending = run(motion)
+        except BaseException as error:  # whoever waits for the motion must hear of it
+            motion.future.set_exception(error)
+        else:
+            if ending is None:
+                motion.future.set_result(None)
+            else:
+                ending.add_done_callback(motion.take_outcome)
+        finally:
+            self._here.motion = None
+
+    def _rest_for(self, motion: Motion, previous: Motion) -> None:
+        """Bring the arm to rest for a motion, unless something newer has been asked for since.
+
+        That may be under way already, or have let go of the arm.
+        """
+        previous.future.exception()  # it has been told to end
+        with self._lock:
+            if self.current is not motion:
+                motion.interrupt(SUPERSEDED)
+            motion.refuse_interrupted()
+            resting = self._come_to_rest()
+        if resting is not None:
+            resting.result()

@@ -1,0 +1,205 @@
+"""Messages between a process that wants plans and the one that makes them.
+
+Both hold one end of a socket and send each other messages: a kind, and any number of parts. A
+request and its answer are pickled. Large arrays are parts of their own, so that neither end copies
+them while it holds the interpreter lock. A scene may be large and seldom changes, so it is sent
+once: both ends remember the last few, and from then on its digest stands for it.
+"""
+
+from __future__ import annotations
+
+import io
+import pickle
+import select
+import socket
+import struct
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Sequence
+from enum import IntEnum
+from typing import Any, cast
+
+from so101_motion.planning.collision.scene import Scene
+
+Part = bytes | bytearray | memoryview
+
+_REMEMBERED = 8
+"""So many scenes both ends remember. Chosen."""
+
+_LARGE = 16_384
+"""Arrays of so many bytes are parts of their own. Chosen."""
+
+_MOST_PARTS = 100_000
+"""More parts than any message has: the two ends have lost each other. Chosen."""
+
+_HEAD = struct.Struct("<BI")  # kind, number of parts
+_SIZE = struct.Struct("<Q")
+
+
+class Kind(IntEnum):
+    """What a message is about."""
+
+    READY = 1
+    """The child has loaded everything; it holds an error instead of None if it could not."""
+    REQUEST = 2
+    GIVE_UP = 3
+    """Nobody wants what was requested last any more."""
+    ALIVE = 4
+    """The child is still working."""
+    ANSWER = 5
+    """A plan, an error, or None for what was given up."""
+
+
+class Scenes:
+    """The scenes that went over a line of late. Both ends keep one, and both forget alike."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[bytes, Scene] = OrderedDict()
+
+    def note(self, scene: Scene) -> bool:
+        """Remember a scene that is being sent; whether the other end has it already."""
+        known = scene.digest in self._known
+        self._known[scene.digest] = scene
+        self._known.move_to_end(scene.digest)
+        if len(self._known) > _REMEMBERED:
+            self._known.popitem(last=False)
+        return known
+
+    def __getitem__(self, digest: bytes) -> Scene:
+        return self._known[digest]
+
+
+class _Sender(pickle.Pickler):
+    """Pickles a value, scenes by their digest once they have been sent, large arrays apart."""
+
+    def __init__(self, scenes: Scenes) -> None:
+        self.stream = io.BytesIO()
+        self.arrays: list[Part] = []
+        super().__init__(self.stream, pickle.HIGHEST_PROTOCOL, buffer_callback=self._take)
+        self._scenes = scenes
+
+    def persistent_id(self, value: Any) -> tuple[bytes, bytes] | None:
+        """What stands for a scene: its digest and, the first time, its content."""
+        if not isinstance(value, Scene):
+            return None
+        if self._scenes.note(value):
+            return value.digest, b""
+        content = io.BytesIO()
+        pickle.Pickler(content, pickle.HIGHEST_PROTOCOL, buffer_callback=self._take).dump(value)
+        return value.digest, content.getvalue()
+
+    def _take(self, array: pickle.PickleBuffer) -> bool:
+        """Whether an array stays in the stream; the others become parts."""
+        raw = array.raw()
+        if raw.nbytes < _LARGE:
+            return True
+        self.arrays.append(raw)
+        return False
+
+
+class _Receiver(pickle.Unpickler):
+    """The other end of ``_Sender``."""
+
+    def __init__(self, parts: Sequence[Part], scenes: Scenes) -> None:
+        # Read-only, so that the arrays made from them are.
+        self._arrays = iter([memoryview(each).toreadonly() for each in parts[1:]])
+        super().__init__(io.BytesIO(parts[0]), buffers=cast("Iterable[Any]", self._arrays))
+        self._scenes = scenes
+
+    def persistent_load(self, sent: tuple[bytes, bytes]) -> Scene:
+        """The scene that was sent, now or earlier."""
+        digest, content = sent
+        if content:
+            scene = pickle.Unpickler(io.BytesIO(content), buffers=self._arrays).load()
+        else:
+            scene = self._scenes[digest]
+        self._scenes.note(scene)
+        return cast("Scene", scene)
+
+
+def packed(value: object, scenes: Scenes) -> list[Part]:
+    """A value as the parts of a message."""
+    sender = _Sender(scenes)
+    sender.dump(value)
+    return [sender.stream.getbuffer(), *sender.arrays]
+
+
+def unpacked(parts: Sequence[Part], scenes: Scenes) -> Any:
+    """What ``packed`` packed at the other end."""
+    return _Receiver(parts, scenes).load()
+
+
+Wait = Callable[[bool], None]
+"""Waits until the other end takes more (True) or sends more (False); raises to end that."""
+
+
+class Line:
+    """One end of the socket.
+
+    Args:
+        end: The socket; is closed with the line.
+        wait: How to wait for the other end; for as long as it takes if not given.
+    """
+
+    def __init__(self, end: socket.socket, wait: Wait | None = None) -> None:
+        end.setblocking(False)
+        self._end = end
+        self._wait = wait or self._forever
+
+    def fileno(self) -> int:
+        """The socket, for ``select``."""
+        return self._end.fileno()
+
+    def send(self, kind: Kind, parts: Sequence[Part] = ()) -> None:
+        """Send a message.
+
+        Raises:
+            OSError: The other end is gone.
+        """
+        views = [memoryview(part).cast("B") for part in parts]
+        head = _HEAD.pack(kind, len(views)) + b"".join(_SIZE.pack(len(view)) for view in views)
+        for view in (memoryview(head), *views):
+            sent = 0
+            while sent < len(view):
+                try:
+                    sent += self._end.send(view[sent:])
+                except BlockingIOError:
+                    self._wait(True)
+
+    def receive(self) -> tuple[Kind, list[bytearray]]:
+        """The next message.
+
+        Raises:
+            EOFError: The other end is gone.
+        """
+        kind, count = _HEAD.unpack(self._received(_HEAD.size))
+        if count > _MOST_PARTS:
+            raise EOFError("a message that cannot be read")
+        sizes = self._received(count * _SIZE.size)
+        return Kind(kind), [self._received(size) for (size,) in _SIZE.iter_unpack(sizes)]
+
+    def has_more(self) -> bool:
+        """Whether there is something to receive, or the other end is gone; never waits."""
+        return bool(select.select([self._end], [], [], 0.0)[0])
+
+    def close(self) -> None:
+        """Leave."""
+        self._end.close()
+
+    def _received(self, size: int) -> bytearray:
+        data = bytearray(size)
+        view, got = memoryview(data), 0
+        while got < size:
+            try:
+                count = self._end.recv_into(view[got:])
+            except BlockingIOError:
+                self._wait(False)
+                continue
+            except ConnectionError as error:
+                raise EOFError("the other end is gone") from error
+            if count == 0:
+                raise EOFError("the other end is gone")
+            got += count
+        return data
+
+    def _forever(self, for_writing: bool) -> None:
+        select.select([] if for_writing else [self._end], [self._end] if for_writing else [], [])

@@ -1,0 +1,129 @@
+"""Make plans for the process that started this one, and end with it.
+
+It answers one request after the other. While it works on one, the planner calls a checkpoint every
+few milliseconds (``planning/checkpoint.py``): that looks whether the plan is still wanted and the
+parent still there, and tells the parent now and then that there is progress. So a plan that nobody
+wants is given up at once, a process whose parent was killed ends at once, and one that hangs is
+noticed.
+
+Signals that a terminal or a service manager sends to all processes are the parent's to handle; this
+one is started deaf to them.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from so101_motion.arm.plan_messages import Kind, Line, Scenes, packed, unpacked
+from so101_motion.common.errors import So101Error, WorkerError
+from so101_motion.common.realtime import be_ordinary
+from so101_motion.planning.checkpoint import Abandoned
+
+if TYPE_CHECKING:
+    from so101_motion.planning.planner import Planner
+    from so101_motion.planning.request import PlanRequest
+
+_LOOK = 0.002
+"""How often a checkpoint looks at the line [s]. Chosen: a look takes 2 us."""
+
+_SIGN = 0.25
+"""How often it sends a sign of life [s]. Chosen."""
+
+
+class Child:
+    """The child's end.
+
+    Args:
+        line: To the parent.
+    """
+
+    def __init__(self, line: Line) -> None:
+        self._line = line
+        self._scenes = Scenes()
+        self._next_look = self._next_sign = 0.0
+
+    def checkpoint(self) -> None:
+        """Look whether this plan is still wanted, and say that there is progress.
+
+        Raises:
+            Abandoned: It is not.
+        """
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + _LOOK
+        if self._line.has_more():
+            # One request at a time: only that it be given up can come now, or the parent's end.
+            self._line.receive()
+            raise Abandoned
+        if now >= self._next_sign:
+            self._next_sign = now + _SIGN
+            self._line.send(Kind.ALIVE)
+
+    def run(self) -> None:
+        """Load the planner, then answer requests until the parent ends.
+
+        Raises:
+            EOFError, OSError: The parent has ended.
+        """
+        try:
+            planner = self._loaded()
+        except Exception as error:  # the parent must hear why
+            problem = WorkerError(
+                f"the planner cannot be loaded: {type(error).__name__}: {error}; install this"
+                " package again"
+            )
+            self._send(Kind.READY, problem)
+            return
+        self._send(Kind.READY, None)
+        while True:
+            kind, parts = self._line.receive()
+            if kind is Kind.REQUEST:
+                self._next_sign = 0.0
+                self._send(Kind.ANSWER, self._answer(planner, unpacked(parts, self._scenes)))
+
+    def _loaded(self) -> Planner:
+        self.checkpoint()
+        from so101_motion.planning.kinematics.model import RobotModel
+
+        self.checkpoint()
+        from so101_motion.planning.planner import Planner
+
+        self.checkpoint()
+        planner = Planner(RobotModel.load(), self.checkpoint)
+        planner.warm_up()
+        return planner
+
+    def _answer(self, planner: Planner, request: PlanRequest) -> object:
+        try:
+            return planner.plan(request)
+        except Abandoned:
+            return None
+        except So101Error as error:
+            return error
+        except (EOFError, OSError):  # the parent has ended
+            raise
+        except Exception as error:  # a defect of ours: the caller must hear of it, not hang
+            return WorkerError(f"planning failed unexpectedly: {type(error).__name__}: {error}")
+
+    def _send(self, kind: Kind, value: object) -> None:
+        self._line.send(kind, packed(value, Scenes()))
+
+
+def main() -> None:
+    """Serve the parent at the other end of the socket whose number is the argument."""
+    be_ordinary()  # whoever streams goes before whoever plans
+    os.dup2(2, 1)  # what a library prints is for the log
+    line = Line(socket.socket(fileno=int(sys.argv[1])))
+    try:
+        Child(line).run()
+    except (EOFError, OSError):
+        os._exit(0)  # the parent is gone; nothing here is worth an orderly end
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,220 @@
+"""Start the planning process, ask it for plans, and notice when it dies or hangs.
+
+Why not ``multiprocessing``: its ``spawn`` runs the user's own script a second time in the child,
+which surprises everyone whose script opens an arm at top level, and it keeps a tracker process
+beside ours. A socket to a plain child does neither, and when the parent dies, even by ``kill -9``,
+the child sees the end of it and leaves.
+
+The child imports nothing from the current folder, whatever lies there: it is started with ``-P``,
+and the folder is taken out of the search path that is handed on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from so101_motion.arm.plan_messages import Kind, Line, Scenes, packed, unpacked
+from so101_motion.common.errors import So101Error, WorkerError
+
+if TYPE_CHECKING:
+    from so101_motion.planning.request import Plan, PlanRequest
+
+QUIET = 3.0
+"""A child that has work, shows no sign of life for so long and uses no processor hangs [s]. Chosen:
+it shows one four times a second."""
+
+_SILENT = 30.0
+"""One that shows none for so long hangs, whatever it does [s]. Chosen: the largest scenes that are
+accepted take a tenth of that in one piece."""
+
+_START = """\
+import sys
+sys.path.append(sys.argv.pop(2))
+from so101_motion.arm.planning_child import main
+main()
+"""
+"""What the child runs. Where this package lies comes last, in case it is the current folder."""
+
+
+class Died(Exception):
+    """The child ended, or was ended because it hung; says how."""
+
+
+class PlanningProcess:
+    """A planning process. Its methods are for one thread, but for ``wake``, ``kill`` and ``pid``.
+
+    Args:
+        quiet: After how long without a sign of life it hangs [s], see ``QUIET``.
+    """
+
+    def __init__(self, quiet: float = QUIET) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            try:
+                self._child = _spawn(theirs.fileno())
+            except OSError as error:
+                ours.close()
+                raise WorkerError(f"the planning process could not be started: {error}") from error
+        self._line = Line(ours, self._wait)
+        self._wake, self._woken = socket.socketpair()
+        self._wake.setblocking(False)
+        self._woken.setblocking(False)
+        self._scenes = Scenes()
+        self._quiet = quiet
+        self._is_unwanted: Callable[[], bool] = bool
+        self._gave_up = False
+        self._sign = time.monotonic()
+
+    @property
+    def pid(self) -> int | None:
+        """The child's process id, None when it has ended."""
+        return self._child.pid if self._child.poll() is None else None
+
+    def wait_until_ready(self) -> None:
+        """Wait until it has loaded everything.
+
+        Raises:
+            Died: It has not.
+            WorkerError: It cannot; says why.
+        """
+        answer = self._converse(Kind.READY)
+        if isinstance(answer, So101Error):
+            raise answer
+
+    def ask(self, request: PlanRequest, is_unwanted: Callable[[], bool]) -> Plan | None:
+        """Have a plan made.
+
+        Args:
+            request: For what.
+            is_unwanted: Whether nobody wants it any more; looked at again after each ``wake``.
+
+        Returns:
+            The plan; None if it was given up.
+
+        Raises:
+            Died: There will be no answer.
+            So101Error: What ``Planner.plan`` raises.
+        """
+        self._is_unwanted, self._gave_up = is_unwanted, False
+        self._sign = time.monotonic()
+        try:
+            self._line.send(Kind.REQUEST, packed(request, self._scenes))
+        except OSError as error:
+            raise Died(self._how()) from error
+        answer = self._converse(Kind.ANSWER)
+        if isinstance(answer, BaseException):
+            raise answer
+        return cast("Plan | None", answer)
+
+    def wake(self) -> None:
+        """Have it looked whether the plan is still wanted."""
+        with contextlib.suppress(OSError):  # full of calls already, or closed
+            self._wake.send(b"\0")
+
+    def kill(self) -> None:
+        """End the child at once; whoever waits for its answer gets ``Died``."""
+        self._child.kill()
+
+    def close(self) -> None:
+        """End the child and forget it."""
+        self._child.kill()
+        self._child.wait()
+        for each in (self._line, self._wake, self._woken):
+            each.close()
+
+    def _converse(self, awaited: Kind) -> object:
+        """What comes with the next message of a kind; the child may take its time."""
+        try:
+            while True:
+                kind, parts = self._line.receive()
+                if kind is awaited:
+                    return unpacked(parts, Scenes())
+        except (EOFError, OSError) as error:
+            raise Died(self._how()) from error
+
+    def _wait(self, for_writing: bool) -> None:
+        """Wait for the child to take or to send something; meanwhile tell it to give up, if so."""
+        if not for_writing and not self._gave_up and self._is_unwanted():
+            self._gave_up = True
+            self._line.send(Kind.GIVE_UP)
+        line, woken = self._line.fileno(), self._woken.fileno()
+        reading, writing = ([woken], [line]) if for_writing else ([woken, line], [])
+        readable, writable, _ = select.select(reading, writing, [], 0.5 * self._quiet)
+        if woken in readable:
+            self._woken.recv(4096)
+        now = time.monotonic()
+        if line in (*readable, *writable):
+            self._sign = now
+            return
+        silent = now - self._sign
+        if silent > _SILENT or (silent > self._quiet and _stands_still(self._child.pid)):
+            raise Died(f"showed no sign of life for {silent:.1f} s")
+
+    def _how(self) -> str:
+        """How the child ended, which it has."""
+        try:
+            code = self._child.wait(self._quiet)
+        except subprocess.TimeoutExpired:
+            return "closed its end of the line"
+        if code >= 0:
+            return f"ended with exit code {code}"
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+        memory = ", as the system does when memory runs out" if -code == signal.SIGKILL else ""
+        return f"was ended by {name}{memory}"
+
+
+def _spawn(line: int) -> subprocess.Popen[bytes]:
+    environment = dict(os.environ)
+    environment["PYTHONPATH"] = os.pathsep.join(_search_path())
+    environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory
+    ours = str(Path(__file__).resolve().parent.parent)
+    with _deaf():
+        return subprocess.Popen(
+            [sys.executable, "-P", "-c", _START, str(line), ours],
+            stdin=subprocess.DEVNULL,
+            env=environment,
+            pass_fds=(line,),
+        )
+
+
+def _search_path() -> list[str]:
+    """Where this process finds modules, without the current folder."""
+    try:
+        here = os.path.realpath(os.curdir)
+    except OSError:  # it has been deleted
+        here = ""
+    return [path for path in sys.path if path and os.path.realpath(path) != here]
+
+
+@contextlib.contextmanager
+def _deaf() -> Iterator[None]:
+    """A child begun meanwhile never hears Ctrl-C and the like, not even while it still imports.
+
+    A terminal sends them to parent and child alike, a service manager may; what this thread blocks,
+    the child inherits. Its parent decides when it ends.
+    """
+    signals = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _stands_still(pid: int) -> bool:
+    """Whether a process neither runs, wants to, nor waits for a disk; False where unknown."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] not in ("R", "D")

@@ -1,0 +1,59 @@
+"""What an ``Arm`` needs from an executor.
+
+``Executor`` does it with servos on a port; ``machine.MachineExecutor`` has a running machine do it.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Any, Protocol
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.control.joint_group import Channel
+from so101_motion.control.motion_source import S
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+
+class ArmExecutor(Protocol):
+    """Moves five joints and says where they are. See ``Executor`` for what each method promises."""
+
+    @property
+    def dt(self) -> float:
+        """Period of the setpoints of its trajectories [s]."""
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether the arm surely rests and nobody leads it, so that it need not be stopped."""
+
+    def execute(self, trajectory: Trajectory, *, channel: Channel = ...) -> Future[None]:
+        """Play ``trajectory``; done on arrival."""
+
+    def retarget(
+        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = ...
+    ) -> Future[None]:
+        """Turn to ``q_goal``, shape (n,), [rad], from the present motion without stopping."""
+
+    def play(self, source: S, *, channel: Channel = ...) -> S:
+        """Move the joints as ``source`` says; returns ``source``."""
+
+    def stop(self, channel: Channel | None = None, *, by: str = ...) -> Future[None]:
+        """Slow down to rest; done at rest."""
+
+    def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
+        """End the motion whose future is ``motion``; no effect when it is over."""
+
+    def hold(self) -> Future[None]:
+        """Drive the joints where they are."""
+
+    def guide(self, how: Compliance) -> Future[None]:
+        """Let the arm yield to a hand."""
+
+    def release(self) -> Future[None]:
+        """Let go of the joints."""

@@ -1,0 +1,296 @@
+"""Identify what is on a bus: which servos, whether they make an arm, whether it leads or follows.
+
+``look`` asks and writes nothing. Everything else here is judgement and needs no bus.
+
+All six servos of both arms report the same model, for gears do not show in any register. What
+tells a leader from a follower, in this order:
+
+* a calibration file that LeRobot keeps for one of the two and that says what the servos hold;
+* 12 V servos: leaders are built from 7.4 V servos only;
+* what LeRobot has stored: it weakens the position loop and guards the jaw of a follower, and does
+  neither to a leader.
+
+Anything else is ``unknown``, and nothing is guessed: the two must not be taken for one another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from so101_motion.calib.record.file_search import FoundFile
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.common.errors import BusError, CorruptReply, PortUnavailable
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import Fault, Register
+from so101_motion.drivers.feetech.servo_judgement import (
+    ServoTrouble,
+    judge,
+    judge_supply,
+    nominal_volts,
+)
+
+Role = Literal["follower", "leader", "unknown"]
+
+PROTECTIONS = 44
+"""Faults that act on the motor: temperature, current, overload; as delivered (FT)."""
+
+_MODELS = {reg.STS3215_MODEL: "sts3215", 2825: "sts3250", 1540: "sts3250"}  # LR; Feetech's Go users
+_SAME = 1  # [tick], the published module stores an offset that is one off its file's
+
+_LOOK_AT = (
+    reg.FIRMWARE_MAJOR,
+    reg.FIRMWARE_MINOR,
+    reg.MODEL_NUMBER,
+    reg.ID,
+    reg.BAUD_RATE,
+    reg.RETURN_DELAY,
+    reg.STATUS_LEVEL,
+    reg.MIN_POSITION,
+    reg.MAX_POSITION,
+    reg.MAX_TEMPERATURE,
+    reg.MAX_VOLTAGE,
+    reg.MIN_VOLTAGE,
+    reg.MAX_TORQUE,
+    reg.PHASE,
+    reg.UNLOADING,
+    reg.P_GAIN,
+    reg.D_GAIN,
+    reg.I_GAIN,
+    reg.PROTECTION_CURRENT,
+    reg.HOMING_OFFSET,
+    reg.OPERATING_MODE,
+    reg.OVERLOAD_TORQUE,
+    reg.TORQUE_ENABLE,
+    reg.TORQUE_LIMIT,
+    reg.LOCK,
+    reg.PRESENT_POSITION,
+    reg.PRESENT_LOAD,
+    reg.PRESENT_VOLTAGE,
+    reg.PRESENT_TEMPERATURE,
+    reg.STATUS,
+    reg.PRESENT_CURRENT,
+)
+_END = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoFacts:
+    """What one servo says of itself."""
+
+    servo_id: int
+    held: Mapping[str, int]
+
+    def holds(self, register: Register) -> int:
+        """What a register holds, as the number it means."""
+        return self.held[register.name]
+
+    @property
+    def model(self) -> str:
+        """Its model in the published module's words; a number when it has none."""
+        number = self.holds(reg.MODEL_NUMBER)
+        return _MODELS.get(number, f"model {number}")
+
+    @property
+    def is_sts3215(self) -> bool:
+        """Whether it is of the arm's kind."""
+        return self.holds(reg.MODEL_NUMBER) == reg.STS3215_MODEL
+
+    @property
+    def firmware(self) -> str:
+        """Its firmware's version."""
+        return f"{self.holds(reg.FIRMWARE_MAJOR)}.{self.holds(reg.FIRMWARE_MINOR)}"
+
+    @property
+    def volts(self) -> float:
+        """What it is fed with [V]."""
+        return self.holds(reg.PRESENT_VOLTAGE) / 10.0
+
+    @property
+    def highest_volts(self) -> float:
+        """What it is made for at most [V]."""
+        return self.holds(reg.MAX_VOLTAGE) / 10.0
+
+    @property
+    def lowest_volts(self) -> float:
+        """What it needs at least [V]."""
+        return self.holds(reg.MIN_VOLTAGE) / 10.0
+
+    @property
+    def nominal_volts(self) -> float:
+        """The supply it is sold for [V]: 7.4 or 12, by its own limit."""
+        return nominal_volts(self.highest_volts)
+
+    @property
+    def troubles(self) -> tuple[ServoTrouble, ...]:
+        """What is wrong with its supply, temperature and load, and the faults that it reports."""
+        return judge(
+            volts=self.volts,
+            lowest_volts=self.lowest_volts,
+            highest_volts=self.highest_volts,
+            celsius=self.holds(reg.PRESENT_TEMPERATURE),
+            load=self.holds(reg.PRESENT_LOAD) * reg.PRESENT_LOAD.scale,
+            amps=self.holds(reg.PRESENT_CURRENT) * reg.PRESENT_CURRENT.scale,
+            faults=Fault(self.holds(reg.STATUS)).names,
+        )
+
+    @property
+    def supply_trouble(self) -> tuple[str, str] | None:
+        """What is wrong with its supply and what to do about it; None if it will do."""
+        found = judge_supply(self.volts, self.lowest_volts, self.highest_volts)
+        return None if found is None or found.level == "note" else (found.sentence, found.fix)
+
+    @property
+    def odd_settings(self) -> tuple[str, ...]:
+        """Settings that keep it from working in an arm; those that are a matter of taste are not.
+
+        An empty tuple if there are none.
+        """
+        return tuple(sentence for is_odd, sentence in self._settings() if is_odd)
+
+    @property
+    def has_sound_limits(self) -> bool:
+        """Whether its limits leave it a travel; equal ones let it turn without end."""
+        return self.holds(reg.MIN_POSITION) < self.holds(reg.MAX_POSITION)
+
+    def _settings(self) -> Iterator[tuple[bool, str]]:
+        mode, phase = self.holds(reg.OPERATING_MODE), self.holds(reg.PHASE)
+        lower, upper = self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION)
+        yield mode != 0, f"it is in mode {mode}, not in position mode"
+        yield bool(phase & reg.MULTI_TURN), "it counts more than one turn"
+        yield (
+            not self.has_sound_limits,
+            f"its limits {lower} to {upper} leave it no travel",
+        )
+        yield self.holds(reg.STATUS_LEVEL) != 1, "it does not acknowledge what it is told"
+        yield self.holds(reg.MAX_TORQUE) == 0, "its largest torque is 0"
+        yield (
+            self.holds(reg.UNLOADING) & PROTECTIONS != PROTECTIONS,
+            "its protection against heat or overload is switched off",
+        )
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether it has ever been given limits or an offset."""
+        limits = (self.holds(reg.MIN_POSITION), self.holds(reg.MAX_POSITION))
+        return limits != (0, reg.TICKS_PER_TURN - 1) or self.holds(reg.HOMING_OFFSET) != 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServosOnBus:
+    """What was found on a bus.
+
+    Attributes:
+        baud: At which rate [bit/s].
+        shared: Ids that answer with nonsense, because several servos have them.
+    """
+
+    baud: int
+    servos: Mapping[int, ServoFacts]
+    shared: tuple[int, ...] = ()
+    garbled: bool = False
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody is there."""
+        return not (self.servos or self.shared or self.garbled)
+
+    @property
+    def has_arm(self) -> bool:
+        """Whether all five servos of an arm are there and of its kind."""
+        return all(self._is_there(SERVO_IDS[joint]) for joint in ARM_JOINTS)
+
+    @property
+    def has_gripper(self) -> bool:
+        """Whether the jaw's servo is there and of its kind."""
+        return self._is_there(SERVO_IDS[JOINTS[-1]])
+
+    @property
+    def unexpected_ids(self) -> tuple[int, ...]:
+        """Ids that are not an arm's."""
+        return tuple(i for i in (*self.servos, *self.shared) if i not in SERVO_IDS.values())
+
+    def _is_there(self, servo_id: int) -> bool:
+        facts = self.servos.get(servo_id)
+        return facts is not None and facts.is_sts3215
+
+
+def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
+    """Ask a servo what it is."""
+    block = bus.read_block(servo_id, 0, _END, what="what it is")
+    return ServoFacts(
+        servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
+    )
+
+
+def look(bus: Bus) -> ServosOnBus:
+    """Find out who is there at the bus's baud rate; nothing is written.
+
+    A ping to all finds every servo. As a bad moment could swallow an answer to it, the ids of an
+    arm are asked once more by name.
+    """
+    roll = bus.roll_call()
+    ids = sorted({*roll.ids, *bus.answering(SERVO_IDS.values())})
+    servos: dict[int, ServoFacts] = {}
+    shared = []
+    for servo_id in ids:
+        try:
+            servos[servo_id] = read_facts(bus, servo_id)
+        except PortUnavailable:
+            raise
+        except CorruptReply:
+            shared.append(servo_id)
+        except BusError:
+            continue  # it answered a moment ago and is gone
+    return ServosOnBus(
+        baud=bus.port.baud, servos=servos, shared=tuple(shared), garbled=roll.garbled
+    )
+
+
+# Judgement
+
+
+def fits(seen: ServosOnBus, found: FoundFile) -> bool:
+    """Whether a calibration file says what the servos hold, for every joint of an arm."""
+    calibration = found.stored.calibration if found.stored is not None else {}
+    if any(joint not in calibration for joint in ARM_JOINTS):
+        return False
+    for joint, entry in calibration.items():
+        facts = seen.servos.get(SERVO_IDS[joint])
+        if facts is None:
+            continue
+        pairs = (
+            (entry.homing_offset, reg.HOMING_OFFSET),
+            (entry.range_min, reg.MIN_POSITION),
+            (entry.range_max, reg.MAX_POSITION),
+        )
+        if any(abs(said - facts.holds(register)) > _SAME for said, register in pairs):
+            return False
+    return True
+
+
+def role(seen: ServosOnBus, files: Iterable[FoundFile] = ()) -> tuple[Role, str]:
+    """Whether the arm leads or follows, and what shows it."""
+    if not seen.has_arm:
+        return "unknown", "it is not a complete arm"
+    for found in files:
+        if found.role in ("follower", "leader") and fits(seen, found):
+            named: Role = "leader" if found.role == "leader" else "follower"
+            return named, f"{found.path} is a {named}'s calibration and says what its servos hold"
+    arm = [seen.servos[i] for i in SERVO_IDS.values() if i in seen.servos]
+    if any(facts.nominal_volts == 12.0 for facts in arm):
+        return "follower", "it has 12 V servos, and leaders are built with 7.4 V servos only"
+    if _has_guarded_jaw(seen) or all(facts.holds(reg.P_GAIN) == 16 for facts in arm):
+        return "follower", "LeRobot has set its servos up as a follower's"
+    return "unknown", "7.4 V servos are in leaders and in followers, and nothing else tells"
+
+
+def _has_guarded_jaw(seen: ServosOnBus) -> bool:
+    """Whether LeRobot made the jaw give way early, which it does on followers."""
+    jaw = seen.servos.get(SERVO_IDS[JOINTS[-1]])
+    if jaw is None:
+        return False
+    return (jaw.holds(reg.PROTECTION_CURRENT), jaw.holds(reg.OVERLOAD_TORQUE)) == (250, 25)

@@ -1,0 +1,130 @@
+"""Check whether the six servos of a finished arm are as they must be; nothing is written."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from functools import partial
+
+from so101_motion.calib.motors.arm_identification import ServoFacts, ServosOnBus, look
+from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST, Tuner
+from so101_motion.calib.motors.setup_view import MotorCheck, Verification
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.drivers.bus.bus import Bus
+
+_AGAIN = "then verify again"
+
+
+def verify(tuner: Tuner) -> Verification:
+    """Look at all servos at the port's own rate, and for missing ones at the others."""
+    seen = tuner.call(look)
+    missing = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
+    elsewhere = _at_other_rates(tuner, missing) if missing else {}
+    motors = {
+        joint: _check(joint, SERVO_IDS[joint], seen, elsewhere.get(SERVO_IDS[joint]))
+        for joint in JOINTS
+    }
+    return Verification(
+        motors=motors,
+        unexpected_ids=seen.unexpected_ids,
+        notes=tuple(_notes(seen)),
+        sentence=_verdict(seen, motors),
+    )
+
+
+def _at_other_rates(tuner: Tuner, missing: list[int]) -> dict[int, int]:
+    """The rate of each missing servo that answers at another one."""
+    found: dict[int, int] = {}
+    for baud in LIKELIEST_FIRST:
+        asked = [i for i in missing if i not in found]
+        if baud != tuner.home and asked:
+            tuner.tune(baud)
+            found |= dict.fromkeys(tuner.call(partial(Bus.answering, servo_ids=asked)), baud)
+    tuner.tune(tuner.home)
+    return found
+
+
+def _check(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None) -> MotorCheck:
+    if servo_id in seen.shared:
+        return MotorCheck(
+            joint=joint,
+            servo_id=servo_id,
+            status="duplicate",
+            error=f"several servos answer as {servo_id} ({joint}) at once{_absent(seen)}",
+            fix=f"connect them one at a time and set each up, {joint} first; {_AGAIN}",
+        )
+    facts = seen.servos.get(servo_id)
+    if facts is None:
+        return _missing(joint, servo_id, seen, other_baud)
+    status, error, fix = _trouble(joint, facts, seen)
+    return MotorCheck(
+        joint=joint, servo_id=servo_id, status=status, facts=facts, error=error, fix=fix
+    )
+
+
+def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | None) -> MotorCheck:
+    if other_baud is not None:
+        error = f"servo {servo_id} ({joint}) talks at {other_baud} baud, not at {seen.baud}"
+        fix = f"connect it alone and assign {joint}; {_AGAIN}"
+    elif seen.is_empty:
+        error = f"servo {servo_id} ({joint}) does not answer, nor does any other"
+        fix = f"switch the arm's power supply on and plug the first cable in; {_AGAIN}"
+    elif all(i < servo_id for i in seen.servos):
+        error = f"servo {servo_id} ({joint}) does not answer"
+        # Whoever is behind a broken cable is silent as well.
+        heard = [i for i in (*seen.servos, *seen.shared) if i < servo_id]
+        last = max(heard, default=servo_id - 1)
+        fix = f"check the cable between servos {last} and {last + 1}; {_AGAIN}"
+    else:
+        error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
+        fix = f"connect it alone and discover {joint}, it may have another id; {_AGAIN}"
+    return MotorCheck(joint=joint, servo_id=servo_id, status="not_responding", error=error, fix=fix)
+
+
+def _trouble(joint: str, facts: ServoFacts, seen: ServosOnBus) -> tuple[str, str, str]:
+    """Status, what is wrong, and what to do."""
+    if not facts.is_sts3215:
+        error = f"servo {facts.servo_id} ({joint}) is a {facts.model}, not an STS3215"
+        return "wrong_model", error, f"replace it; {_AGAIN}"
+    supply = facts.supply_trouble
+    if supply is not None:
+        return "wrong_voltage", f"servo {facts.servo_id} ({joint}): {supply[0]}", supply[1]
+    if facts.odd_settings:
+        error = f"servo {facts.servo_id} ({joint}): {', '.join(facts.odd_settings)}"
+        return "wrong_settings", error, f"connect it alone and assign {joint}; {_AGAIN}"
+    kinds = Counter(servo.nominal_volts for servo in seen.servos.values())
+    usual = kinds.most_common(1)[0][0]
+    if facts.nominal_volts != usual:
+        error = f"servo {facts.servo_id} ({joint}) is a {facts.nominal_volts:g} V servo"
+        return "wrong_voltage", f"{error} among {usual:g} V servos", f"replace it; {_AGAIN}"
+    return "ok", "", ""
+
+
+def _absent(seen: ServosOnBus) -> str:
+    absent = [i for i in SERVO_IDS.values() if i not in seen.servos and i not in seen.shared]
+    return f", and none as {' or '.join(map(str, absent))}" if absent else ""
+
+
+def _notes(seen: ServosOnBus) -> list[str]:
+    notes = []
+    versions = {servo_id: facts.firmware for servo_id, facts in seen.servos.items()}
+    if len(set(versions.values())) > 1:
+        table = ", ".join(f"servo {servo_id} {version}" for servo_id, version in versions.items())
+        notes.append(f"the servos have different firmware ({table}), which does not hurt")
+    if seen.unexpected_ids:
+        unexpected_ids = ", ".join(map(str, seen.unexpected_ids))
+        notes.append(f"there are servos with ids that are not an arm's: {unexpected_ids}")
+    return notes
+
+
+def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck]) -> str:
+    wrong = [check for check in motors.values() if check.status != "ok"]
+    if seen.is_empty:
+        return "no servo answers: is the arm's power supply on?"
+    if wrong:
+        more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        return f"not yet: {wrong[0].error}{more}"
+    if seen.unexpected_ids:
+        others = ", ".join(map(str, seen.unexpected_ids))
+        return f"all six are as they must be, but {others} is too many"
+    return "all six servos are as they must be"

@@ -1,0 +1,79 @@
+"""Keep in a file how far a setup has come, so that a later start goes on there.
+
+The terminal and the page keep it in the same file: what was begun on one can be ended on the other.
+A calibration under way keeps a journal of its own, see ``journal.py``; here is only which step it
+was. Losing this file does no harm: the setup begins with its first step then.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+
+from so101_motion.calib.motors.setup_view import SETUP_ORDER
+from so101_motion.files import atomic
+
+NAME = "setup.json"
+"""What the file is called."""
+
+
+class SetupProgress:
+    """Which steps and motors are done.
+
+    Args:
+        port: The port. What is known of another one is forgotten; None to learn it from the file.
+
+    Attributes:
+        port: On which port, or at which machine; empty if that is not known.
+        workflow: Which workflow is under way, by name; empty for none.
+    """
+
+    def __init__(self, path: Path, port: str | None) -> None:
+        self._path = path
+        self.port, self.workflow, self.step = port or "", "", ""
+        self.done: list[str] = []
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            done = [joint for joint in SETUP_ORDER if joint in content["done"]]
+            if port is None or content["port"] == port:
+                self.port, self.done = str(content["port"]), done
+                self.workflow = str(content.get("workflow", ""))
+                self.step = str(content.get("step", ""))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            pass
+
+    def add(self, joint: str) -> None:
+        """The motor of ``joint`` has its id."""
+        if joint not in self.done:
+            self.done.append(joint)
+            self._keep()
+
+    def reach(self, workflow: str, step: str) -> None:
+        """A workflow has come to a step."""
+        if (workflow, step) != (self.workflow, self.step):
+            self.workflow, self.step = workflow, step
+            self._keep()
+
+    def work_on(self, port: str) -> None:
+        """Everything from now on is about this port; the motors of another one are forgotten."""
+        if port != self.port:
+            self.port, self.done = port, []
+            self._keep()
+
+    def clear(self) -> None:
+        """All is done, or is to be done anew."""
+        self.done, self.workflow, self.step = [], "", ""
+        with contextlib.suppress(OSError):
+            self._path.unlink(missing_ok=True)
+
+    def _keep(self) -> None:
+        content = {
+            "port": self.port,
+            "workflow": self.workflow,
+            "step": self.step,
+            "done": self.done,
+        }
+        with contextlib.suppress(OSError):  # the next start begins anew then, which does no harm
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write(self._path, json.dumps(content).encode() + b"\n")

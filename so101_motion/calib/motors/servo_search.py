@@ -1,0 +1,135 @@
+"""Find servos whose id and baud rate are not known.
+
+A ping to all finds every id at once, but only servos that listen at the port's rate hear it. So the
+port is tuned through the eight rates a servo can have, the likeliest first. A rate costs as long as
+254 answers would take, 23 ms at the fastest and 0.6 s at the slowest; all eight cost 1.9 s.
+
+Who answers is asked a second time, because what follows relies on nobody being missed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self, TypeVar
+
+from so101_motion.calib.access import BusAccess
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus.bus import Bus
+
+T = TypeVar("T")
+
+LIKELIEST_FIRST = (1_000_000, 500_000, 115_200, 57_600, 38_400, 250_000, 128_000, 76_800)
+"""Every rate of ``BAUDS``. Servos come with the first; the next are what other programs and other
+brands use. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RateAnswers:
+    """Who answers at one rate.
+
+    Attributes:
+        baud: The rate [bit/s].
+    """
+
+    baud: int
+    ids: tuple[int, ...]
+    garbled: bool
+
+    @property
+    def is_silence(self) -> bool:
+        """Whether there was nothing at all."""
+        return not self.ids and not self.garbled
+
+
+class Tuner:
+    """A lent bus at any rate; at the end of a ``with`` block it is back at the port's own.
+
+    Attributes:
+        home: The port's own rate [bit/s].
+    """
+
+    def __init__(self, access: BusAccess) -> None:
+        self._access = access
+        self.home = self.baud = access.call(lambda bus: bus.port.baud)
+
+    def tune(self, baud: int) -> None:
+        """Talk at another rate."""
+        if baud != self.baud:
+            self._access.at_baud(baud)
+            self.baud = baud
+
+    def call(self, job: Callable[[Bus], T]) -> T:
+        """Run ``job`` on the port's thread, at the present rate."""
+        return self._access.call(job)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.tune(self.home)
+            return
+        with contextlib.suppress(PortUnavailable):  # what went wrong before is what counts
+            self.tune(self.home)
+
+
+def listen(tuner: Tuner) -> RateAnswers:
+    """Who answers at the present rate; whoever does is asked twice."""
+    roll = tuner.call(Bus.roll_call)
+    if not roll.ids and not roll.garbled:
+        return RateAnswers(baud=tuner.baud, ids=(), garbled=False)
+    again = tuner.call(Bus.roll_call)
+    return RateAnswers(
+        baud=tuner.baud,
+        ids=tuple(sorted({*roll.ids, *again.ids})),
+        garbled=roll.garbled and again.garbled,
+    )
+
+
+def first_heard(
+    tuner: Tuner, *, hint: int | None = None, tell: Callable[[int], None] = lambda baud: None
+) -> RateAnswers | None:
+    """The first rate at which anybody answers; the tuner stays there.
+
+    Args:
+        tuner: The bus.
+        hint: The rate to begin with; the port's own by default.
+        tell: Told each rate before it is listened at.
+
+    Returns:
+        None if nobody answers at any rate.
+    """
+    rates = dict.fromkeys((hint or tuner.home, tuner.home, *LIKELIEST_FIRST))
+    # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
+    # single answer may have been lost.
+    order = [rate for baud in rates for rate in (baud, tuner.home)]
+    for heard in sweep(tuner, order, tell):
+        if not heard.is_silence:
+            return heard
+    return None
+
+
+def all_heard(
+    tuner: Tuner, *, tell: Callable[[int], None] = lambda baud: None
+) -> list[RateAnswers]:
+    """Everybody, whatever their rates; rates at which nobody answers are left out."""
+    rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
+    return [heard for heard in sweep(tuner, rates, tell) if not heard.is_silence]
+
+
+def sweep(
+    tuner: Tuner, rates: Iterable[int], tell: Callable[[int], None] = lambda baud: None
+) -> Iterator[RateAnswers]:
+    """Listen at each of ``rates`` [bit/s] in turn, as long as the caller goes on."""
+    for baud in rates:
+        tell(baud)
+        tuner.tune(baud)
+        yield listen(tuner)

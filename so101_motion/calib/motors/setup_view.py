@@ -1,0 +1,246 @@
+"""The state of a motor setup and what to do next, as plain values and sentences; no bus.
+
+A view is one immutable value that is replaced whole, so a page or a sensor's readings may look at
+it at any time and never wait for the bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+
+SETUP_ORDER = tuple(reversed(JOINTS))
+"""Gripper to shoulder_pan. New servos all have id 1; shoulder_pan, which keeps it, comes last."""
+
+MOVES: Mapping[str, str] = {
+    "shoulder_pan": "turns the arm on its base",
+    "shoulder_lift": "lifts the upper arm",
+    "elbow_flex": "bends the elbow",
+    "wrist_flex": "tilts the wrist",
+    "wrist_roll": "turns the gripper",
+    "gripper": "opens and closes the jaw",
+}
+"""What each motor does, for people who have not met the joints' names."""
+
+AS_NEW = 1
+"""The id of every new servo, which therefore tells nothing."""
+
+State = Literal["todo", "found", "configured", "verified", "failed", "skipped"]
+
+READY = "Motor setup ready"
+
+_SETTLED = ("configured", "verified", "skipped")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorView:
+    """How far one joint's servo is.
+
+    Attributes:
+        state: ``"todo"``, ``"found"`` (connected alone), ``"configured"`` (id, rate and settings
+            stored and read back), ``"verified"`` (seen in the finished chain), ``"failed"`` or
+            ``"skipped"``.
+        baud: The rate it was found at, or talks at now [bit/s].
+        model: In the published module's words, such as ``"sts3215"``.
+        firmware: Such as ``"3.10"``.
+        volts: What it is fed with [V].
+        fix: What to do about it; empty when nothing is wrong.
+    """
+
+    joint: str
+    target_id: int
+    state: State = "todo"
+    found_id: int | None = None
+    baud: int | None = None
+    model: str | None = None
+    firmware: str | None = None
+    volts: float | None = None
+    sentence: str = ""
+    fix: str = ""
+
+    def with_facts(self, facts: ServoFacts, baud: int) -> MotorView:
+        """The same, and what the servo says of itself."""
+        return replace(
+            self,
+            found_id=facts.servo_id,
+            baud=baud,
+            model=facts.model,
+            firmware=facts.firmware,
+            volts=facts.volts,
+        )
+
+
+def connect_alone(joint: str) -> str:
+    """What to do so that the motor of a joint can be set up."""
+    which = f"the motor of {joint}, which {MOVES[joint]}"
+    return f"connect only {which}, to the adapter, with the power on"
+
+
+def _untouched() -> dict[str, MotorView]:
+    return {joint: MotorView(joint=joint, target_id=SERVO_IDS[joint]) for joint in SETUP_ORDER}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetupView:
+    """How far the setup is.
+
+    Attributes:
+        fix: What to do about it; empty when nothing is wrong.
+        doing: What is going on now; empty when nothing is.
+    """
+
+    motors: Mapping[str, MotorView] = field(default_factory=_untouched)
+    status: str = READY
+    fix: str = ""
+    doing: str = ""
+
+    @property
+    def step(self) -> int:
+        """How many motors are settled, 0 to 6."""
+        return sum(motor.state in _SETTLED for motor in self.motors.values())
+
+    @property
+    def in_progress(self) -> bool:
+        """Whether a setup was begun and is not through."""
+        untouched = all(motor.state == "todo" for motor in self.motors.values())
+        return bool(self.doing) or (not untouched and self.next_joint is not None)
+
+    @property
+    def next_joint(self) -> str | None:
+        """Whose servo is next; None when all are settled."""
+        unsettled = (joint for joint, m in self.motors.items() if m.state not in _SETTLED)
+        return next(unsettled, None)
+
+    @property
+    def next_step(self) -> str:
+        """What to do next."""
+        joint = self.next_joint
+        if joint is None:
+            return self._after_all()
+        motor = self.motors[joint]
+        if motor.state == "found":
+            return f"assign {joint}: its servo gets the id {motor.target_id}"
+        if motor.state == "failed":
+            return motor.fix
+        before = [m.joint for m in self.motors.values() if m.state == "configured"]
+        unplug = f"unplug the servo of {before[-1]}, " if before else ""
+        return (
+            f"{unplug}connect only the servo of {joint} to the adapter, with the power on,"
+            f" then discover {joint}"
+        )
+
+    def _after_all(self) -> str:
+        states = {motor.state for motor in self.motors.values()}
+        if states == {"verified"}:
+            return "all six servos are set up: put the arm together and calibrate it"
+        if states <= {"verified", "skipped"}:
+            return "the others are set up; set up the skipped ones, or calibrate the arm"
+        return "connect all six servos in a chain, shoulder_pan at the adapter, then verify"
+
+    def owner(self, servo_id: int | None, *, but: str) -> str | None:
+        """The joint, ``but`` one, whose motor was given this id here; None if there is none."""
+        for joint, motor in self.motors.items():
+            is_set_up = motor.state in ("configured", "verified")
+            if joint != but and is_set_up and motor.target_id == servo_id != AS_NEW:
+                return joint
+        return None
+
+    def with_motor(self, motor: MotorView) -> SetupView:
+        """The same with one motor's news."""
+        motors = {**self.motors, motor.joint: motor}
+        return replace(self, motors=motors, status=motor.sentence, fix=motor.fix, doing="")
+
+
+# Results
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assignment:
+    """A servo got its place.
+
+    Attributes:
+        old_baud: The rate it was found at [bit/s].
+        new_baud: The rate it talks at [bit/s].
+    """
+
+    joint: str
+    old_id: int
+    new_id: int
+    old_baud: int
+    new_baud: int
+    changed: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorCheck:
+    """How one joint's servo was found in the finished chain.
+
+    Attributes:
+        status: ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
+            ``"wrong_model"``, ``"wrong_voltage"`` or ``"wrong_settings"``.
+        facts: What it says of itself; None if that cannot be told.
+        error: What is wrong; empty when all is well.
+    """
+
+    joint: str
+    servo_id: int
+    status: str
+    facts: ServoFacts | None = None
+    error: str = ""
+    fix: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """How the finished chain was found."""
+
+    motors: Mapping[str, MotorCheck]
+    unexpected_ids: tuple[int, ...]
+    notes: tuple[str, ...]
+    sentence: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the arm can be calibrated."""
+        return not self.unexpected_ids and all(
+            check.status == "ok" for check in self.motors.values()
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScannedServo:
+    """A servo somewhere on the bus.
+
+    Attributes:
+        baud: The rate it talks at [bit/s].
+        model: Its model; None if several answer at once.
+        expected_joint: The joint whose id that is, if it talks at the port's own rate.
+    """
+
+    servo_id: int
+    baud: int
+    model: str | None
+    expected_joint: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusScan:
+    """Who is on the bus, at any rate.
+
+    Attributes:
+        garbled: Rates at which there is nonsense as well [bit/s].
+    """
+
+    servos: tuple[ScannedServo, ...]
+    garbled: tuple[int, ...]
+    sentence: str
+
+    @property
+    def unexpected_count(self) -> int:
+        """How many are not where an arm's servos are."""
+        return sum(servo.expected_joint is None for servo in self.servos)

@@ -1,0 +1,96 @@
+"""Read and write what a calibration changes in a servo: homing offset and limits, for good.
+
+They are three registers and cannot change at once, so there is an order. While the offset changes
+the limits are open, 0 to 4095; then both limits change in a single write. If that is cut short,
+the servo holds what it held, or looks as new, or holds what was wanted; it never has limits that
+belong to another offset.
+
+A servo that drives its joint is let go of before its offset changes, because its goal would change
+its meaning with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from so101_motion.calib.procedure.travel import representable
+from so101_motion.calib.record.record import JointCalibration
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Memory, Register
+
+_MAX = TICKS_PER_TURN - 1
+
+# Both limits, which lie side by side; 0 and 0, which makes a servo turn without end, is left legal.
+_LIMITS = Register(
+    "position limits", reg.MIN_POSITION.address, 4, Memory.EEPROM, 0, _MAX << 16 | _MAX,
+    "two words", 1, "FT",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """What a servo holds of a calibration.
+
+    Attributes:
+        homing_offset: What it takes off its encoder [tick].
+        range_min: Smallest goal it accepts [tick].
+        range_max: Largest.
+    """
+
+    homing_offset: int
+    range_min: int = 0
+    range_max: int = _MAX
+
+    @classmethod
+    def of(cls, entry: JointCalibration) -> Held:
+        """What a calibration record's servo holds."""
+        return cls(
+            homing_offset=entry.homing_offset,
+            range_min=entry.range_min,
+            range_max=entry.range_max,
+        )
+
+
+def read_held(bus: Bus, servo_id: int) -> Held:
+    """What the servo holds now."""
+    limits = bus.read(servo_id, _LIMITS)
+    return Held(
+        homing_offset=bus.read(servo_id, reg.HOMING_OFFSET),
+        range_min=limits & 0xFFFF,
+        range_max=limits >> 16,
+    )
+
+
+def restorable(held: Held) -> Held:
+    """The same, as far as it can be written back.
+
+    Firmware 3.10 holds offsets beyond 2047, which mean what the same offset a turn away means; and
+    limits that make no sense become those of a new servo.
+    """
+    offset = representable(held.homing_offset)
+    if max(held.range_min, held.range_max) > _MAX:
+        return Held(homing_offset=offset)
+    return replace(held, homing_offset=offset)
+
+
+def write_held(bus: Bus, servo_id: int, wanted: Held) -> None:
+    """Let the servo hold ``wanted`` for good, and read it back; only what differs is written."""
+    held = read_held(bus, servo_id)
+    if held != wanted:
+        if held.homing_offset != wanted.homing_offset:
+            bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+        bus.write(servo_id, reg.LOCK, 0)
+        if held.homing_offset != wanted.homing_offset:
+            if held != Held(homing_offset=held.homing_offset):
+                bus.write(servo_id, _LIMITS, _limits(0, _MAX))
+            bus.write(servo_id, reg.HOMING_OFFSET, wanted.homing_offset)
+        limits = _limits(wanted.range_min, wanted.range_max)
+        if bus.read(servo_id, _LIMITS) != limits:
+            bus.write(servo_id, _LIMITS, limits)
+    if bus.read(servo_id, reg.LOCK) != 1:
+        bus.write(servo_id, reg.LOCK, 1)
+
+
+def _limits(lower: int, upper: int) -> int:
+    return upper << 16 | lower

@@ -1,0 +1,83 @@
+"""Bus jobs of a calibration before it records; run on the port's thread."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from so101_motion.calib.procedure.eeprom import read_held, restorable
+from so101_motion.calib.procedure.travel import around
+from so101_motion.calib.procedure.view import JointProgress
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.errors import CalibrationError
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import RETRIES, Bus
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+from so101_motion.drivers.feetech.presence import not_there
+
+_REVERSED = 0x80  # bit of register 18: the encoder counts down (FT)
+
+_STILL = 171
+"""How far a joint may move between being read and having its new offset checked [tick]; 15 deg,
+chosen: a hand trembles, a servo that understands offsets otherwise is off by more."""
+
+
+def find(bus: Bus, joints: Sequence[str]) -> dict[str, JointProgress]:
+    """What the joints' servos hold."""
+    require(bus, joints)
+    return {joint: _find(bus, joint) for joint in joints}
+
+
+def _find(bus: Bus, joint: str) -> JointProgress:
+    held = read_held(bus, SERVO_IDS[joint])
+    return JointProgress(
+        joint=joint,
+        before=restorable(held),
+        held=held,
+        driven=bus.read(SERVO_IDS[joint], reg.TORQUE_ENABLE) == 1,
+        counts_down=bool(bus.read(SERVO_IDS[joint], reg.PHASE) & _REVERSED),
+    )
+
+
+def release(bus: Bus, joints: Sequence[str]) -> None:
+    """Let go of the joints."""
+    for joint in joints:
+        bus.write(SERVO_IDS[joint], reg.TORQUE_ENABLE, 0)
+
+
+def require(bus: Bus, joints: Sequence[str]) -> None:
+    """See that the joints' servos are there."""
+    answering = bus.answering(map(SERVO_IDS.__getitem__, joints))
+    missing = [SERVO_IDS[joint] for joint in joints if SERVO_IDS[joint] not in answering]
+    if missing:
+        raise not_there(bus, missing, answering)
+
+
+def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
+    """Where the joints are, 0 to 4095 [tick], all at one instant if possible."""
+    row, ids = reg.PRESENT_POSITION, tuple(map(SERVO_IDS.__getitem__, joints))
+    answers = bus.sync_read(ids, row.address, row.size, tries=1 + RETRIES)
+    missing = [i for i in ids if i not in answers]
+    if missing:
+        raise not_there(bus, missing, answers)
+    return {joint: row.decode(answers[SERVO_IDS[joint]].data) % TICKS_PER_TURN for joint in joints}
+
+
+def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
+    """See that the servos read in the homing pose what their new offsets promise.
+
+    Args:
+        bus: Where they are.
+        homes: What each should read [tick].
+
+    Raises:
+        CalibrationError: One does not.
+        NoReply: A servo does not answer.
+    """
+    for joint, ticks in read_positions(bus, tuple(homes)).items():
+        if abs(around(ticks - homes[joint])) > _STILL:
+            raise CalibrationError(
+                joint,
+                f"reads {ticks} with its new homing offset instead of {homes[joint]}",
+                "hold the arm still and start again; if that does not help, its servo's firmware"
+                " is unknown here",
+            )

@@ -1,0 +1,231 @@
+"""Keep a journal of a calibration under way, so that a crash at any instant loses nothing.
+
+A calibration changes six servos and a file, one after the other. Before the first servo is changed,
+a journal is written beside the calibration file: what each servo held, and what it is given for the
+time being. When the calibration is saved, the journal says first what servos and file are to hold,
+and is removed last. So a process that finds one knows that another was interrupted, and how to end
+that (``recover``): unless saving was decided on everything is put back, else everything is
+carried through. Either way the servos and the file agree again.
+
+A journal may be old. If a servo by now holds what this journal knows nothing about, the arm was
+calibrated by other means since; then nothing is touched and the journal is dropped.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.calib.procedure.eeprom import Held, read_held, write_held
+from so101_motion.calib.record import record, store
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, Calibration
+from so101_motion.calib.record.zero import Zero
+from so101_motion.common.errors import BusError, CalibrationError, PortUnavailable
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import HOMING_OFFSET
+from so101_motion.files import atomic, json_file
+
+_ABOUT = (
+    "A calibration of an SO-101 arm was under way. This file is what it takes to end it well; the"
+    " next start of the software does, and removes the file."
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saving:
+    """What servos and file are to hold."""
+
+    calibration: Calibration
+    zeros: Mapping[str, Zero]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Journal:
+    """A calibration under way.
+
+    Attributes:
+        saving: What servos and file are to hold; None before that is known.
+        is_decided: Whether ``saving`` is to be carried through; else everything is put back.
+    """
+
+    before: Mapping[str, Held]
+    meanwhile: Mapping[str, Held]
+    saving: Saving | None = None
+    is_decided: bool = False
+
+
+def path_for(calibration_file: Path) -> Path:
+    """Where the journal of a calibration is."""
+    return calibration_file.with_name(f"{calibration_file.name}.unfinished")
+
+
+def is_known(calibration_file: Path) -> bool:
+    """Whether an arm was calibrated to this file, or such a calibration is not over."""
+    paths = (calibration_file, path_for(calibration_file))
+    return any(path.exists() for path in paths) or bool(store.versions(calibration_file))
+
+
+def write(calibration_file: Path, journal: Journal) -> None:
+    """Put the journal in its place, in one step.
+
+    Raises:
+        CalibrationError: It cannot be written.
+    """
+    content: dict[str, object] = {
+        "about": _ABOUT,
+        "before": {joint: _row(held) for joint, held in journal.before.items()},
+        "meanwhile": {joint: _row(held) for joint, held in journal.meanwhile.items()},
+    }
+    if journal.saving is not None:
+        saving = journal.saving
+        content["is_decided"] = journal.is_decided
+        content["saving"] = {
+            "calibration": {joint: entry.to_json() for joint, entry in saving.calibration.items()},
+            "zeros": {joint: [zero.by, zero.angle] for joint, zero in saving.zeros.items()},
+        }
+    path = path_for(calibration_file)
+    with record.writing(path):
+        atomic.write(path, json.dumps(content, indent=2).encode() + b"\n")
+
+
+def remove(calibration_file: Path) -> None:
+    """The calibration has ended well.
+
+    Raises:
+        CalibrationError: The journal cannot be removed.
+    """
+    path = path_for(calibration_file)
+    try:
+        path.unlink(missing_ok=True)
+        if path.parent.is_dir():
+            atomic.flush(path.parent)
+    except OSError as error:
+        reason = f"{path} cannot be removed: {error.strerror or error}"
+        raise CalibrationError(None, reason, "check the permissions of its folder") from error
+
+
+def read(calibration_file: Path) -> Journal | None:
+    """The journal of a calibration that was interrupted; None if there is none.
+
+    Raises:
+        CalibrationError: It cannot be read or understood.
+    """
+    path = path_for(calibration_file)
+    if not path.exists():
+        return None
+    content = json_file.read(path)
+    try:
+        return _parse(content)
+    except (
+        CalibrationError,
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise CalibrationError(
+            None,
+            f"{path}, which an interrupted calibration left behind, cannot be understood: {error}",
+            "remove it and calibrate again",
+        ) from error
+
+
+def recover(bus: Bus, calibration_file: Path) -> str | None:
+    """End a calibration that was interrupted, if there is one.
+
+    Returns:
+        What was done, in a sentence for a person; None if there was nothing to do.
+
+    Raises:
+        CalibrationError: A servo cannot be reached, or a file cannot be read or written. The
+            journal stays for the next time.
+        PortUnavailable: There is no port; likewise.
+    """
+    journal = read(calibration_file)
+    if journal is None:
+        return None
+    try:
+        said = _end(bus, calibration_file, journal)
+    except PortUnavailable:
+        raise
+    except BusError as error:
+        raise CalibrationError(
+            None,
+            f"a calibration was interrupted and its servos cannot be put right: {error}",
+            f"if this servo is gone for good, remove {path_for(calibration_file)}",
+        ) from error
+    remove(calibration_file)
+    return said
+
+
+def _end(bus: Bus, calibration_file: Path, journal: Journal) -> str:
+    saving = journal.saving
+    if not all(
+        _knows(journal, joint, read_held(bus, SERVO_IDS[joint])) for joint in journal.before
+    ):
+        return (
+            "A calibration was interrupted, but the servos have been calibrated by other means"
+            " since; nothing was changed."
+        )
+    if saving is None or not journal.is_decided:
+        for joint, held in journal.before.items():
+            write_held(bus, SERVO_IDS[joint], held)
+        return "A calibration was interrupted before it was saved; the servos were put back."
+    for joint, entry in saving.calibration.items():
+        write_held(bus, SERVO_IDS[joint], Held.of(entry))
+    store.save(calibration_file, saving.calibration, zeros=saving.zeros)
+    return "A calibration was interrupted while it was saved; it is complete now."
+
+
+def _knows(journal: Journal, joint: str, held: Held) -> bool:
+    """Whether a servo holds something that this calibration brought about."""
+    known = [journal.before[joint], journal.meanwhile[joint]]
+    if journal.saving is not None:
+        known.append(Held.of(journal.saving.calibration[joint]))
+    looks_new = held == Held(homing_offset=held.homing_offset)
+    return held in known or (
+        looks_new and any(held.homing_offset == k.homing_offset for k in known)
+    )
+
+
+def _row(held: Held) -> list[int]:
+    return [held.homing_offset, held.range_min, held.range_max]
+
+
+def _parse(content: object) -> Journal:
+    if not isinstance(content, Mapping):
+        raise ValueError("it is no object")
+    before, meanwhile = _held_by_joint(content["before"]), _held_by_joint(content["meanwhile"])
+    if before.keys() != meanwhile.keys():
+        raise ValueError('"before" and "meanwhile" name different joints')
+    saving = None
+    if "saving" in content:
+        calibration = record.parse(content["saving"]["calibration"])
+        if calibration.keys() != before.keys():
+            raise ValueError('"before" and "saving" name different joints')
+        zeros = {
+            joint: Zero(by=str(by), angle=float(angle))
+            for joint, (by, angle) in content["saving"]["zeros"].items()
+        }
+        saving = Saving(calibration=calibration, zeros=zeros)
+    return Journal(
+        before=before,
+        meanwhile=meanwhile,
+        saving=saving,
+        is_decided=content.get("is_decided") is True,
+    )
+
+
+def _held_by_joint(rows: Mapping[str, list[int]]) -> dict[str, Held]:
+    found = {}
+    for joint, (offset, lower, upper) in rows.items():
+        if joint not in JOINTS:
+            raise ValueError(f"{joint} is no joint of this arm")
+        lowest, highest = HOMING_OFFSET.lower, HOMING_OFFSET.upper
+        if not (lowest <= offset <= highest and 0 <= lower <= 4095 and 0 <= upper <= 4095):
+            raise ValueError(f"{joint} cannot hold {offset}, {lower}, {upper}")
+        found[joint] = Held(homing_offset=int(offset), range_min=int(lower), range_max=int(upper))
+    return found

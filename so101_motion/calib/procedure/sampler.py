@@ -1,0 +1,85 @@
+"""Read all joint positions in one transaction, 100 times a second, during a calibration.
+
+The port's thread calls a ``Sampler``; everybody else reads what it saw last, one immutable value.
+A servo that falls silent, or a port that goes away, ends nothing: the others go on, what was
+recorded stays, and when the cable is back in place the recording continues.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from so101_motion.calib.procedure.travel import Arc, Sweep
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.clock import Clock
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import PRESENT_POSITION, TICKS_PER_TURN
+from so101_motion.drivers.feetech.presence import Presence
+
+_ROW = PRESENT_POSITION
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Positions:
+    """What the sampler saw last.
+
+    Attributes:
+        ticks: Where each joint is, 0 to 4095 [tick]; joints that were never read are missing.
+        arcs: Their travels since the recording began; empty before.
+        t: When that was [s].
+    """
+
+    ticks: Mapping[str, int] = field(default_factory=dict)
+    arcs: Mapping[str, Arc] = field(default_factory=dict)
+    samples: int = 0
+    silent: tuple[str, ...] = ()
+    t: float = 0.0
+
+
+class Sampler:
+    """Reads the joints' positions whenever it is called. Called by the port's thread only.
+
+    Attributes:
+        seen: What it saw last; replaced whole, any thread may read it.
+    """
+
+    def __init__(self, clock: Clock, joints: Sequence[str]) -> None:
+        self.seen = Positions(t=clock.now())
+        self._clock = clock
+        self._joints = {SERVO_IDS[joint]: joint for joint in joints}
+        self._presence = Presence(tuple(self._joints))
+        self._sweeps: dict[str, Sweep] | None = None
+        self._samples = 0
+
+    def record(self) -> None:
+        """From now on, keep where the joints have been; on the port's thread as well."""
+        self._sweeps = {joint: Sweep() for joint in self._joints.values()}
+        self._samples = 0
+
+    def __call__(self, bus: Bus) -> None:
+        """Read all positions once."""
+        answers = bus.sync_read(
+            tuple(self._joints), _ROW.address, _ROW.size, given_up=self._presence.silent
+        )
+        now = self._clock.now()
+        self._presence.judge(answers, now)
+        found = {
+            self._joints[servo_id]: _ROW.decode(answer.data) % TICKS_PER_TURN
+            for servo_id, answer in answers.items()
+        }
+        self.seen = Positions(
+            t=now,
+            ticks={**self.seen.ticks, **found},
+            arcs=self._sweep(now, found),
+            samples=self._samples,
+            silent=tuple(joint for i, joint in self._joints.items() if i in self._presence.silent),
+        )
+
+    def _sweep(self, now: float, found: Mapping[str, int]) -> Mapping[str, Arc]:
+        if self._sweeps is None:
+            return {}
+        self._samples += 1
+        for joint, ticks in found.items():
+            self._sweeps[joint].feed(now, ticks)
+        return {joint: sweep.arc for joint, sweep in self._sweeps.items() if sweep.arc is not None}

@@ -1,0 +1,127 @@
+"""The calibration workflow as a table: which command is possible when, and where it leads.
+
+How it works. A calibration is always in one of six states. A command that the table does not list
+for the state is refused and changes nothing. A command that is listed is carried out by
+``session.py``; it leads to ``then`` if all went well and to ``otherwise`` if not. There is nothing
+else to know: no state holds data, and the table has neither a bus nor a clock.
+
+Two things were decided here. A command whose failure leaves everything as it was before, such as
+stopping a recording that misses a joint or saving while a cable is loose, leads back to its own
+state, so it can simply be given again. And a calibration that failed half way is in ``error``,
+where the servos may have to be put back: ``reset`` does that, and so does ``start``, to begin with.
+
+States, commands and their names are the published module's, which scripts and its setup page know.
+The diagram in the documentation is drawn from this table, see ``mermaid``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from so101_motion.common.errors import CalibrationError
+
+
+class State(Enum):
+    """How far a calibration is."""
+
+    IDLE = "idle"
+    STARTED = "started"
+    HOMED = "homing_position"
+    RECORDING = "range_recording"
+    COMPLETED = "completed"
+    ERROR = "error"
+
+
+class Command(Enum):
+    """What can be asked of it."""
+
+    START = "start"
+    SET_HOMING = "set_homing"
+    START_RECORDING = "start_range_recording"
+    STOP_RECORDING = "stop_range_recording"
+    SAVE = "save_calibration"
+    ABORT = "abort"
+    RESET = "reset"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """Where a command leads."""
+
+    then: State
+    otherwise: State
+
+
+TABLE: dict[tuple[State, Command], Transition] = {
+    (State.IDLE, Command.START): Transition(State.STARTED, State.ERROR),
+    (State.COMPLETED, Command.START): Transition(State.STARTED, State.ERROR),
+    (State.ERROR, Command.START): Transition(State.STARTED, State.ERROR),
+    (State.STARTED, Command.SET_HOMING): Transition(State.HOMED, State.ERROR),
+    (State.HOMED, Command.START_RECORDING): Transition(State.RECORDING, State.HOMED),
+    (State.RECORDING, Command.STOP_RECORDING): Transition(State.COMPLETED, State.RECORDING),
+    (State.COMPLETED, Command.SAVE): Transition(State.IDLE, State.COMPLETED),
+    **{(state, Command.ABORT): Transition(State.IDLE, State.ERROR) for state in State},
+    **{(state, Command.RESET): Transition(State.IDLE, State.ERROR) for state in State},
+}
+"""Every possible step; what is not here is refused."""
+
+OFFERED: dict[State, tuple[Command, ...]] = {
+    State.IDLE: (Command.START,),
+    State.STARTED: (Command.SET_HOMING, Command.ABORT),
+    State.HOMED: (Command.START_RECORDING, Command.ABORT),
+    State.RECORDING: (Command.STOP_RECORDING, Command.ABORT),
+    State.COMPLETED: (Command.SAVE, Command.START, Command.ABORT),
+    State.ERROR: (Command.RESET, Command.START),
+}
+"""What makes sense next, the usual way on first; ``abort`` and ``reset`` are possible always."""
+
+INSTRUCTIONS: dict[State, str] = {
+    State.IDLE: "Ready. Support the arm with one hand before you start: its joints go limp.",
+    State.STARTED: (
+        "The joints are limp. Hold each about in the middle of its travel: upper arm upright,"
+        " forearm and gripper level and straight ahead, and the gripper turned so that it opens"
+        " straight upwards: wrist_roll has no stops, so its zero is taken from this. Then set the"
+        " homing position."
+    ),
+    State.HOMED: "Homing is set. Start the recording, then move every joint from stop to stop.",
+    State.RECORDING: "Recording. Move every joint slowly through its whole travel, to both stops.",
+    State.COMPLETED: "Everything is recorded. Save the calibration, or start again.",
+    State.ERROR: "Something went wrong. Reset to put the servos back as they were, or start again.",
+}
+"""What a person should do in each state."""
+
+
+def step(state: State, command: Command) -> Transition:
+    """Where ``command`` leads from ``state``.
+
+    Raises:
+        CalibrationError: It is not possible now.
+    """
+    found = TABLE.get((state, command))
+    if found is None:
+        names = " or ".join(f'"{offered.value}"' for offered in OFFERED[state])
+        reason = f'"{command.value}" is not possible in the state "{state.value}"'
+        raise CalibrationError(None, reason, f"now possible: {names}")
+    return found
+
+
+def mermaid() -> str:
+    """The table as a state diagram in Mermaid's language.
+
+    Failures that lead back to where they happened are left out, and of ``abort`` and ``reset``,
+    which do the same everywhere, the one that is offered is drawn.
+    """
+    lines = ["stateDiagram-v2", f"    [*] --> {State.IDLE.value}"]
+    everywhere = (Command.ABORT, Command.RESET)
+    for (state, command), leads in TABLE.items():
+        if command in everywhere:
+            continue
+        lines.append(f"    {state.value} --> {leads.then.value}: {command.value}")
+        if leads.otherwise is not state:
+            lines.append(f"    {state.value} --> {leads.otherwise.value}: {command.value} fails")
+    for state in State:
+        if state is not State.IDLE:
+            command = Command.RESET if state is State.ERROR else Command.ABORT
+            lines.append(f"    {state.value} --> {State.IDLE.value}: {command.value}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,38 @@
+"""Measure for how long an arm has been held still; its homing pose is taken from that.
+
+A person has both hands on the arm then, so a key or button only announces the pose, and it is
+taken once nothing has moved for a moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+STILL = 1.5
+"""For how long the arm must be held still for its pose to be taken [s]. Chosen."""
+
+TREMBLE = 23
+"""How far a joint may move meanwhile [tick], 2 deg; a hand trembles. Chosen."""
+
+
+class Stillness:
+    """For how long joints have been held still. Told where they are again and again."""
+
+    def __init__(self) -> None:
+        self._since = 0.0
+        self._anchor: dict[str, int] = {}
+
+    def feed(self, t: float, ticks: Mapping[str, int | None]) -> float:
+        """For how long all joints have been within ``TREMBLE`` of one place [s]; 0 if one is lost.
+
+        Args:
+            t: Now [s].
+            ticks: Where they are [tick].
+        """
+        known = {joint: place for joint, place in ticks.items() if place is not None}
+        is_still = known.keys() == ticks.keys() == self._anchor.keys() and all(
+            abs(place - self._anchor[joint]) <= TREMBLE for joint, place in known.items()
+        )
+        if not is_still:
+            self._since, self._anchor = t, known
+        return t - self._since

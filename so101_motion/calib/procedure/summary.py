@@ -1,0 +1,268 @@
+"""What a person is told of a calibration, as plain values and sentences: hints, bars, summary.
+
+The terminal and the page show the same: how near each joint is to the homing pose, how far its
+travel has come, which joints are left or may be accepted as they are, and what will be saved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from so101_motion.calib.procedure.pose_estimate import HOMING_POSE, PoseEstimate
+from so101_motion.calib.procedure.travel import MIDDLE, around
+from so101_motion.calib.procedure.travel_assessment import ROLL, Verdict, can_be_accepted
+from so101_motion.calib.procedure.view import TICKS_PER_DEG, JointView
+from so101_motion.calib.record import compare, record
+from so101_motion.calib.record.record import Calibration
+from so101_motion.common.units import to_deg
+
+Tone = Literal["good", "busy", "warm", "bad", "dim"]
+
+NEAR_DEG = 25.0
+"""How far from the middle of its travel a joint may be homed [deg]. Chosen: the travel of each is
+found either way; beyond this a person has probably missed the picture."""
+
+UPRIGHT_DEG = 12.0
+"""The same for wrist_roll, whose zero is where it is held. Chosen."""
+
+FEW = 2
+"""On so many joints something may sit that limits them. Chosen."""
+
+
+# The homing pose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseHint:
+    """How near a joint is to the homing pose."""
+
+    joint: str
+    text: str
+    tone: Tone
+
+
+def hints(joints: Mapping[str, JointView], now: PoseEstimate) -> tuple[PoseHint, ...]:
+    """How near each joint is to the pose, as far as that can be told."""
+    return tuple(_hint(view, now) for view in joints.values())
+
+
+def _hint(view: JointView, now: PoseEstimate) -> PoseHint:
+    joint = view.joint
+    if view.ticks is None:
+        return PoseHint(joint=joint, text="does not answer: check its cable", tone="bad")
+    if joint in now.guessed:
+        return PoseHint(joint=joint, text="by eye, it was never calibrated", tone="dim")
+    off_deg = to_deg(now.angles[joint] - HOMING_POSE[joint])
+    if abs(off_deg) <= (UPRIGHT_DEG if joint == ROLL else NEAR_DEG):
+        return PoseHint(joint=joint, text="there", tone="good")
+    return PoseHint(joint=joint, text=f"{abs(off_deg):.0f}° off", tone="warm")
+
+
+def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
+    """How far the picture can be trusted; empty when all of it can."""
+    there = tuple(joints)
+    guessed = [joint for joint in there if joint in now.guessed]
+    if not guessed:
+        return ""
+    if len(guessed) == len(there):
+        return (
+            "The picture moves as the arm does, but may be some degrees off: joints that were never"
+            " calibrated do not tell where they are. Go by the arm itself."
+        )
+    return f"The picture is some degrees off as long as these are not done: {', '.join(guessed)}."
+
+
+# The travels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TravelBar:
+    """A joint's bar: how far it has been, and where it is now.
+
+    Attributes:
+        begin: Where on the bar its travel begins, 0 to 1.
+        end: Where it ends.
+        at: Where the joint is now; None if that is not known.
+        text: What to do; empty when there is nothing.
+    """
+
+    joint: str
+    begin: float
+    end: float
+    at: float | None
+    figures: str
+    text: str
+    tone: Tone
+    is_done: bool
+
+
+TONES: Mapping[Verdict | None, Tone] = {
+    None: "dim",
+    Verdict.UNTOUCHED: "dim",
+    Verdict.TOO_SHORT: "busy",
+    Verdict.ALMOST: "warm",
+    Verdict.COMPLETE: "good",
+    Verdict.FULL_TURN: "good",
+    Verdict.TOO_WIDE: "bad",
+    Verdict.WRONG_DIRECTION: "bad",
+}
+
+_PLAIN = (
+    None, Verdict.UNTOUCHED, Verdict.TOO_SHORT, Verdict.COMPLETE, Verdict.FULL_TURN
+)  # fmt: skip
+"""Of these a bar says all there is to say."""
+
+
+def travels(joints: Mapping[str, JointView]) -> tuple[TravelBar, ...]:
+    """A bar for each joint."""
+    return tuple(map(_travel, joints.values()))
+
+
+def _travel(view: JointView) -> TravelBar:
+    begin, end, at = _on_bar(view)
+    is_plain = view.verdict in _PLAIN and (view.joint != ROLL or view.is_done)
+    return TravelBar(
+        joint=view.joint,
+        begin=begin,
+        end=end,
+        at=at,
+        figures=_figures(view),
+        text="" if view.ticks is not None and is_plain else _advice(view),
+        tone="bad" if view.ticks is None else TONES[view.verdict],
+        is_done=view.is_done,
+    )
+
+
+def _advice(view: JointView) -> str:
+    """What there is to say beside the figures."""
+    advice = view.sentence.partition("; ")[2]
+    return advice if view.verdict is Verdict.ALMOST and advice else view.sentence
+
+
+def _figures(view: JointView) -> str:
+    if view.verdict is Verdict.FULL_TURN and view.travel_deg < 1.0:
+        return "full turn"
+    return f"{view.travel_deg:.0f} of {view.expected_deg:.0f}°"
+
+
+def _on_bar(view: JointView) -> tuple[float, float, float | None]:
+    """Begin and end of what was travelled and where the joint is, as shares of a bar.
+
+    The bar is the expected travel with the homing pose in its middle, as far as the travel so far
+    agrees: what was passed is always on it.
+    """
+    whole = view.expected_deg * TICKS_PER_DEG
+    lower, upper = view.recorded_min, view.recorded_max
+    if lower is None or upper is None:
+        at = None if view.ticks is None else _within(0.5 + (view.ticks - MIDDLE) / whole)
+        return 0.5, 0.5, at
+    whole = max(whole, float(upper - lower), 1.0)
+    begin = min(max(0.5 + (lower - MIDDLE) / whole, 0.0), 1.0 - (upper - lower) / whole)
+    at = None if view.ticks is None else _within(begin + (view.ticks - lower) / whole)
+    return begin, begin + (upper - lower) / whole, at
+
+
+def _within(share: float) -> float:
+    return min(max(share, 0.0), 1.0)
+
+
+def left(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """The joints that have not been where they must go."""
+    return tuple(joint for joint, view in joints.items() if not view.is_done)
+
+
+def short(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """The joints that can be saved but were not quite at both their stops; those of roll give."""
+    return tuple(
+        joint for joint, view in joints.items() if view.verdict is Verdict.ALMOST and joint != ROLL
+    )
+
+
+def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
+    """Those of them whose travel may be right on an unusual arm; empty unless all may be.
+
+    Nor when they are many: then the recording has hardly begun.
+    """
+    missing = left(joints)
+    may_be = all(can_be_accepted(joints[joint].verdict, joints[joint].travel) for joint in missing)
+    return missing if may_be and len(missing) <= FEW else ()
+
+
+# What is about to be saved
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SummaryLine:
+    """A joint in the summary."""
+
+    joint: str
+    travel: str
+    quality: str
+    tone: Tone
+    reason: str
+    change: str
+
+
+_QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
+    Verdict.COMPLETE: ("good", "good"),
+    Verdict.FULL_TURN: ("full turn", "good"),
+    Verdict.ALMOST: ("fair", "warm"),
+    Verdict.TOO_SHORT: ("accepted", "warm"),
+    Verdict.TOO_WIDE: ("too wide", "warm"),
+    Verdict.WRONG_DIRECTION: ("doubtful", "warm"),
+}
+
+
+def calibration_of(joints: Mapping[str, JointView]) -> Calibration:
+    """The calibration that joints show, in force or about to be saved."""
+    return {
+        joint: replace(
+            record.default(joint),
+            homing_offset=view.homing_offset,
+            range_min=view.range_min,
+            range_max=view.range_max,
+        )
+        for joint, view in joints.items()
+    }
+
+
+def in_force(joints: Mapping[str, JointView]) -> Calibration:
+    """The calibration of joints that are not being calibrated, of those that have one."""
+    return calibration_of({joint: view for joint, view in joints.items() if view.is_done})
+
+
+def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[SummaryLine, ...]:
+    """Each joint with its quality, and what is different from ``before``."""
+    rows = compare.diff(
+        {joint: entry for joint, entry in before.items() if joint in joints},
+        compare.as_held(calibration_of(joints)),
+    )
+    moved = {row.joint for row in rows if row.differs}
+    return tuple(
+        _line(view, before.get(view.joint), is_moved=view.joint in moved)
+        for view in joints.values()
+    )
+
+
+def _line(view: JointView, was: record.JointCalibration | None, *, is_moved: bool) -> SummaryLine:
+    quality, tone = _QUALITIES.get(view.verdict, ("", "dim"))
+    change = "new" if was is None else "the same"
+    if was is not None and is_moved:
+        ends = (
+            (view.range_min, was.range_min),
+            (view.range_max, was.range_max),
+        )
+        offset = view.homing_offset - was.homing_offset
+        change = " / ".join(
+            f"{around(offset + now - then) / TICKS_PER_DEG:+.1f}°" for now, then in ends
+        )
+    return SummaryLine(
+        joint=view.joint,
+        travel="360°" if view.verdict is Verdict.FULL_TURN else f"{view.travel_deg:.0f}°",
+        quality=quality,
+        tone=tone,
+        reason=view.sentence if tone == "warm" else "",
+        change=change,
+    )

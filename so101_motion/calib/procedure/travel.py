@@ -1,0 +1,190 @@
+"""Measure where joints have been, and fit the homing offset and limits to it.
+
+How it works. A servo reports positions on a circle of 4096 ticks, and somewhere on that circle is
+the seam where 4095 is followed by 0. Where it lies depends on how the servo was put on and on its
+homing offset, so it can be anywhere, in the middle of the travel as well. Smallest and largest
+reading then mean nothing. So a ``Sweep`` does not keep extremes; it marks every place of the circle
+that the joint has passed. The part it never passed is where the joint cannot go, and the travel is
+the rest: an ``Arc``, seam or no seam. A pause without readings, after which nobody knows which way
+the joint went, leaves a hole that the next pass fills.
+
+Three readings in a row are judged together and the middle one counts, so a single wrong reading
+adds nothing to the travel. (It costs nothing either: a joint at its stop is there for more than one
+of the hundred readings a second.)
+
+``fit`` then chooses the homing offset that puts a travel within 0 to 4095. The offset set in the
+homing pose is kept if the travel fits with it; else the middle of the travel becomes 2047. The
+register holds -2047 to 2047, which are all places of the circle but one. Where that one is needed,
+its neighbour is taken, and the joint reads 2048 instead.
+
+Pure: ticks in, ticks out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.calib.record.record import LARGEST_OFFSET
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+
+MIDDLE = 2047
+"""What a servo reads in the homing pose [tick]; LeRobot's convention."""
+
+SEAM_MARGIN = 64
+"""A travel with an end nearer than this to the seam is moved to the middle [tick]; 5.6 deg, chosen:
+a stop gives, and a servo pushed past the seam would believe itself a turn away."""
+
+LONGEST_GAP = 0.3
+"""After how long without a reading the way in between is unknown [s]. A joint moved by hand reached
+2533 tick/s (measured on a leader arm), so it turns less than a fifth of a turn in that time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """A travel on the circle of ticks.
+
+    Attributes:
+        lower: Its lower end, -2048 to 4095 [tick]; negative if it passes the seam.
+        travel: How far it goes from there, upwards [tick]; 4095 is a full turn.
+    """
+
+    lower: int
+    travel: int
+
+    @property
+    def upper(self) -> int:
+        """Its upper end [tick]; beyond 4095 if it passes the seam."""
+        return self.lower + self.travel
+
+    def unrolled(self, ticks: int) -> int:
+        """``ticks``, a turn on or back if that lies nearer to the middle of this travel."""
+        start = self.lower + self.travel // 2 - TICKS_PER_TURN // 2
+        return start + (ticks - start) % TICKS_PER_TURN
+
+    def moved(self, by: int) -> Arc:
+        """The same travel when every reading is ``by`` ticks more."""
+        lower = (self.lower + by) % TICKS_PER_TURN
+        middle = lower + self.travel // 2
+        return Arc(lower - TICKS_PER_TURN if middle >= TICKS_PER_TURN else lower, self.travel)
+
+
+class Sweep:
+    """The places one joint has passed. Used by one thread.
+
+    Attributes:
+        arc: The travel so far; None before the third reading. Replaced whole.
+    """
+
+    def __init__(self) -> None:
+        self.arc: Arc | None = None
+        self._passed = np.zeros(TICKS_PER_TURN, dtype=np.bool_)
+        self._at: int | None = None  # where the joint is known to have been, unrolled
+        self._window: list[int] = []
+        self._t = 0.0
+
+    def feed(self, t: float, ticks: int) -> None:
+        """A reading.
+
+        Args:
+            t: When [s].
+            ticks: Where; any turn.
+        """
+        if t - self._t > LONGEST_GAP:
+            self._window, self._at = [], None
+        self._t = t
+        near = ticks if not self._window else self._near(ticks)
+        self._window = [*self._window[-2:], near]
+        if len(self._window) == 3:
+            self._pass(sorted(self._window)[1])
+
+    def _near(self, ticks: int) -> int:
+        """``ticks`` in the turn that is nearest to where the joint was."""
+        here = self._window[-1] if self._at is None else self._at
+        return here + around(ticks - here)
+
+    def _pass(self, to: int) -> None:
+        start = to if self._at is None else self._at
+        self._at = to
+        way = np.arange(min(start, to), max(start, to) + 1) % TICKS_PER_TURN
+        if not self._passed[way].all():
+            self._passed[way] = True
+            self.arc = self._measure()
+
+    def _measure(self) -> Arc:
+        """All of the circle but the longest part that was never passed."""
+        places = np.flatnonzero(self._passed)
+        gaps = np.diff(places, append=places[0] + TICKS_PER_TURN)
+        longest = int(np.argmax(gaps))
+        lower = int(places[(longest + 1) % len(places)])
+        return Arc(lower, TICKS_PER_TURN - int(gaps[longest])).moved(0)
+
+
+def around(ticks: int) -> int:
+    """The same difference of two positions the short way round, -2048 to 2047 [tick]."""
+    half = TICKS_PER_TURN // 2
+    return (ticks + half) % TICKS_PER_TURN - half
+
+
+# Homing offsets
+
+
+def homing_offset(encoder: int) -> int:
+    """The offset that lets a servo read ``MIDDLE``, or one more, where its encoder is now.
+
+    Args:
+        encoder: What its encoder counts, the offset in force added to what it reports [tick].
+
+    Returns:
+        An offset that every servo can hold, -2047 to 2047.
+    """
+    return representable(encoder - MIDDLE)
+
+
+def representable(offset: int) -> int:
+    """The offset of -2047 to 2047 that is the same place of the circle, or its neighbour."""
+    return min(-around(-offset), LARGEST_OFFSET)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """A homing offset, and a travel as it reads with it.
+
+    Attributes:
+        homing_offset: What the servo takes off its encoder [tick].
+        lower: Lower end of the travel [tick], 0 to 4095.
+        upper: Upper end [tick].
+        home: What the servo reads in the homing pose [tick].
+    """
+
+    homing_offset: int
+    lower: int
+    upper: int
+    home: int
+
+
+def fit(arc: Arc, *, offset: int, home: int) -> Fit:
+    """The homing offset with which a travel does not touch the seam.
+
+    Args:
+        arc: The travel as it reads with ``offset``; at most 4095 ticks.
+        offset: The servo's offset in force.
+        home: What the servo reads in the homing pose with it.
+    """
+    margin = min(SEAM_MARGIN, (TICKS_PER_TURN - 1 - arc.travel) // 2)
+    chosen = offset
+    if not margin <= arc.lower <= TICKS_PER_TURN - 1 - margin - arc.travel:
+        chosen = representable(offset + arc.lower + arc.travel // 2 - MIDDLE)
+    fitted = arc.moved(offset - chosen)
+    return Fit(
+        homing_offset=chosen,
+        lower=fitted.lower,
+        upper=fitted.upper,
+        home=fitted.unrolled(home + offset - chosen),
+    )
+
+
+def full_turn(*, offset: int, home: int) -> Fit:
+    """The whole circle, for a joint without stops; its zero reads in the middle."""
+    return Fit(homing_offset=offset, lower=0, upper=TICKS_PER_TURN - 1, home=home)

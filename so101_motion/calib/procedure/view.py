@@ -1,0 +1,231 @@
+"""A calibration under way as plain values and sentences; no bus.
+
+A view is one immutable value, made from what is known of the joints and what was read last. The
+readings of a sensor, the bars of a terminal and a page in a browser all show the same one, at any
+time and without waiting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from so101_motion.calib.procedure import travel
+from so101_motion.calib.procedure import travel_assessment as verdict
+from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.sampler import Positions
+from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, Command, State
+from so101_motion.calib.procedure.travel import Arc, Fit
+from so101_motion.calib.procedure.travel_assessment import Assessment, Verdict
+from so101_motion.calib.record import zero
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+
+TICKS_PER_DEG = TICKS_PER_TURN / 360.0
+_STALE = 1.0  # [s], chosen: storing into the servos keeps the bus busy for up to a fifth of that
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointProgress:
+    """What is known of one joint.
+
+    Attributes:
+        counts_down: Whether its encoder is set up to count the wrong way round.
+        home: What it reads in the homing pose [tick]; None before.
+        fit: Offset and travel that are about to be saved; None before the recording has ended.
+        assessment: What the travel is worth; None before the recording has ended.
+    """
+
+    joint: str
+    before: Held
+    held: Held
+    driven: bool = False
+    counts_down: bool = False
+    home: int | None = None
+    fit: Fit | None = None
+    assessment: Assessment | None = None
+
+    @property
+    def expected(self) -> int:
+        """Its travel from stop to stop [tick]."""
+        return round(zero.expected_travel(self.joint))
+
+    def assess(self, arc: Arc | None) -> Assessment:
+        """Judge a travel of this joint."""
+        assert self.home is not None
+        return verdict.assess(
+            self.joint, arc, expected=self.expected, home=self.home, counts_down=self.counts_down
+        )
+
+    def fitted(self, arc: Arc | None, said: Assessment) -> Fit:
+        """Offset and limits for a travel of this joint that can be used."""
+        assert self.home is not None
+        if arc is None or said.verdict is Verdict.FULL_TURN:
+            return travel.full_turn(offset=self.held.homing_offset, home=self.home)
+        return travel.fit(arc, offset=self.held.homing_offset, home=self.home)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationProgress:
+    """How far a calibration is.
+
+    Attributes:
+        error: What went wrong last; None if it went well.
+        started_at: When the recording began [s].
+        recorded_for: How long it took [s]; None while it runs.
+    """
+
+    state: State = State.IDLE
+    joints: Mapping[str, JointProgress] = field(default_factory=dict)
+    error: str | None = None
+    note: str | None = None
+    started_at: float = 0.0
+    recorded_for: float | None = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointView:
+    """How far one joint is.
+
+    Attributes:
+        ticks: Where it is [tick]; None if that is not known. While a travel that passes the seam is
+            recorded, readings go on below 0 or above 4095.
+        homing_offset: The servo's, in force or about to be saved [tick].
+        range_min: Lower limit in force or about to be saved [tick].
+        range_max: Upper limit.
+        recorded_min: Lower end of the recorded travel [tick]; None before there is one.
+        recorded_max: Upper end.
+        expected_deg: The travel from stop to stop [deg].
+        verdict: What the travel is worth; None before a recording.
+        sentence: What that means and what to do; empty before a recording.
+    """
+
+    joint: str
+    servo_id: int
+    ticks: int | None
+    homing_offset: int
+    range_min: int
+    range_max: int
+    recorded_min: int | None
+    recorded_max: int | None
+    expected_deg: float
+    verdict: Verdict | None
+    sentence: str
+    is_done: bool
+
+    @property
+    def travel(self) -> int:
+        """How far it has moved while it was recorded [tick]."""
+        if self.recorded_min is None or self.recorded_max is None:
+            return 0
+        return self.recorded_max - self.recorded_min
+
+    @property
+    def travel_deg(self) -> float:
+        """How far it has moved while it was recorded [deg]."""
+        return self.travel / TICKS_PER_DEG
+
+    @property
+    def share(self) -> float:
+        """How much of the expected travel that is, 0 to 1; for a bar."""
+        return min(self.travel_deg / self.expected_deg, 1.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationView:
+    """A calibration at one instant.
+
+    Attributes:
+        joints: The joints that are calibrated, by name, base to jaw; none before the start.
+        error: What is wrong at present and what to do about it; None if nothing is.
+        note: What a person should know besides; None if nothing.
+        recording_time: For how long was recorded so far [s].
+    """
+
+    state: State
+    instruction: str
+    joints: Mapping[str, JointView]
+    commands: tuple[Command, ...]
+    error: str | None
+    note: str | None
+    recording_time: float
+    samples: int
+
+
+def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> CalibrationView:
+    """How a calibration looks ``now`` [s], by what was read last; None if nothing is read."""
+    joints = {
+        joint: _show_joint(
+            known, seen or Positions(), is_recording=progress.state is State.RECORDING
+        )
+        for joint, known in progress.joints.items()
+    }
+    recorded_for = progress.recorded_for
+    return CalibrationView(
+        state=progress.state,
+        instruction=_instruction(progress.state, joints),
+        joints=joints,
+        commands=OFFERED[progress.state],
+        error=_error(progress, None if seen is None else _trouble(seen, now)),
+        note=progress.note,
+        recording_time=now - progress.started_at if recorded_for is None else recorded_for,
+        samples=0 if seen is None else seen.samples,
+    )
+
+
+def _error(progress: CalibrationProgress, trouble: str | None) -> str | None:
+    """What is wrong: while joints are recorded, rather what is now than what went wrong last."""
+    if progress.state is State.RECORDING:
+        return trouble or progress.error
+    return progress.error or trouble
+
+
+def _show_joint(known: JointProgress, seen: Positions, *, is_recording: bool) -> JointView:
+    fit, arc, ticks = known.fit, seen.arcs.get(known.joint), seen.ticks.get(known.joint)
+    ends: tuple[int | None, int | None] = (None, None)
+    if fit is not None:
+        ends, arc = (fit.lower, fit.upper), Arc(fit.lower, fit.upper - fit.lower)
+        ticks = None if ticks is None else ticks + known.held.homing_offset - fit.homing_offset
+    elif arc is not None:
+        ends = (arc.lower, arc.upper)
+    if arc is not None and ticks is not None:
+        ticks = arc.unrolled(ticks)
+    said = known.assess(arc) if is_recording else known.assessment
+    sentence = "" if said is None else said.sentence
+    return JointView(
+        joint=known.joint,
+        servo_id=SERVO_IDS[known.joint],
+        ticks=ticks,
+        homing_offset=known.held.homing_offset if fit is None else fit.homing_offset,
+        range_min=known.held.range_min if fit is None else fit.lower,
+        range_max=known.held.range_max if fit is None else fit.upper,
+        recorded_min=ends[0],
+        recorded_max=ends[1],
+        expected_deg=known.expected / TICKS_PER_DEG,
+        verdict=None if said is None else said.verdict,
+        sentence="its servo does not answer" if known.joint in seen.silent else sentence,
+        is_done=said is not None and said.is_usable,
+    )
+
+
+def _instruction(state: State, joints: Mapping[str, JointView]) -> str:
+    if state is not State.RECORDING:
+        return INSTRUCTIONS[state]
+    left = [joint for joint, view in joints.items() if not view.is_done]
+    if not left:
+        return f"{INSTRUCTIONS[state]} All have moved far enough: stop the recording when done."
+    return f"{INSTRUCTIONS[state]} Still to do: {', '.join(left)}."
+
+
+def _trouble(seen: Positions, now: float) -> str | None:
+    if now - seen.t > _STALE:
+        return (
+            f"nothing could be read for {now - seen.t:.0f} s; check that the USB cable is plugged"
+            " in. What was recorded is kept"
+        )
+    if not seen.silent:
+        return None
+    return (
+        f"no reply from {', '.join(seen.silent)}; check the power supply and the cables. The"
+        " recording goes on when they answer again"
+    )

@@ -1,0 +1,155 @@
+"""Find the calibration files on this computer.
+
+In this order, likeliest first: this module's data directory; wherever this package has saved one
+for this user, by its own account; the data and program folders of other modules (the published
+module saved into its program folder, where a calibration of before an upgrade may still be);
+LeRobot's folders, old and new; and the second copies of files that are gone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from so101_motion.calib.record import lerobot, store
+from so101_motion.calib.record import versions as history
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.calib.record.store import Stored
+from so101_motion.common.errors import CalibrationError
+from so101_motion.files import json_file
+
+_MOST = 200
+"""How many files are looked at in one place. Chosen; a home may hold anything."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundFile:
+    """A file that looks like a calibration of an SO-101.
+
+    Attributes:
+        path: Where it is, absolute.
+        origin: ``"module data"``, ``"saved"`` (by this package, anywhere), ``"module folder"``,
+            ``"LeRobot"`` or ``"kept copy"``.
+        role: ``"follower"``, ``"leader"`` or ``"unknown"``, by the folder that LeRobot has it in.
+        name: What the arm is called: the file's name without its ending; of a kept copy, the path
+            of the file that is gone.
+        stored: What it says; None when it cannot be used.
+        problem: Why it cannot be used; empty when it can.
+    """
+
+    path: Path
+    origin: str
+    role: str
+    name: str
+    stored: Stored | None
+    problem: str
+
+
+def find() -> tuple[FoundFile, ...]:
+    """All calibration files in the places where programs for this arm put them, likeliest first.
+
+    Looks only: nothing is written or brought back, and what is no calibration is left out.
+    """
+    found: dict[Path, FoundFile] = {}
+    for origin, role, paths in _places():
+        for path in islice(paths, _MOST):
+            if path not in found and (one := _found(path, origin, role)) is not None:
+                found[path] = one
+    for path, gone in _kept_copies():
+        if (one := _found(path, "kept copy", "unknown", str(gone))) is not None:
+            found[path] = one
+    return tuple(found.values())
+
+
+def _places() -> Iterator[tuple[str, str, Iterable[Path]]]:
+    """Where from, whose, and the files, which are looked for only when they are asked for."""
+    data = os.environ.get("VIAM_MODULE_DATA")
+    if data:
+        yield "module data", "unknown", _files(Path(data), "*.json")
+    yield "saved", "unknown", (path for _, path in _kept() if os.path.exists(path))
+    home = _home()
+    viam = Path(os.environ.get("VIAM_HOME") or (home / ".viam" if home else "/root/.viam"))
+    yield "module data", "unknown", _files(viam / "module-data", "*/*/*.json")
+    yield "module folder", "unknown", _files(Path.cwd(), "*.json")
+    yield "module folder", "unknown", _files(viam / "packages" / "data" / "module", "*/*.json")
+    yield "module folder", "unknown", _files(Path("/tmp"), "*calibration*.json")
+    if home is None:
+        return
+    base = lerobot.folder()
+    for role, group, kinds in (
+        ("follower", "robots", lerobot.FOLLOWERS),
+        ("leader", "teleoperators", lerobot.LEADERS),
+    ):
+        for kind in kinds:
+            yield "LeRobot", role, _files(base / group / kind, "*.json")
+    for start in (Path.cwd(), home / "lerobot", home):  # LeRobot kept the old ones where it ran
+        for role in ("follower", "leader"):
+            yield "LeRobot", role, _files(start / ".cache" / "calibration", f"so10*/*_{role}.json")
+
+
+def _home() -> Path | None:
+    try:
+        return Path.home()
+    except RuntimeError:
+        return None
+
+
+def _files(folder: Path, pattern: str) -> Iterator[Path]:
+    """The files there, by name; none if it cannot be looked into."""
+    try:
+        yield from sorted(path.resolve() for path in folder.glob(pattern))
+    except OSError:
+        return
+
+
+def _kept_copies() -> Iterator[tuple[Path, Path]]:
+    """The last version of every file that is gone, and that file."""
+    for folder, path in _kept():
+        versions = history.listed(folder)
+        if versions and not path.exists():
+            yield versions[0].path, path
+
+
+def _kept() -> Iterator[tuple[Path, Path]]:
+    """Where versions of a file are kept, and that file, there or gone."""
+    try:
+        folders = sorted(history.root().iterdir())
+    except OSError:
+        return
+    for folder in folders:
+        path = history.subject(folder)
+        if path is not None:
+            yield folder, path
+
+
+def _found(path: Path, origin: str, role: str, name: str = "") -> FoundFile | None:
+    """What is at ``path``, if it looks like a calibration."""
+    stored, problem = None, ""
+    try:
+        if not _is_about_joints(path):
+            return None
+        stored = store.read(path)
+    except CalibrationError as error:
+        problem = str(error)
+    return FoundFile(
+        path=path,
+        origin=origin,
+        role=role,
+        name=name or path.stem,
+        stored=stored,
+        problem=problem,
+    )
+
+
+def _is_about_joints(path: Path) -> bool:
+    """Whether the file means to be a calibration; nobody else's file is ours to complain about."""
+    try:
+        content = json_file.read(path)
+    except CalibrationError:
+        return False
+    if not isinstance(content, dict) or path.name.endswith(".zero.json"):
+        return False
+    return lerobot.is_of_lists(content) or any(joint in content for joint in JOINTS)

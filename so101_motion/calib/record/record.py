@@ -1,0 +1,244 @@
+"""The calibration record: what the ticks of each joint's servo mean.
+
+The record is the published module's: an object by joint name with six whole numbers each, and it
+is LeRobot's as well, which writes five of them (no ``norm_mode``). Programs in the field write it
+with joints left out or null, so a record may lack joints; whoever uses it says what stands in.
+
+Reading judges. The published module takes any numbers between 0 and 4095; here a record is refused
+when it cannot describe this arm, and the message names the joint and what to do again. What is
+refused is refused whole: half of a wrong file is no better than all of it.
+
+Files are in ``store``, other formats in ``lerobot``, and what a travel's middle means in ``zero``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+from so101_motion.files.json_file import Object, shown
+
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+"""Along the cable, base to jaw."""
+
+SERVO_IDS: Mapping[str, int] = {joint: place for place, joint in enumerate(JOINTS, start=1)}
+"""Which servo moves which joint of a finished arm."""
+
+FIELDS = ("id", "drive_mode", "homing_offset", "range_min", "range_max", "norm_mode")
+"""What is said of each joint, in the order of the file."""
+
+LARGEST_OFFSET = 2047
+"""Largest homing offset that every firmware stores [tick]; register 31 has eleven bits for it."""
+
+NARROWEST = 57
+"""Narrowest range taken for a recorded travel [tick], 5 deg; less means the joint was not moved."""
+
+WIDEST = 4000
+"""Widest travel of a joint that has stops [tick]; the arm's own turn 2,340 at most. More means that
+the sweep went across the encoder's seam. Only wrist_roll may be recorded as a whole turn."""
+
+GRIPPER_TRAVEL = 1251
+"""What the jaw travels [tick]: 110 deg, the joint limits of the robot description."""
+
+_WIDEST_GRIPPER = 1.25 * GRIPPER_TRAVEL  # the published module's guard; real arms: up to 1.17
+_AGAIN = "calibrate the arm again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointCalibration:
+    """What is known of one joint's servo.
+
+    Attributes:
+        drive_mode: Not 0 if the servo counts down with the joint angle.
+        homing_offset: What the servo subtracts from its encoder [tick].
+        range_min: Smallest position of the travel [tick], as the servo reports it.
+        range_max: Largest.
+        norm_mode: How LeRobot-like programs scale it: 1 as 0..100, 2 as -100..100, 3 in degrees.
+    """
+
+    id: int
+    drive_mode: int = 0
+    homing_offset: int = 0
+    range_min: int = 500
+    range_max: int = 3500
+    norm_mode: int = 3
+
+    def to_json(self) -> dict[str, int]:
+        """The six fields by name."""
+        return {name: getattr(self, name) for name in FIELDS}
+
+
+Calibration = Mapping[str, JointCalibration]
+"""What is known of the joints, by name; joints may be missing."""
+
+
+def default(joint: str) -> JointCalibration:
+    """What to go by when nothing is known: the middle of the encoder, and a safe jaw."""
+    servo_id = SERVO_IDS[joint]
+    if joint == GRIPPER_JOINT:
+        return JointCalibration(id=servo_id, range_min=2048, range_max=3248, norm_mode=1)
+    return JointCalibration(id=servo_id)
+
+
+def from_registers(
+    joint: str, servo_id: int, *, homing_offset: int, range_min: int, range_max: int
+) -> tuple[JointCalibration, str | None]:
+    """What a servo's own registers say, and what is odd about it.
+
+    A jaw whose limits are much wider than a jaw travels has never been calibrated; to drive it to
+    such a limit would press it against its stop for good. It gets the default instead.
+
+    Returns:
+        The calibration, and a sentence about it that a person should read, or None.
+    """
+    found = replace(
+        default(joint),
+        id=servo_id,
+        homing_offset=homing_offset,
+        range_min=range_min,
+        range_max=range_max,
+    )
+    if not 0 <= range_min < range_max < TICKS_PER_TURN:
+        return (
+            replace(default(joint), id=servo_id),
+            f"{joint}: the limits in the servo ({range_min} to {range_max}) make no sense,"
+            f" so defaults are used; {_AGAIN}",
+        )
+    width = range_max - range_min
+    if joint == GRIPPER_JOINT and width > _WIDEST_GRIPPER:
+        return (
+            replace(default(joint), id=servo_id, homing_offset=homing_offset),
+            f"{joint}: the limits in the servo ({range_min} to {range_max}) are wider than the jaw"
+            f" travels, so a narrower default is used; {_AGAIN}",
+        )
+    if joint in _STOPPED and width > WIDEST:
+        return found, f"{joint}: its servo looks as new, so zero is only a guess; {_AGAIN}"
+    return found, None
+
+
+_STOPPED = tuple(joint for joint in JOINTS if joint != "wrist_roll")
+
+
+# Reading
+
+
+def parse(content: object) -> dict[str, JointCalibration]:
+    """The calibration in what a file holds.
+
+    Raises:
+        CalibrationError: It cannot be true of this arm.
+    """
+    if not isinstance(content, Mapping):
+        raise CalibrationError(
+            None,
+            f"a calibration is an object with an entry for each joint, not {shown(content)}",
+            "check the path",
+        )
+    for name in _repeated(content):
+        if name in JOINTS:
+            raise CalibrationError(name, "is in it twice, so one of them is wrong", _AGAIN)
+    found = {
+        joint: _joint(joint, content[joint])
+        for joint in JOINTS
+        if content.get(joint) is not None  # null: the published module's mark of a lost joint
+    }
+    if not found:
+        raise CalibrationError(
+            None, "it holds no joint of this arm: " + ", ".join(JOINTS), "check the path"
+        )
+    return found
+
+
+def check(calibration: Calibration) -> None:
+    """Say whether the record can be true of this arm.
+
+    Raises:
+        CalibrationError: It cannot.
+    """
+    parse({joint: entry.to_json() for joint, entry in calibration.items()})
+
+
+def _joint(joint: str, entry: object) -> JointCalibration:
+    if not isinstance(entry, Mapping):
+        raise CalibrationError(joint, f"must be an object, not {shown(entry)}", _AGAIN)
+    for name in _repeated(entry):
+        if name in FIELDS:
+            raise CalibrationError(joint, f"{name} is given twice, so one is wrong", _AGAIN)
+    numbers = {name: _whole(joint, name, entry[name]) for name in FIELDS if name in entry}
+    missing = [name for name in FIELDS[:5] if name not in numbers]
+    if missing:
+        raise CalibrationError(joint, f"{', '.join(missing)} missing", _AGAIN)
+    if not numbers.get("norm_mode"):
+        numbers["norm_mode"] = default(joint).norm_mode
+    found = JointCalibration(**numbers)
+    problem = _problem(joint, found)
+    if problem is not None:
+        raise CalibrationError(joint, *problem)
+    return found
+
+
+def _whole(joint: str, name: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value % 1 != 0:
+        raise CalibrationError(joint, f"{name} must be a whole number, not {shown(value)}", _AGAIN)
+    if abs(value) > 1e6:
+        raise CalibrationError(joint, f"{name} is {shown(value)}, beyond all reason", _AGAIN)
+    return int(value)
+
+
+def _repeated(content: object) -> tuple[str, ...]:
+    return content.repeated if isinstance(content, Object) else ()
+
+
+def _problem(joint: str, found: JointCalibration) -> tuple[str, str] | None:
+    """What is wrong and what to do, or None."""
+    lower, upper = found.range_min, found.range_max
+    place = SERVO_IDS[joint]
+    if found.id != place:
+        swapped = JOINTS[found.id - 1] if 1 <= found.id <= len(JOINTS) else "no joint"
+        return (
+            f"is servo {place} of this arm, but the record says {found.id} (that is {swapped})",
+            "check that the file belongs to this arm",
+        )
+    if found.drive_mode not in (0, 1):
+        return f"drive_mode is 0 or 1, not {found.drive_mode}", _AGAIN
+    if abs(found.homing_offset) > LARGEST_OFFSET:
+        return (
+            f"homing_offset {found.homing_offset} is more than a servo stores ({LARGEST_OFFSET})",
+            "hold the joint nearer to the middle of its travel and calibrate again",
+        )
+    if not 0 <= lower < upper < TICKS_PER_TURN:
+        return f"range {lower} to {upper} is not within 0 to {TICKS_PER_TURN - 1}", _AGAIN
+    if upper - lower < NARROWEST:
+        return (
+            f"range {lower} to {upper} is only {(upper - lower) * 360 / TICKS_PER_TURN:.1f} deg",
+            "calibrate again and move this joint from stop to stop",
+        )
+    if joint in _STOPPED and upper - lower > WIDEST:
+        return (
+            f"range {lower} to {upper} is more than the joint can turn, so its encoder went past"
+            " the end of its scale while it was recorded",
+            "calibrate again with the joint held in the middle of its travel first",
+        )
+    if not 0 <= found.norm_mode <= 3:
+        return f"norm_mode is 0 to 3, not {found.norm_mode}", _AGAIN
+    return None
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Make the folder of ``path`` and report what keeps the file from being written.
+
+    Raises:
+        CalibrationError: It cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield
+    except OSError as error:
+        reason = f"{path} cannot be written: {error.strerror or error}"
+        raise CalibrationError(None, reason, "check the path and its permissions") from error

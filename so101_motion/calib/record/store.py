@@ -1,0 +1,317 @@
+"""Read, save and restore calibration files.
+
+A calibration is a file that other programs know (``record``), and beside it what is known of the
+zeros (``zero_file``). Saving keeps what the file says of other joints, and takes these steps, each
+of which is all or nothing:
+
+    1. what the file says now is kept as a version (``history``)
+    2. the zeros: those of the old record and those of the new
+    3. the record
+    4. the new record and zeros are kept as a version, which is the second copy
+    5. the zeros: those of the new record only
+
+So whenever it is cut short, the file holds the old record or the new one, and the right zeros for
+it. Writers wait for each other; readers never wait.
+
+A file in the module's data directory that is gone was deleted by viam-server, as it does when the
+module leaves the configuration for a moment; ``load`` brings it back. A file anywhere else that is
+gone was removed by a person, and stays so.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+from so101_motion.calib.record import lerobot, record, zero_file
+from so101_motion.calib.record import versions as history
+from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
+from so101_motion.calib.record.versions import Version, versions, zero_path
+from so101_motion.calib.record.zero import Zero
+from so101_motion.common.errors import CalibrationError
+from so101_motion.files import atomic, json_file
+
+__all__ = ["Stored", "Version", "earlier", "load", "read", "resolve", "restore", "save", "versions"]
+
+NO_ZEROS: Mapping[str, Zero] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stored:
+    """What a calibration file says.
+
+    Attributes:
+        path: Where it is, absolute.
+        calibration: By joint; joints may be missing.
+        zeros: What is known of the joints' zeros; the others have theirs in the middle.
+    """
+
+    path: Path
+    calibration: Mapping[str, JointCalibration]
+    zeros: Mapping[str, Zero]
+    notes: tuple[str, ...]
+
+
+def resolve(path: str) -> Path:
+    """Where a calibration file is: a relative path lies in the module's data directory.
+
+    viam-server names that directory in ``VIAM_MODULE_DATA``; without it (from the command line) a
+    relative path means what it always means. Resolve once and keep the answer.
+
+    Raises:
+        CalibrationError: It cannot be a path.
+    """
+    try:
+        given = Path(path).expanduser()
+        return (Path(os.environ.get("VIAM_MODULE_DATA") or ".") / given).resolve()
+    except (RuntimeError, ValueError, OSError) as error:
+        raise CalibrationError(
+            None, f"{json_file.shown(path)} cannot be a path: {error}", "give another"
+        ) from error
+
+
+# Reading
+
+
+def read(path: Path) -> Stored:
+    """What the file at ``path`` says; nothing is written or brought back.
+
+    Ours, the published module's and LeRobot's are read, those of before June 2025 too.
+
+    Raises:
+        CalibrationError: There is none, or what it says cannot be true of this arm.
+    """
+    said = json_file.read_bytes(path)
+    while True:
+        found = _understood(path, said)
+        before, said = said, json_file.read_bytes(path)
+        if said == before:  # so the zeros, read in between, are those of this record
+            return found
+
+
+def _understood(path: Path, said: bytes) -> Stored:
+    content = json_file.parse(said, str(path))
+    try:
+        if lerobot.is_of_lists(content):
+            calibration, zeros, notes = lerobot.from_lists(content)
+        else:
+            calibration = record.parse(content)
+            zeros, notes = zero_file.read(zero_path(path), calibration)
+    except CalibrationError as error:
+        raise CalibrationError(
+            error.joint, f"{error.reason} (in {path})", error.next_step
+        ) from error
+    return Stored(path=path, calibration=calibration, zeros=zeros, notes=notes)
+
+
+def load(path: Path) -> Stored:
+    """What the file at ``path`` says, brought back if viam-server has deleted it.
+
+    A file in the module's data directory has a second copy elsewhere from then on.
+
+    Raises:
+        CalibrationError: There is none, or what it says cannot be true of this arm.
+    """
+    notes: tuple[str, ...] = ()
+    if _is_module_data(path) and not path.exists():
+        notes = _bring_back(path)
+    try:
+        found = read(path)
+    except CalibrationError as error:
+        if not versions(path):
+            raise
+        step = f"{error.next_step}; or take an earlier one: so101 calibration restore {path}"
+        raise CalibrationError(error.joint, error.reason, step) from error
+    if _is_module_data(path):
+        notes += _keep(path)
+    return replace(found, notes=found.notes + notes)
+
+
+def _is_module_data(path: Path) -> bool:
+    folder = os.environ.get("VIAM_MODULE_DATA")
+    return bool(folder) and path.is_relative_to(Path(str(folder)).resolve())
+
+
+def _bring_back(path: Path) -> tuple[str, ...]:
+    """Write the second copy to where the file was; what to say about it."""
+    for version in versions(path):
+        try:
+            read(version.path)
+        except CalibrationError:
+            continue  # what somebody's mistake left there once is no reason to bring it back
+        try:
+            said, zeros = history.contents(version.path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic.locked(path.parent):
+                if zeros is not None:
+                    atomic.write(zero_path(path), zeros)
+                atomic.write(path, said)
+        except OSError as error:
+            return (f"{path} is gone and cannot be brought back from {version.path}: {error}",)
+        return (
+            f"{path} was gone, as happens when the module leaves the configuration for a moment;"
+            f" it was brought back from the copy of {version.kept_at:%Y-%m-%d %H:%M} UTC in"
+            f" {version.path.parent}",
+        )
+    return ()
+
+
+def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
+    """See to it that what the file says is the last version; what to say if that fails.
+
+    ``zeros`` is what the file beside it is about to say; None for what it says.
+    """
+    try:
+        said, beside = history.contents(path)
+        history.keep(path, said, beside if zeros is None else zeros or None)
+    except OSError as error:
+        reason = error.strerror or error
+        return (f"there is no second copy of {path}, for none can be written: {reason}",)
+    return ()
+
+
+# Writing
+
+
+def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO_ZEROS) -> Stored:
+    """Put ``calibration`` into the file at ``path``, beside what it says of other joints.
+
+    Args:
+        path: Absolute; see ``resolve``. Folders are made.
+        calibration: Of all joints or some.
+        zeros: What is known of the zeros of these joints, from ``zero.by_stops`` and
+            ``zero.by_pose``; joints that are missing here have theirs in the middle.
+
+    Returns:
+        What the file says now, with what a person should know about how that went.
+
+    Raises:
+        CalibrationError: It cannot be written, or ``calibration`` cannot be true of this arm.
+    """
+    record.check(calibration)
+    with _writing(path):
+        before = _salvaged(path)
+        others = {joint: zero for joint, zero in before.zeros.items() if joint not in calibration}
+        merged = {**before.calibration, **calibration}
+        return _put(before, merged, {**others, **zeros})
+
+
+def restore(path: Path, number: int | None = None) -> Stored:
+    """Let the file say again what it said in a version; what it says now becomes one.
+
+    Args:
+        path: Absolute; the file need not exist.
+        number: Which version; None takes the last that says something else than the file.
+
+    Raises:
+        CalibrationError: There is no such version, or it cannot be true of this arm.
+    """
+    with _writing(path):
+        wanted = earlier(path, number)
+        return _put(_salvaged(path), wanted.calibration, wanted.zeros)
+
+
+def earlier(path: Path, number: int | None = None) -> Stored:
+    """What ``restore`` would take; nothing is written.
+
+    Raises:
+        CalibrationError: There is no such version, or it cannot be true of this arm.
+    """
+    return _version(path, number) if number is not None else _last_other(_salvaged(path))
+
+
+def _version(path: Path, number: int) -> Stored:
+    kept = versions(path)
+    for version in kept:
+        if version.number == number:
+            return read(version.path)
+    known = ", ".join(str(version.number) for version in kept) or "none"
+    raise CalibrationError(
+        None, f"there is no version {number} of {path}", f"choose one of these: {known}"
+    )
+
+
+def _last_other(now: Stored) -> Stored:
+    for version in versions(now.path):
+        try:
+            found = read(version.path)
+        except CalibrationError:
+            continue  # what cannot be used is no use to go back to
+        if (found.calibration, found.zeros) != (now.calibration, now.zeros):
+            return found
+    raise CalibrationError(
+        None,
+        f"no earlier version of {now.path} is kept that says anything else",
+        "calibrate the arm again",
+    )
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    with record.writing(path), atomic.locked(path.parent):
+        atomic.sweep(path.parent, path.name, zero_path(path).name)
+        yield
+
+
+def _salvaged(path: Path) -> Stored:
+    """What the file says joint by joint: one that makes no sense does not cost the others."""
+    try:
+        return read(path)
+    except CalibrationError as error:
+        problem = error
+    if not path.exists():
+        return Stored(path=path, calibration={}, zeros={}, notes=())
+    calibration: dict[str, JointCalibration] = {}
+    for joint in JOINTS:
+        try:
+            content = json_file.read(path)
+            entry = content.get(joint) if isinstance(content, Mapping) else None
+            calibration |= record.parse({joint: entry})
+        except CalibrationError:
+            continue
+    zeros, _ = zero_file.read(zero_path(path), calibration)
+    note = f"what was there before could not be used ({problem.reason}); it is kept as a version"
+    return Stored(path=path, calibration=calibration, zeros=zeros, notes=(note,))
+
+
+def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) -> Stored:
+    """Replace what the file says, in the steps that this module's head tells; lock held."""
+    path, beside = before.path, zero_path(before.path)
+    said = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
+    notes = before.notes + _set_aside(path)
+    _write_or_remove(
+        beside, zero_file.text((before.calibration, before.zeros), (calibration, zeros))
+    )
+    atomic.write(path, json.dumps(said, indent=2).encode() + b"\n")
+    now = zero_file.text((calibration, zeros))
+    notes += _keep(path, now)
+    _write_or_remove(beside, now)
+    found = read(path)
+    return replace(found, notes=found.notes + notes)
+
+
+def _set_aside(path: Path) -> tuple[str, ...]:
+    """Keep what the file says as a version, or at least beside it; what to say if that fails."""
+    if not path.exists():
+        return ()
+    aside = path.with_name(path.name + ".bak")
+    if path.stat().st_size > json_file.LARGEST:
+        path.replace(aside)
+        return (f"what was there before is too large to be a calibration; it is {aside} now",)
+    notes = _keep(path)
+    if notes:
+        atomic.write(aside, path.read_bytes())
+    return notes
+
+
+def _write_or_remove(path: Path, data: bytes) -> None:
+    if data:
+        atomic.write(path, data)
+    elif path.exists():
+        path.unlink()
+        atomic.flush(path.parent)

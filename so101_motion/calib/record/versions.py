@@ -1,0 +1,132 @@
+"""Keep earlier versions of calibration files where viam-server does not delete them.
+
+viam-server removes a module's data directory when the module is missing from the configuration for
+a moment, or fails to start once. So every calibration that is saved or used is kept a second time,
+in the data directory of the user the program runs as, in a folder for each file:
+
+    ~/.local/share/so101_motion/calibrations/arm-3f2a91c04b/
+        of.txt                              the file this is about
+        0007_20260511T101112Z.json          what it said, byte for byte
+        0007_20260511T101112Z.zero.json     and what was known of its zeros
+
+The last version is the second copy, the others are the backups. They are ordered by number, not by
+time: a single-board computer without a battery starts in 1970.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from so101_motion.files import atomic
+from so101_motion.files.user_folders import user_data
+
+KEPT = 20
+"""How many versions of a file are kept; a version has about 1.5 kB. Chosen."""
+
+_NAME = re.compile(r"(\d+)_(\d{8}T\d{6}Z)\.json")
+_TIME = "%Y%m%dT%H%M%SZ"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Version:
+    """One thing that a calibration file once said.
+
+    Attributes:
+        number: Counts up; the largest is what was kept last.
+    """
+
+    number: int
+    kept_at: datetime
+    path: Path
+
+
+def zero_path(path: Path) -> Path:
+    """Where what is known of the zeros of the calibration at ``path`` is kept: beside it."""
+    return path.with_name(f"{path.stem}.zero.json")
+
+
+def root() -> Path:
+    """The folder with the versions of all files.
+
+    Raises:
+        OSError: This user has no home.
+    """
+    return user_data() / "so101_motion" / "calibrations"
+
+
+def folder(path: Path) -> Path:
+    """The folder with the versions of the file at ``path``.
+
+    Raises:
+        OSError: This user has no home.
+    """
+    digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:10]
+    return root() / f"{path.stem[:40]}-{digest}"
+
+
+def subject(kept: Path) -> Path | None:
+    """The file that the folder ``kept`` is about; None when it does not say."""
+    try:
+        return Path((kept / "of.txt").read_text(encoding="utf-8").strip())
+    except (OSError, ValueError):
+        return None
+
+
+def versions(path: Path) -> tuple[Version, ...]:
+    """What is kept of the file at ``path``, the last first; none if nothing can be kept."""
+    try:
+        return listed(folder(path))
+    except OSError:
+        return ()
+
+
+def listed(kept: Path) -> tuple[Version, ...]:
+    """The versions in a folder, the last first."""
+    found = []
+    for entry in kept.glob("*.json"):
+        match = _NAME.fullmatch(entry.name)
+        if match is not None:
+            kept_at = datetime.strptime(match[2], _TIME).replace(tzinfo=UTC)
+            found.append(Version(number=int(match[1]), kept_at=kept_at, path=entry))
+    return tuple(sorted(found, key=lambda version: -version.number))
+
+
+def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
+    """Keep what the file at ``path`` says, unless that is what was kept last.
+
+    Raises:
+        OSError: It cannot be kept.
+    """
+    kept = folder(path)
+    kept.mkdir(parents=True, exist_ok=True)
+    with atomic.locked(kept):
+        before = listed(kept)
+        if before and contents(before[0].path) == (said, zeros):
+            return
+        for left in kept.glob(".*.tmp"):
+            left.unlink(missing_ok=True)  # of a writer that was killed
+        if not (kept / "of.txt").exists():
+            atomic.write(kept / "of.txt", f"{path}\n".encode("utf-8", "surrogateescape"))
+        number = before[0].number + 1 if before else 1
+        copy = kept / f"{number:04d}_{datetime.now(UTC).strftime(_TIME)}.json"
+        if zeros is not None:
+            atomic.write(zero_path(copy), zeros)  # first: a version is there when its record is
+        atomic.write(copy, said)
+        for old in before[KEPT - 1 :]:
+            old.path.unlink(missing_ok=True)
+            zero_path(old.path).unlink(missing_ok=True)
+
+
+def contents(path: Path) -> tuple[bytes, bytes | None]:
+    """What a calibration file and the file beside it hold, byte for byte.
+
+    Raises:
+        OSError: The calibration file cannot be read.
+    """
+    beside = zero_path(path)
+    return path.read_bytes(), beside.read_bytes() if beside.is_file() else None

@@ -1,0 +1,132 @@
+"""A joint's zero: the model's angle at the middle of its recorded travel.
+
+A calibration record says between which ticks a joint travels, and nothing of the model. The
+published module and LeRobot take the middle of the travel for zero. But the arm's stops do not lie
+symmetrically about the model's zero, so that is up to six degrees off, at the elbow, and with all
+joints some 40 mm at the jaws. Here all conventions are one number, the model's angle at the middle
+of the recorded travel, and where that number comes from:
+
+* ``middle``: nothing more is known, so the middle is zero, as for the published module and LeRobot;
+* ``stops``: the joint was swept from stop to stop, and the model says where its stops are;
+* ``pose``: the joint once stood in a known pose at a known position (wrist_roll, whose stops are
+  two nubs that give way);
+* ``configured``: ``joint_zero_offsets_deg`` says it. That outranks the others.
+
+The middle serves as the reference because errors of a sweep are small there: when a joint stops
+short of one stop, half of what is missing enters. This is about the five joints of the arm; the
+jaw's zero is where it is closed (``survey.joint_map``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from so101_motion.calib.record.record import JointCalibration
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
+
+STOPS = {
+    joint: (to_rad(lower_deg), to_rad(upper_deg))
+    for joint, lower_deg, upper_deg in (
+        ("shoulder_pan", -115.2, 123.4),
+        ("shoulder_lift", -105.5, 102.6),
+        ("elbow_flex", -102.4, 90.8),
+        ("wrist_flex", -103.2, 102.0),
+        ("wrist_roll", -164.9, 171.3),
+        (GRIPPER_JOINT, -11.5, 117.0),
+    )
+}
+"""The model's angles at the mechanical stops [rad]: first contact of the official solids (commit
+fda892cb of TheRobotStudio/SO-ARM100). Of five public calibrations, the travels of pan, lift, elbow
+and wrist agree within 4 deg but for two sweeps that went wrong. Wherever a cable clip or a screw
+head sits is not in the solids: allow for 1.5 deg."""
+
+ROLL_UPRIGHT = 0.0486795
+"""The model's wrist_roll with the jaws upright [rad]: how the robot description mounts the gripper.
+It is what to ask a person for; nobody can see 2.8 deg, but everybody can see upright."""
+
+_SHORT, _LONG = to_rad(4.0), to_rad(5.0)
+"""By how much a travel from stop to stop may be less or more than the model's [rad]: public
+calibrations span 2.4 deg less to 3.8 deg more. Chosen."""
+
+SWEPT = ARM_JOINTS[:4]
+"""The joints that have their zero from their stops."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Zero:
+    """Which angle the middle of a joint's recorded travel is, and how that is known.
+
+    Attributes:
+        by: ``"middle"``, ``"stops"``, ``"pose"`` or ``"configured"``.
+        angle: The model's angle at the middle of the recorded travel [rad].
+    """
+
+    by: str
+    angle: float
+
+
+MIDDLE = Zero(by="middle", angle=0.0)
+"""The published module's zero, and LeRobot's: what a file means that says nothing else."""
+
+
+def expected_travel(joint: str) -> float:
+    """How far ``joint``, the jaw too, turns from stop to stop by the model [tick]."""
+    lower, upper = STOPS[joint]
+    return (upper - lower) * TICKS_PER_RAD
+
+
+def by_stops(joint: str, entry: JointCalibration) -> Zero | None:
+    """The zero of a joint that was swept from stop to stop.
+
+    Returns:
+        None when the recorded travel is not about the model's, so that it was not from stop to
+        stop, or when ``joint`` is none that has its zero from stops (wrist_roll, gripper).
+    """
+    if joint not in SWEPT:
+        return None
+    lower, upper = STOPS[joint]
+    if not -_SHORT <= excess(joint, entry) <= _LONG:
+        return None
+    return Zero(by="stops", angle=(lower + upper) / 2.0)
+
+
+def excess(joint: str, entry: JointCalibration) -> float:
+    """By how much the recorded travel is more than the model's from stop to stop [rad]."""
+    lower, upper = STOPS[joint]
+    return (entry.range_max - entry.range_min) * RAD_PER_TICK - (upper - lower)
+
+
+def by_pose(entry: JointCalibration, ticks: float, *, angle: float) -> Zero:
+    """The zero of a joint that stood at ``angle`` [rad] when its servo reported ``ticks``.
+
+    For wrist_roll, ask for the jaws upright and give ``angle=ROLL_UPRIGHT``.
+    """
+    beyond = _direction(entry) * (_middle(entry) - ticks) * RAD_PER_TICK
+    return Zero(by="pose", angle=angle + beyond)
+
+
+def in_force(stored: Zero | None, configured: float | None) -> Zero:
+    """What counts: the configuration before the file, and without either the middle.
+
+    Args:
+        stored: What is known from the calibration.
+        configured: The model's angle at the middle, as configured [rad]; None if it is not.
+    """
+    if configured is not None:
+        return Zero(by="configured", angle=configured)
+    return stored or MIDDLE
+
+
+def zero_ticks(entry: JointCalibration, zero: Zero) -> float:
+    """The servo position at the model's angle zero [tick]; may lie between two."""
+    return _middle(entry) - _direction(entry) * zero.angle * TICKS_PER_RAD
+
+
+def _middle(entry: JointCalibration) -> float:
+    return (entry.range_min + entry.range_max) / 2.0
+
+
+def _direction(entry: JointCalibration) -> int:
+    return -1 if entry.drive_mode else 1

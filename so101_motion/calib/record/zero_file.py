@@ -1,0 +1,105 @@
+"""Read and write the zeros of a calibration, in a file beside it: ``arm.zero.json``.
+
+It is not in the calibration itself, for that file belongs to other programs as well: LeRobot
+refuses a field more, and the published module drops it when it saves. Instead each entry here
+repeats the numbers of the record it is about. When those have changed since, by whatever program,
+the entry is of no use, and that is said. A joint may have two entries: while a calibration is being
+saved, the one for the old record and the one for the new, so that a crash in between leaves each
+record with its own zero.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from so101_motion.calib.record.record import JOINTS, Calibration, JointCalibration
+from so101_motion.calib.record.zero import Zero
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files import json_file
+
+_SAME = ("drive_mode", "homing_offset", "range_min", "range_max")
+"""The numbers that make ticks mean angles; an entry belongs to a record that has the same."""
+
+_WAYS = ("stops", "pose")
+
+
+def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[str, ...]]:
+    """The zeros that the file at ``path`` knows for ``calibration``, and what is odd about it.
+
+    A file that is not there knows none. One that cannot be read knows none either, and that is
+    said: the joints then have their zero in the middle, like those of any other program's file.
+    """
+    if not path.exists():
+        return {}, ()
+    try:
+        content = json_file.read(path)
+        entries = content.get("joints") if isinstance(content, Mapping) else None
+        if not isinstance(entries, Mapping):
+            raise CalibrationError(None, f'{path} holds no "joints"', "calibrate again")
+        zeros = {
+            joint: found
+            for joint, entry in calibration.items()
+            if joint in entries and (found := _zero(joint, entry, entries[joint])) is not None
+        }
+    except CalibrationError as error:
+        return {}, (f"zero is the middle of each travel, for what was known is not used: {error}",)
+    stale = [joint for joint in calibration if entries.get(joint) and joint not in zeros]
+    if not stale:
+        return zeros, ()
+    return zeros, (
+        f"{', '.join(stale)}: calibrated anew by another program since {path.name} was written, so"
+        " zero is the middle of the travel again",
+    )
+
+
+def text(*sides: tuple[Calibration, Mapping[str, Zero]]) -> bytes:
+    """The file that knows these zeros for these records; empty bytes when there is none to know."""
+    joints: dict[str, list[dict[str, object]]] = {}
+    for calibration, zeros in sides:
+        for joint in JOINTS:
+            if joint not in zeros or joint not in calibration:
+                continue
+            entry = {
+                **{name: getattr(calibration[joint], name) for name in _SAME},
+                "by": zeros[joint].by,
+                "middle_deg": round(to_deg(zeros[joint].angle), 4),
+            }
+            known = joints.setdefault(joint, [])
+            if entry not in known:
+                known.append(entry)
+    if not joints:
+        return b""
+    about = "the model's angle at the middle of the recorded travel, for records with these numbers"
+    return json.dumps({"about": about, "joints": joints}, indent=2).encode() + b"\n"
+
+
+def _zero(joint: str, record: JointCalibration, entries: object) -> Zero | None:
+    """What ``entries`` say of ``record``; None if they are about other records."""
+    if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
+        raise CalibrationError(joint, "its zeros must be a list of objects", "calibrate again")
+    for entry in reversed(entries):  # the last was written last
+        if all(entry.get(name) == getattr(record, name) for name in _SAME):
+            return _checked(joint, entry)
+    return None
+
+
+def _checked(joint: str, entry: Mapping[str, object]) -> Zero:
+    by, middle_deg = entry.get("by"), entry.get("middle_deg")
+    if by not in _WAYS:
+        raise CalibrationError(
+            joint, f'"by" is {" or ".join(_WAYS)}, not {json_file.shown(by)}', "calibrate again"
+        )
+    if (
+        isinstance(middle_deg, bool)
+        or not isinstance(middle_deg, (int, float))
+        or not -180.0 <= middle_deg <= 180.0
+    ):
+        raise CalibrationError(
+            joint,
+            f'"middle_deg" must be from -180 to 180, not {json_file.shown(middle_deg)}',
+            "calibrate again",
+        )
+    return Zero(by=str(by), angle=to_rad(float(middle_deg)))

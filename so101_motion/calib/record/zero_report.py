@@ -1,0 +1,138 @@
+"""Explain the zeros in force to a person: in words, and in millimetres at the jaws.
+
+That an angle is four degrees off says little to most people; that the jaws are 40 mm beside where
+the arm reports them says all. The figures are the model's, over postures all over its range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.calib.record.record import Calibration, JointCalibration
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import STOPS, SWEPT, Zero, excess, in_force
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.kinematics.model import RobotModel
+
+_POSTURES = 200
+
+_STOPS_MIDDLE = {joint: sum(STOPS[joint]) / 2.0 for joint in SWEPT}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meaning:
+    """What a zero in force means to a person.
+
+    Attributes:
+        joint: Which joint; empty for all of them together.
+        by: As of ``Zero``; for all of them, the ways in use.
+        angle_deg: The model's angle at the middle of the recorded travel [deg]; 0 for all.
+        jaws_mm: How far at most the jaws are from where the published module, which takes that
+            middle for zero, would report them [mm].
+    """
+
+    joint: str
+    by: str
+    angle_deg: float
+    jaws_mm: float
+    sentence: str
+
+
+def explain(
+    zeros: Mapping[str, Zero], calibration: Calibration, model: RobotModel
+) -> tuple[Meaning, ...]:
+    """Which zero each joint of the arm goes by and what that means at the jaws.
+
+    Returns:
+        One for each joint, base to wrist, and one for all of them together.
+    """
+    joints = [joint for joint in ARM_JOINTS if joint in zeros and joint in calibration]
+    postures = np.random.default_rng(0).uniform(model.lower, model.upper, (_POSTURES, 5))
+    jaws = _Jaws(model, postures)
+    each = [_of_joint(joint, zeros[joint], calibration[joint], jaws) for joint in joints]
+    return (*each, _of_all({joint: zeros[joint] for joint in joints}, jaws))
+
+
+def explain_stored(stored: Stored) -> tuple[Meaning, ...]:
+    """What the zeros of a calibration file mean; empty if it has no joint of the arm."""
+    zeros = {
+        joint: in_force(stored.zeros.get(joint), None)
+        for joint in ARM_JOINTS
+        if joint in stored.calibration
+    }
+    return explain(zeros, stored.calibration, RobotModel.load()) if zeros else ()
+
+
+class _Jaws:
+    """How far the jaws move when angles are read otherwise."""
+
+    def __init__(self, model: RobotModel, postures: np.ndarray) -> None:
+        self._model, self._postures = model, postures
+        self._before = self._at(postures)
+
+    def moved_mm(self, angles: Mapping[str, float]) -> tuple[float, float]:
+        """The mean and the most, when ``angles`` [rad] are added to the joints'."""
+        added = np.array([angles.get(joint, 0.0) for joint in ARM_JOINTS])
+        distances = np.linalg.norm(self._at(self._postures + added) - self._before, axis=1)
+        return to_mm(float(distances.mean())), to_mm(float(distances.max()))
+
+    def _at(self, postures: np.ndarray) -> np.ndarray:
+        return np.array([self._model.frame(q, "jaw_tip").p for q in postures])
+
+
+def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Meaning:
+    _, most = jaws.moved_mm({joint: zero.angle})
+    angle_deg = to_deg(zero.angle)
+    if zero.by == "middle":
+        sentence = "zero is the middle of its travel, as for the published module and LeRobot"
+        if joint in SWEPT:
+            off = _STOPS_MIDDLE[joint]
+            sentence += (
+                f"; between its stops the middle is at {to_deg(off):+.1f} deg of the model, up to"
+                f" {jaws.moved_mm({joint: off})[1]:.0f} mm at the jaws"
+            )
+    else:
+        sentence = (
+            f"the middle of its travel is at {angle_deg:+.1f} deg, {_source(joint, zero, entry)};"
+            f" the published module takes it for 0, up to {most:.0f} mm away at the jaws"
+        )
+    return Meaning(
+        joint=joint,
+        by=zero.by,
+        angle_deg=angle_deg,
+        jaws_mm=most,
+        sentence=f"{joint}: {sentence}",
+    )
+
+
+def _source(joint: str, zero: Zero, entry: JointCalibration) -> str:
+    if zero.by == "stops":
+        more_deg = to_deg(excess(joint, entry))
+        word = "more" if more_deg > 0.0 else "less"
+        return f"by its stops (recorded {abs(more_deg):.1f} deg {word} than between them)"
+    return {
+        "pose": "by the pose it was held in",
+        "configured": "as joint_zero_offsets_deg says",
+    }[zero.by]
+
+
+def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> Meaning:
+    mean, most = jaws.moved_mm({joint: zero.angle for joint, zero in zeros.items()})
+    if all(zero.by == "middle" for zero in zeros.values()):
+        off, _ = jaws.moved_mm(_STOPS_MIDDLE)
+        sentence = (
+            "all joints have their zero in the middle of their travel; if they were swept from stop"
+            f" to stop, the jaws are about {off:.0f} mm from where they are reported: calibrate"
+            " with this package, or set joint_zero_offsets_deg"
+        )
+    else:
+        sentence = (
+            f"all together: the jaws are {mean:.0f} mm on average and at most {most:.0f} mm from"
+            " where the published module would report them with this calibration"
+        )
+    ways = ", ".join(sorted({zero.by for zero in zeros.values()}))
+    return Meaning(joint="", by=ways, angle_deg=0.0, jaws_mm=most, sentence=sentence)

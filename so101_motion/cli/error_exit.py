@@ -1,0 +1,160 @@
+"""End a verb that failed: a message for a person, an object for a program, an exit code.
+
+Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device, no port or no machine, 4 bus or servo
+fault, 5 unreachable or no plan, 6 not calibrated or a check failed, 7 stopped, 130 Ctrl-C.
+
+An error is printed on stderr in two or three lines: what, why, and what to try. With ``--json`` the
+same comes as one object on stdout, unless the verb has printed its own object already.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import click
+
+from so101_motion.cli.error_text import ErrorText, parted
+from so101_motion.cli.shared import DEBUG, INTERRUPTED, is_told, print_json
+from so101_motion.common.errors import (
+    BusError,
+    CalibrationError,
+    ConfigError,
+    Interrupted,
+    MachineUnavailable,
+    MotionError,
+    MotorSetupError,
+    PlanningError,
+    PortUnavailable,
+    So101Error,
+)
+from so101_motion.common.import_check import explain
+
+_EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
+    (PlanningError, 5),
+    (PortUnavailable, 3),
+    (MachineUnavailable, 3),
+    (BusError, 4),
+    (MotorSetupError, 4),
+    (CalibrationError, 6),
+    (Interrupted, 7),
+    (MotionError, 4),
+    (ConfigError, 2),
+)
+
+KINDS: dict[int, tuple[str, str]] = {
+    1: ("unexpected", "something unexpected happened"),
+    2: ("usage", "that cannot be asked for"),
+    3: ("unavailable", "there is no such device"),
+    4: ("fault", "a servo or the bus has a fault"),
+    5: ("no_plan", "there is no plan"),
+    6: ("check_failed", "a check failed"),
+    7: ("stopped", "stopped before the end"),
+    130: ("interrupted", "ended by Ctrl-C"),
+}
+"""What each exit code is called for programs, and what it says where nothing else does."""
+
+
+@contextmanager
+def reports_errors(*, as_json: bool = False) -> Iterator[None]:
+    """Turn what is raised inside into sentences and an exit code, and Ctrl-C into 130.
+
+    Raises:
+        SystemExit: With the code.
+        click.ClickException: A wrong usage, which click tells.
+    """
+    try:
+        yield
+    except So101Error as error:
+        code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
+        _tell(parted(error), code, as_json=as_json, name=type(error).__name__)
+        raise SystemExit(code) from error
+    except KeyboardInterrupt:
+        _tell_programs(_by_code(INTERRUPTED), INTERRUPTED, as_json=as_json)
+        raise SystemExit(INTERRUPTED) from None
+    except SystemExit as end:  # a person was told why
+        if isinstance(end.code, int) and end.code:
+            _tell_programs(_by_code(end.code), end.code, as_json=as_json)
+        raise
+    except click.ClickException as error:
+        _tell_programs(_misused(error), error.exit_code, as_json=as_json)
+        raise
+    except (click.Abort, click.exceptions.Exit, BrokenPipeError):
+        raise  # click's to tell; a reader of our output who has enough, it ends in silence
+    except Exception as error:
+        if os.environ.get(DEBUG):
+            raise
+        _tell(_unexpected(error), 1, as_json=as_json, name=type(error).__name__)
+        raise SystemExit(1) from error
+
+
+@contextmanager
+def ends_like_ctrl_c() -> Iterator[None]:
+    """Within this block SIGTERM, and the end of the terminal, end a verb as Ctrl-C does: it brakes.
+
+    A signal that is ignored (``nohup``) or that somebody handles stays as it is.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = [signal.SIGTERM] + ([signal.SIGHUP] if sys.platform != "win32" else [])
+    taken = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _tell(told: ErrorText, code: int, *, as_json: bool, name: str) -> None:
+    click.echo(f"error: {told.what}", err=True)
+    if told.why:
+        click.echo(f"  why: {told.why}", err=True)
+    if told.advice:
+        click.echo(f"  try: {told.advice}", err=True)
+    _tell_programs(told, code, as_json=as_json, name=name)
+
+
+def _tell_programs(told: ErrorText, code: int, *, as_json: bool, name: str = "") -> None:
+    if not as_json or is_told():
+        return
+    kind, _ = KINDS.get(code, KINDS[1])
+    words = {"what": told.what, "why": told.why, "try": told.advice}
+    with suppress(OSError):  # it may be stdout that fails; stderr has said so
+        print_json("error", {"kind": kind, "exit_code": code, "error": name, **words})
+
+
+def _unexpected(error: Exception) -> ErrorText:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+        return ErrorText(
+            what=f"this cannot be written: {error.strerror}",
+            advice="make room, or let it be written somewhere else",
+        )
+    missing = explain(error) if isinstance(error, ImportError) else None
+    if missing is not None:
+        return ErrorText(what=missing[0], advice=missing[1])
+    why = "a defect of this program"
+    if isinstance(error, OSError):
+        why = "the system does not let this program do what it has to, or a defect of it"
+    return ErrorText(
+        what=f"unexpected: {type(error).__name__}: {error}",
+        why=why,
+        advice=f"the same with {DEBUG}=1 shows where; please report it",
+    )
+
+
+def _by_code(code: int) -> ErrorText:
+    return ErrorText(what=KINDS.get(code, KINDS[1])[1])
+
+
+def _misused(error: click.ClickException) -> ErrorText:
+    context = getattr(error, "ctx", None)
+    advice = "" if context is None else f"{context.command_path} --help"
+    return ErrorText(what=error.format_message(), advice=advice)

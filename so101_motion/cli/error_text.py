@@ -1,0 +1,76 @@
+"""Split an error into what went wrong, why, and what to try.
+
+Errors of this package hold one sentence that ends with what to do next. Where fields tell the
+parts, they are used; otherwise the advice is what follows the last semicolon or full stop, if it
+begins as advice does.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from so101_motion.common.errors import (
+    LONGEST_QUOTE,
+    CalibrationError,
+    ConfigError,
+    MachineRefused,
+    MachineUnavailable,
+    MotorSetupError,
+    PortUnavailable,
+    So101Error,
+    clipped,
+    quoted,
+)
+
+_VERBS = (
+    "add|ask|attach|calibrate|check|choose|clear|close|configure|connect|do|end|finish|free|give|"
+    "hold|install|leave|let|look|lower|make|move|name|open|plan|plug|press|put|read|remove|replace|"
+    "run|see|send|set|start|stop|support|switch|take|try|turn|use|wait"
+)
+_ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorText:
+    """An error for a person.
+
+    Attributes:
+        why: Why; empty where what says it all.
+        advice: What to try; empty where nothing can be.
+    """
+
+    what: str
+    why: str = ""
+    advice: str = ""
+
+
+def parted(error: So101Error) -> ErrorText:
+    """``error`` in its parts."""
+    if isinstance(error, (CalibrationError, MotorSetupError)):
+        what = f"{error.joint}: {error.reason}" if error.joint else error.reason
+        return ErrorText(what=what, advice=error.next_step)
+    if isinstance(error, ConfigError):
+        why, advice = _split(error.reason)
+        given = "" if error.value is None else f" = {quoted(error.value)}"
+        return ErrorText(
+            what=f'"{clipped(error.key, LONGEST_QUOTE)}"{given}', why=why, advice=advice
+        )
+    if isinstance(error, (PortUnavailable, MachineUnavailable)):
+        name = error.port if isinstance(error, PortUnavailable) else f"machine {error.address}"
+        why, advice = _split(error.reason)
+        return ErrorText(what=name, why=why, advice=advice)
+    if isinstance(error, MachineRefused):
+        why, advice = _split(error.reason)
+        return ErrorText(what=error.what, why=f"the machine says: {why}", advice=advice)
+    what, advice = _split(str(error))
+    return ErrorText(what=what, advice=advice)
+
+
+def _split(sentence: str) -> tuple[str, str]:
+    """A sentence without the advice at its end, and the advice."""
+    found = [*_ADVICE.finditer(sentence)]
+    if not found:
+        return sentence, ""
+    last = found[-1]
+    return sentence[: last.start()], sentence[last.end() :]

@@ -1,0 +1,228 @@
+"""Guide a person from motor to motor in the terminal: the steps of ``so101 setup``.
+
+No key need be pressed: as soon as the motor that is asked for answers alone, it is set up. Until
+then the screen shows what is wrong.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.motors.setup_view import (
+    AS_NEW,
+    MOVES,
+    SETUP_ORDER,
+    MotorView,
+    SetupView,
+    Verification,
+    connect_alone,
+)
+from so101_motion.cli.terminal import ENTER, Terminal, keys_line, sentence
+from so101_motion.common.errors import BusError, MotorSetupError, So101Error
+
+_MARKS = {
+    "todo": ("·", "dim"),
+    "found": ("→", "cyan"),
+    "failed": ("!", "yellow"),
+    "skipped": ("–", "dim"),
+    "configured": ("✓", "green"),
+    "verified": ("✓", "bold green"),
+}
+
+
+class _Skip(Exception):
+    """This motor is to be left as it is."""
+
+
+class MotorWizard:
+    """Leads a person from motor to motor.
+
+    Args:
+        within: After how long a motor is given up [s]; None for never.
+    """
+
+    def __init__(
+        self,
+        motors: MotorSetup,
+        terminal: Terminal,
+        progress: SetupProgress,
+        *,
+        within: float | None,
+    ) -> None:
+        self._motors, self._terminal, self._progress = motors, terminal, progress
+        self._within = within
+        self._asks = ""
+        self._trouble = ""
+        self._is_verifying = False
+        self._keys = keys_line(q="stop")
+
+    @property
+    def view(self) -> SetupView:
+        """How far the motors are."""
+        return self._motors.view
+
+    def recall(self) -> None:
+        """Take for set up what an earlier setup has done."""
+        self._motors.recall(self._progress.done)
+
+    def set_up(self, joint: str) -> None:
+        """Wait for the motor of a joint, alone, and set it up.
+
+        Raises:
+            MotorSetupError: It has not come in time, or not alone.
+            BusError: Not in time, because it could not be reached.
+            Quit: The person wants no more; what was begun is finished.
+        """
+        terminal = self._terminal
+        self._asks, self._trouble = self._instruction(joint), ""
+        self._keys = keys_line(s=f"skip {joint}", q="stop, go on later")
+        terminal.mention(self._asks, joint=joint, step="connect")
+        began = time.monotonic()
+        is_done = False
+        while not is_done:
+            try:
+                is_done = self._is_set_up(joint)
+            except (MotorSetupError, BusError) as error:
+                if self._within is not None and time.monotonic() - began > self._within:
+                    raise
+                self._tell(error)
+            except _Skip:
+                terminal.say(self._motors.skip(joint).sentence, joint=joint, step="skipped")
+                return
+
+    def verify(self) -> Verification:
+        """Wait until all six answer as they must; ENTER leaves it at what is found.
+
+        Raises:
+            BusError: The port has not come back in time.
+            Quit: The person wants no more.
+        """
+        terminal = self._terminal
+        self._asks = (
+            "put all six on the cable, one after the other: the adapter, shoulder_pan,"
+            " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
+        )
+        self._is_verifying = True
+        self._keys = keys_line(Enter="leave it at that", q="stop, go on later")
+        terminal.mention(self._asks, step="chain")
+        began = time.monotonic()
+        while True:
+            is_late = self._within is not None and time.monotonic() - began > self._within
+            try:
+                found = terminal.run(self._motors.verify, self._picture)
+                if found.ok or is_late or terminal.pressed == ENTER:
+                    return found
+                self._trouble = ""  # the table says it
+                terminal.mention(found.sentence, step="chain")
+            except BusError as error:
+                if is_late:
+                    raise
+                self._tell(error)
+
+    # How
+
+    def _instruction(self, joint: str) -> str:
+        done = self._progress.done
+        unplug = f"unplug the motor of {done[-1]}; then " if done else ""
+        return unplug + connect_alone(joint)
+
+    def _is_set_up(self, joint: str) -> bool:
+        """Set up what is connected; False when the person wants to connect something else."""
+        terminal = self._terminal
+        try:
+            found = terminal.run(lambda: self._motors.discover(joint), self._picture)
+            self._refuse_done(joint, found)
+        finally:
+            if terminal.pressed == "s":
+                raise _Skip
+        terminal.say(f"{joint}: {found.sentence}", joint=joint, step="found")
+        doubt = self._doubt(joint, found)
+        if doubt:
+            terminal.say(doubt, style="yellow", joint=joint, step="doubt")
+            before, self._keys = self._keys, keys_line(Enter="go on with it", r="look again")
+            pressed = terminal.await_key(f"{ENTER}r", self._picture)
+            self._keys = before
+            if pressed == "r":
+                return False
+        done = terminal.run(lambda: self._motors.assign(joint), self._picture)
+        self._progress.add(joint)
+        changed = f" ({', '.join(done.changed)})" if done.changed else ""
+        terminal.say(
+            f"✓ {done.sentence}{changed}",
+            style="green",
+            joint=joint,
+            step="configured",
+            servo_id=done.new_id,
+        )
+        return True
+
+    def _refuse_done(self, joint: str, found: MotorView) -> None:
+        for other in self._progress.done:
+            given = self._motors.view.motors[other].target_id
+            if other != joint and given == found.found_id and given != AS_NEW:
+                raise MotorSetupError(
+                    joint,
+                    "other servo",
+                    f"the motor of {other}, which is done, is still connected",
+                    f"unplug it and connect that of {joint}",
+                )
+
+    def _doubt(self, joint: str, found: MotorView) -> str:
+        """Why a person should look twice before this motor is set up; empty for no reason."""
+        if found.fix:
+            return f"look at this first: {found.fix}"
+        for other, motor in self._motors.view.motors.items():
+            if other != joint and motor.target_id == found.found_id != AS_NEW:
+                return (
+                    f"somebody has set this motor up as that of {other} before; make sure that it"
+                    f" is to be the one of {joint}"
+                )
+        return ""
+
+    def _tell(self, error: So101Error) -> None:
+        if isinstance(error, MotorSetupError):
+            self._trouble = f"{error.reason}; {error.next_step}"
+            if error.problem == "no servo":
+                return  # so it is while plugs change hands; the picture says it
+        else:
+            self._trouble = str(error)
+        self._terminal.mention(self._trouble, step="trouble")
+
+    def _picture(self) -> RenderableType:
+        view = self._motors.view
+        table = Table.grid(padding=(0, 2))
+        for joint, motor in view.motors.items():
+            state = motor.state
+            if not self._is_verifying and joint in self._progress.done:
+                state = "configured"
+            mark, style = _MARKS[state]
+            table.add_row(
+                Text(mark, style=style),
+                Text(joint, style=style),
+                Text(f"id {motor.target_id}", style="dim"),
+                self._about(motor),
+            )
+        lines = [Text(f"\n{sentence(self._asks)}", style="bold")]
+        if self._trouble:
+            lines.append(Text(self._trouble, style="yellow"))
+        lines.append(Text(view.doing or "waiting", style="dim"))
+        return Group(Text(), table, *lines, *([self._keys] if self._terminal.is_manned else []))
+
+    def _about(self, motor: MotorView) -> Text:
+        if motor.state == "failed" and self._is_verifying:
+            return Text(motor.sentence, style="yellow")
+        if motor.state not in ("configured", "verified") or motor.volts is None:
+            return Text(MOVES[motor.joint], style="dim")
+        return Text(f"{motor.model}, firmware {motor.firmware}, {motor.volts:.1f} V", style="dim")
+
+
+def remaining(done: Collection[str]) -> tuple[str, ...]:
+    """The joints whose motors are still to be set up, in the order to go."""
+    return tuple(joint for joint in SETUP_ORDER if joint not in done)

@@ -1,0 +1,287 @@
+"""``so101 plan`` and ``so101 move``: a goal on the command line, planned, and for ``move`` run."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import sys
+import threading
+from concurrent.futures import wait
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from so101_motion.cli.completion_values import completed_poses
+from so101_motion.cli.param_types import IN_FILE, Numbers, OutFile
+from so101_motion.cli.shared import (
+    INTERRUPTED,
+    F,
+    aside,
+    have_agreed,
+    import_preview,
+    json_option,
+    patience,
+    print_json,
+    quietly,
+    yes_option,
+)
+from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
+from so101_motion.cli.tables import plan_table
+from so101_motion.common.named_poses import POSES
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.arm.motion_handle import Motion
+    from so101_motion.common.geometry import Array
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.planning.goals import Goal
+    from so101_motion.planning.request import Plan
+    from so101_motion.rig.protocols import RigLike
+
+_POINT = Numbers("X", "Y", "Z", most=1e6)
+_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
+
+
+def _goal_options(verb: F) -> F:
+    """The options that name a goal; the verb gets ``goal`` and ``scene``."""
+
+    @click.option("--xyz", type=_POINT, help="Bring the tool to this point [mm], base frame.")
+    @click.option("--approach", type=_POINT, help="With --xyz: where the tool's z axis points.")
+    @click.option("--line", is_flag=True, help="With --xyz: along a straight line of the tool.")
+    @click.option(
+        "--frame",
+        type=click.Choice(["tool", "jaw_tip"]),
+        default="tool",
+        show_default=True,
+        help="With --xyz: which frame of the hand is meant.",
+    )
+    @click.option("--joints", type=_JOINTS, help="Bring the joints to these angles [deg].")
+    @click.option(
+        "--pose",
+        metavar="NAME",
+        shell_complete=completed_poses,
+        help=f"A named pose: {', '.join(pose.name for pose in POSES)}, or one of your own.",
+    )
+    @click.option(
+        "--scene", "scene_file", type=IN_FILE, help="What stands around the arm, a JSON file."
+    )
+    @pace_options
+    @functools.wraps(verb)
+    def with_goal(
+        *args: Any,
+        xyz: np.ndarray | None,
+        approach: np.ndarray | None,
+        line: bool,
+        frame: str,
+        joints: np.ndarray | None,
+        pose: str | None,
+        scene_file: Path | None,
+        **kwargs: Any,
+    ) -> Any:
+        if sum(given is not None for given in (xyz, joints, pose)) != 1:
+            raise click.UsageError("where to? give one of --xyz, --joints, --pose")
+        if xyz is None and (approach is not None or line or frame != "tool"):
+            raise click.UsageError("--approach, --line and --frame belong to --xyz")
+        goal = _goal(xyz, approach, line, frame, joints, pose)
+        return verb(*args, goal=goal, scene=_scene(scene_file), **kwargs)
+
+    return with_goal  # type: ignore[return-value]  # its own options and those above
+
+
+def _goal(
+    xyz: np.ndarray | None,
+    approach: np.ndarray | None,
+    line: bool,
+    frame: str,
+    joints: np.ndarray | None,
+    pose: str | None,
+) -> Goal:
+    from so101_motion.common.geometry import SE3, frame_along
+    from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
+
+    if joints is not None:
+        return JointGoal(q=to_rad(joints))
+    if xyz is None:
+        return JointGoal(q=_posed(str(pose)))
+    target, metric = SE3.from_translation(to_m(xyz)), GoalMetric.POSITION_ONLY
+    if approach is not None:
+        if np.linalg.norm(approach) < 1e-6:
+            raise click.UsageError("--approach is a direction, such as 0,0,-1 for straight down")
+        target, metric = SE3(frame_along(approach), target.p), GoalMetric.POSITION_AND_APPROACH
+    kind = LineGoal if line else PoseGoal
+    return kind(T_base_tool=target, metric=metric, frame=frame)
+
+
+def _scene(file: Path | None) -> Scene | None:
+    from so101_motion.files.scene_file import read_scene
+
+    return None if file is None else read_scene(file)
+
+
+def _posed(name: str) -> Array:
+    """The joint angles of a named pose, be it the arm's or the user's own."""
+    from so101_motion.common.errors import ConfigError, quoted
+    from so101_motion.files.saved_poses import PoseBook
+
+    try:
+        return PoseBook().find(name).q
+    except ConfigError as error:
+        raise click.BadParameter(
+            f"{quoted(error.value)} {error.reason}", param_hint="'--pose'"
+        ) from None
+
+
+@click.command()
+@any_source_options
+@_goal_options
+@click.option("--from", "q_from", type=_JOINTS, help="With --sim: where the joints stand [deg].")
+@click.option("--out", type=OutFile(), help="Save it: .csv, .json or .mcap.")
+@click.option("--lerobot", is_flag=True, help="With --out: LeRobot's names and units.")
+@click.option(
+    "--html", type=OutFile(".html", ".htm"), help="Save a film of it that any browser plays."
+)
+@click.option("--preview", is_flag=True, help="Show it in the browser.")
+@json_option
+def plan(
+    source: AnySource,
+    goal: Goal,
+    scene: Scene | None,
+    q_from: np.ndarray | None,
+    out: Path | None,
+    lerobot: bool,
+    html: Path | None,
+    preview: bool,
+    as_json: bool,
+) -> None:
+    """Plan a motion and show it; nothing moves.
+
+    \b
+    so101 plan --sim --xyz 250,120,150
+    so101 plan --sim --joints 0,-45,45,60,0 --out move.csv --html move.html
+    so101 plan --sim --xyz 190,200,100 --from 65,-20,30,50,0 --scene examples/table.json
+    so101 plan --machine my-arm.local:8080 --pose ready
+    """  # noqa: D301
+    _refuse(out, lerobot)
+    if q_from is not None:
+        if not isinstance(source, Source) or source.port is not None:
+            raise click.UsageError("--from belongs to --sim; a real arm stands where it stands")
+        source = replace(source, q_start=to_rad(q_from))
+    viewer: Any = import_preview() if preview or html is not None else None
+    with quietly(), closing(source.open()) as rig:
+        found = _planned(rig, goal, scene)
+        if not as_json:
+            click.echo(plan_table(found))
+        if out is not None:
+            from so101_motion.files.trajectory_export import export
+            from so101_motion.tasks.teleop.local_arms import lerobot_of
+
+            export(found.trajectory, out, lerobot=lerobot_of(rig) if lerobot else None)
+            aside(f"saved {out}")
+        if html is not None:
+            film = viewer.film_of_plan(
+                found, rig.arm.scene, title=source.title, q_jaw=rig.arm.state.q_jaw_ref
+            )
+            viewer.write_recording(film, html)
+            aside(f"saved {html}")
+        if as_json:  # at the end: a program that reads it knows that the files are there
+            print_json("plan", {"source": source.what, **_facts(found)})
+        if preview:
+            _show(viewer, rig, found, source)
+
+
+@click.command()
+@any_source_options
+@_goal_options
+@yes_option
+@json_option
+def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json: bool) -> None:
+    """Plan a motion, say what it will be, and run it. Ctrl-C stops the arm.
+
+    \b
+    so101 move --port /dev/ttyACM0 --pose ready
+    so101 move --sim --xyz 250,0,60 --line --yes
+    so101 move --machine my-arm.local:8080 --xyz 250,0,60
+    """  # noqa: D301
+    with quietly(), closing(source.open()) as rig:
+        found = _planned(rig, goal, scene)
+        if not as_json:
+            click.echo(plan_table(found))
+        if not yes:
+            have_agreed(f"Move the {source.what} for {found.duration:.1f} s?")
+        motion = rig.arm.start_execute(found)
+        _wait(rig, motion, found)
+        state = rig.arm.state
+        off_deg = float(to_deg(np.max(np.abs(state.q - found.q_goal))))
+        if as_json:
+            arrived = {"q_deg": to_deg(state.q).tolist(), "off_deg": off_deg}
+            print_json("move", {"source": source.what, **_facts(found), "arrived": arrived})
+        else:
+            p = to_mm(rig.arm.T_base().p)
+            where = ", ".join(f"{x:.1f}" for x in p)
+            click.echo(f"arrived: tool at ({where}) mm, joints within {off_deg:.2f} deg")
+
+
+def _refuse(out: Path | None, lerobot: bool) -> None:
+    """Refuse a file that the plan could not be saved to, before there is one."""
+    if out is not None:
+        from so101_motion.files.trajectory_export import check_name
+
+        check_name(out.name, lerobot=lerobot)
+    elif lerobot:
+        raise click.UsageError("--lerobot belongs to --out")
+
+
+def _planned(rig: RigLike, goal: Goal, scene: Scene | None) -> Plan:
+    if scene is not None:
+        rig.arm.scene = scene
+    with patience("planning"):
+        return rig.arm.plan(goal)
+
+
+def _facts(found: Plan) -> dict[str, object]:
+    report = found.report
+    return {
+        "joints": list(ARM_JOINTS),
+        "q_start_deg": to_deg(found.q_start).tolist(),
+        "q_goal_deg": to_deg(found.q_goal).tolist(),
+        "duration_s": found.duration,
+        "setpoints": len(found.trajectory),
+        "clearance_mm": float(to_mm(report.clearance)),
+        "closest": list(report.closest),
+        "stages_ms": {name: round(ms, 3) for name, ms in report.stages_ms.items()},
+        "path_deg": to_deg(found.path).tolist(),
+    }
+
+
+def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
+    """Wait for the end with a bar on stderr; Ctrl-C stops the arm and waits until it rests."""
+    try:
+        if not sys.stderr.isatty():
+            motion.result()
+            return
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True), transient=True) as progress:
+            task = progress.add_task("moving", total=found.duration)
+            begin = rig.clock.now()
+            while not wait((motion.future,), 0.1).done:
+                progress.update(task, completed=rig.clock.now() - begin)
+        motion.result()
+    except KeyboardInterrupt:
+        rig.arm.stop()
+        click.echo("stopped; the arm holds", err=True)
+        raise SystemExit(INTERRUPTED) from None
+
+
+def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:
+    with viewer.serve(rig, title=source.title, plan=found) as page:
+        aside(f"open   {page.url}")
+        aside("       (whoever has this link can move the arm; Ctrl-C to quit)")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

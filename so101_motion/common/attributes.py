@@ -1,0 +1,323 @@
+"""Read settings that arrive as JSON values under names, and say what is wrong with them.
+
+An unknown name is answered with the nearest known one, a wrong value with what was given and what
+is allowed. Numbers arrive as floats, because that is how Viam carries them. An empty string and a
+null count as not given, as they did for the published module.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.units import to_m, to_rad
+
+SPEED_RANGE_DEG = (3.0, 180.0)
+"""Joint speeds that can be set [deg/s]; the published module's range."""
+
+ACCELERATION_RANGE_DEG = (10.0, 500.0)
+"""Joint accelerations that can be set [deg/s^2]; the published module's range."""
+
+SERVO_VOLTAGES = (7.4, 12.0)
+"""Rated voltages of the servos the arm is sold with [V], the default first."""
+
+HEAVIEST = 5.0
+"""Largest payload that is accepted [kg]; more was meant as grams."""
+
+
+_TO_SI: Mapping[str, Callable[[float], float]] = {
+    "mm": to_m, "deg": to_rad, "deg/s": to_rad, "deg/s^2": to_rad,
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Attribute:
+    """One attribute of a model: how it is read, and what people are told of it.
+
+    Attributes:
+        name: As users write it.
+        use: What it is for, in a sentence.
+        kind: ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"choice"`` or
+            ``"objects"``; ``"own"`` is read by code of its own.
+        unit: Of a number as users write it.
+        range: The smallest and the largest number.
+        default: What holds when it is not given, in ``unit``.
+        zero_is_none: Whether 0 counts as not given, as in the published module.
+        count: Most entries of a list of numbers.
+        options: What a choice may be, the default first.
+        form: What is said of its form where unit, range or options do not say it.
+        otherwise: What is said of what holds without it where ``default`` does not say it.
+        ours: Whether the published module's model does not know it.
+        idle: Why it has no effect; empty if it has one.
+        link: Where the documentation says more.
+    """
+
+    name: str
+    use: str
+    _: KW_ONLY
+    kind: str = "number"
+    unit: str = ""
+    range: tuple[float, float] = (-math.inf, math.inf)
+    default: float | bool | None = None
+    zero_is_none: bool = False
+    count: int = 0
+    options: tuple[str, ...] = ()
+    form: str = ""
+    otherwise: str = ""
+    ours: bool = False
+    idle: str = ""
+    link: str = ""
+
+    @property
+    def without(self) -> str:
+        """What holds when it is not given, as people read it."""
+        if self.otherwise:
+            return self.otherwise
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        if self.default is not None:
+            return f"{self.default:.10g}"
+        return self.options[0] if self.options else "none"
+
+
+class Attributes:
+    """Named values, read one at a time and checked on the way.
+
+    Args:
+        values: What was given.
+        known: Every name that may occur, or attributes, which ``value`` then reads.
+        kind: What a name is called in messages.
+
+    Raises:
+        ConfigError: A name is not known.
+    """
+
+    def __init__(
+        self,
+        values: Mapping[str, object],
+        known: Iterable[str | Attribute],
+        *,
+        kind: str = "attribute",
+    ) -> None:
+        self._values = values
+        self._table = {each.name: each for each in known if isinstance(each, Attribute)}
+        names = tuple(each if isinstance(each, str) else each.name for each in known)
+        for key, value in values.items():
+            if key not in names:
+                raise ConfigError(key, value, f"unknown {kind}; {suggest(key, names)}")
+
+    def given(self, key: str) -> bool:
+        """Whether there is a value under ``key``; null and the empty string are none."""
+        return self._values.get(key) not in (None, "")
+
+    @property
+    def idle(self) -> tuple[str, ...]:
+        """What was given of the attributes that have no effect."""
+        return tuple(key for key, each in self._table.items() if each.idle and self.given(key))
+
+    def value(self, key: str) -> Any:
+        """An attribute as its row says, in SI units; None or empty for no value and no default.
+
+        Raises:
+            ConfigError: It cannot be used.
+        """
+        row = self._table[key]
+        if row.kind == "flag":
+            return self.flag(key, bool(row.default))
+        if row.kind == "choice":
+            return self.choice(key, row.options)
+        if row.kind == "text":
+            return self.text(key, "") or None
+        if row.kind == "objects":
+            return self.objects(key)
+        convert = _TO_SI.get(row.unit, float)
+        lower, upper = row.range
+        if row.kind == "numbers":
+            given = self.numbers(key, count=row.count, lower=lower, upper=upper)
+            return tuple(convert(number) for number in given)
+        raw, number = self._values.get(key), row.default
+        if self.given(key) and not (row.zero_is_none and raw == 0 and raw is not False):
+            number = checked_number(key, raw, lower=lower, upper=upper, unit=row.unit)
+        if row.kind != "whole" or number is None:
+            return None if number is None else convert(number)
+        if number != round(number):
+            raise ConfigError(key, raw, f"must be a whole number{_range(lower, upper, row.unit)}")
+        return round(number)
+
+    def number(
+        self, key: str, default: float, *, lower: float, upper: float, unit: str = ""
+    ) -> float:
+        """A finite number within bounds.
+
+        Raises:
+            ConfigError: It is no number, or outside.
+        """
+        if not self.given(key):
+            return default
+        return checked_number(key, self._values[key], lower=lower, upper=upper, unit=unit)
+
+    def numbers(self, key: str, *, count: int, lower: float, upper: float) -> tuple[float, ...]:
+        """A list of at most ``count`` finite numbers within bounds; empty when not given.
+
+        Raises:
+            ConfigError: It is no list, too long, or an entry is wrong.
+        """
+        if not self.given(key):
+            return ()
+        value = self._values[key]
+        if not isinstance(value, (list, tuple)) or len(value) > count:
+            raise ConfigError(key, value, f"must be a list of at most {count} numbers")
+        return tuple(
+            checked_number(f"{key}[{i}]", entry, lower=lower, upper=upper)
+            for i, entry in enumerate(value)
+        )
+
+    def angles(self, key: str, joints: Sequence[str]) -> dict[str, float]:
+        """Joint angles in degrees, from an object by joint or a list of all, base to wrist.
+
+        Raises:
+            ConfigError: A joint is not known, some are missing in a list, or an angle is wrong.
+        """
+        value = self._values.get(key)
+        if isinstance(value, Mapping):
+            named = Attributes(value, joints, kind=f"joint of {key}")
+            return {
+                joint: named.number(joint, 0.0, lower=-180.0, upper=180.0, unit="deg")
+                for joint in joints
+                if named.given(joint)
+            }
+        listed = self.numbers(key, count=len(joints), lower=-180.0, upper=180.0)
+        if self.given(key) and len(listed) != len(joints):
+            reason = "must list five angles, base to wrist, or be an object by joint"
+            raise ConfigError(key, value, reason)
+        return dict(zip(joints, listed, strict=False))
+
+    def objects(self, key: str) -> tuple[Mapping[str, object], ...]:
+        """A list of objects; empty when not given.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        value = self._values[key] if self.given(key) else ()
+        if not isinstance(value, (list, tuple)) or not all(isinstance(e, Mapping) for e in value):
+            raise ConfigError(key, value, 'must be a list of objects, [{"name": "mug", ...}]')
+        return tuple(value)
+
+    def flag(self, key: str, default: bool) -> bool:
+        """True or false, and nothing that merely looks like it.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        if not self.given(key):
+            return default
+        value = self._values[key]
+        if not isinstance(value, bool):
+            raise ConfigError(key, value, "must be true or false")
+        return value
+
+    def text(self, key: str, default: str) -> str:
+        """A string.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        if not self.given(key):
+            return default
+        value = self._values[key]
+        if not isinstance(value, str):
+            raise ConfigError(key, value, "must be a string")
+        return value
+
+    def choice(self, key: str, options: tuple[str, ...]) -> str:
+        """One of ``options``; the first when not given.
+
+        Raises:
+            ConfigError: It is none of them.
+        """
+        value = self.text(key, options[0])
+        if value not in options:
+            raise ConfigError(key, value, suggest(value, options))
+        return value
+
+
+def checked_number(
+    key: str, value: object, *, lower: float = -math.inf, upper: float = math.inf, unit: str = ""
+) -> float:
+    """``value`` as a float, if it is a finite number within bounds.
+
+    Raises:
+        ConfigError: It is not; the message holds the allowed range.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ConfigError(key, value, f"must be a number{_range(lower, upper, unit)}")
+    if not _is_finite(value):
+        raise ConfigError(key, value, f"must be a finite number{_range(lower, upper, unit)}")
+    if not lower <= value <= upper:
+        raise ConfigError(key, value, f"out of range; must be a number{_range(lower, upper, unit)}")
+    return float(value)
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number above 1e308, as JSON may have it
+        return False
+
+
+_LONGEST_WORD = 64
+"""Words longer than this are like none that is known [characters]. Comparing takes the square of
+the length: two seconds for 100,000 characters. Chosen; the longest known word has 40."""
+
+_MOST_WORDS = 250
+"""Among more known words than this, none is looked for and not all are named. Chosen."""
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """Which known word was meant, if one is near, and all that could have been."""
+    names = tuple(known)
+    if not names:
+        return "none is known here"
+    if len(names) > _MOST_WORDS:
+        return f"known: {', '.join(names[:_MOST_WORDS])} and {len(names) - _MOST_WORDS} more"
+    shares = {n: _likeness(word, n) for n in names if max(len(word), len(n)) <= _LONGEST_WORD}
+    near = max(shares, key=lambda name: shares[name], default="")
+    hint = f'did you mean "{near}"? ' if near and shares[near] >= 0.6 else ""
+    return hint + "known: " + ", ".join(names)
+
+
+def _likeness(word: str, name: str) -> float:
+    """How near two words are, 0 to 1; "speed" is near "speed_degs_per_sec" by its first part."""
+
+    def ratio(other: str) -> float:
+        return difflib.SequenceMatcher(None, word.lower(), other).ratio()
+
+    return max(ratio(name.lower()), 0.8 * max(ratio(part) for part in name.lower().split("_")))
+
+
+def _range(lower: float, upper: float, unit: str) -> str:
+    behind = f" {unit}" if unit else ""
+    if math.isinf(lower) and math.isinf(upper):
+        return f" [{unit}]" if unit else ""
+    if math.isinf(upper):
+        return f" of at least {lower:g}{behind}"
+    return f" from {lower:.10g} to {upper:.10g}{behind}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadConfig:
+    """What an arm always carries, and what its servos are made for.
+
+    Attributes:
+        mass: Of what the gripper carries [kg].
+        com: Its centre of mass in the tool frame, x, y, z [m]; None for the jaw's tip.
+        servo_voltage: The servos' rated voltage, one of ``SERVO_VOLTAGES`` [V].
+    """
+
+    mass: float = 0.0
+    com: tuple[float, float, float] | None = None
+    servo_voltage: float = SERVO_VOLTAGES[0]

@@ -1,0 +1,395 @@
+"""Every error this package raises on purpose.
+
+An error carries fields a program can act on; its message is built from them and ends with what
+to do next. Errors cross a process boundary (plans are made in a worker), so they pickle with all
+their fields. Mistakes of the calling program stay ``ValueError`` and ``TypeError``.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from so101_motion.common.geometry import Array
+    from so101_motion.common.state import JointState
+
+
+LONGEST_MESSAGE = 1_000
+"""Most characters of a message. Chosen: the longest of ours has half of that."""
+
+LONGEST_QUOTE = 80
+"""Most characters of a value that a message quotes. Chosen: one line of a terminal."""
+
+
+def clipped(text: str, most: int) -> str:
+    """``text`` with at most ``most`` characters: the middle is left out, the advice stays."""
+    if len(text) <= most:
+        return text
+    tail = most // 4
+    return f"{text[: most - tail - 3]}...{text[len(text) - tail :]}"
+
+
+def quoted(value: object) -> str:
+    """``value`` as a message quotes it; large values are not looked at beyond their beginning."""
+    return clipped(_QUOTES.repr(value), LONGEST_QUOTE)
+
+
+class _Quotes(reprlib.Repr):
+    """``repr`` that leaves out what would not be shown anyway."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxdict = self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = 12
+        self.maxstring = self.maxother = self.maxlong = LONGEST_QUOTE
+
+    def repr_dict(self, x: Mapping[Any, Any], level: int) -> str:  # without sorting all of it
+        if not x:
+            return "{}"
+        if level <= 0:
+            return "{...}"
+        shown = [
+            f"{self.repr1(key, level - 1)}: {self.repr1(value, level - 1)}"
+            for key, value in islice(x.items(), self.maxdict)
+        ]
+        return "{" + ", ".join(shown + ["..."] * (len(x) > len(shown))) + "}"
+
+    def repr_instance(self, x: object, level: int) -> str:
+        if isinstance(x, Mapping):
+            return self.repr_dict(x, level)
+        if isinstance(x, str):
+            return self.repr_str(str(x), level)
+        return super().repr_instance(x, level)
+
+
+_QUOTES = _Quotes()
+
+
+def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So101Error:
+    error = cls.__new__(cls)
+    Exception.__init__(error, message)
+    error.__dict__.update(fields)
+    return error
+
+
+class So101Error(Exception):
+    """The root: anything that went wrong and that the user can do something about.
+
+    Args:
+        message: What is said of it; the middle of a very long one is left out.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(clipped(message, LONGEST_MESSAGE))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (_rebuild, (type(self), str(self), dict(self.__dict__)))
+
+
+class ConfigError(So101Error, ValueError):
+    """A setting or a request holds a value that cannot be used.
+
+    Attributes:
+        key: The attribute or request key.
+        value: What was given.
+        reason: What is wrong and what would be right.
+    """
+
+    def __init__(self, key: str, value: object, reason: str) -> None:
+        self.key, self.value, self.reason = key, value, reason
+        super().__init__(f'"{clipped(key, LONGEST_QUOTE)}" = {quoted(value)}: {reason}')
+
+
+class PlanningError(So101Error):
+    """No trajectory for this request."""
+
+
+class Unreachable(PlanningError):
+    """The goal lies outside what the arm can reach.
+
+    Attributes:
+        error_position: Distance from the goal to the nearest reachable point [m].
+        error_angle: Angle between the goal and the nearest reachable orientation [rad].
+        p_base_nearest: The nearest reachable point in the base frame, shape (3,), [m].
+        q_nearest: Joint angles that reach it, shape (5,), [rad].
+        limit: What stops the arm there, by name: a joint limit such as
+            ``"elbow_flex at its upper limit"``, ``"full stretch"``, or None.
+        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
+            the rest of it is ``error_position``. None where the way was free to choose.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        error_position: float,
+        error_angle: float,
+        p_base_nearest: Array,
+        q_nearest: Array,
+        limit: str | None,
+        fraction: float | None = None,
+    ) -> None:
+        self.error_position, self.error_angle = error_position, error_angle
+        self.p_base_nearest, self.q_nearest, self.limit = p_base_nearest, q_nearest, limit
+        self.fraction = fraction
+        super().__init__(message)
+
+
+class OutsideLimits(PlanningError, ValueError):
+    """A joint value, speed or acceleration outside its limits.
+
+    Attributes:
+        joint: Which joint.
+        value: What was asked for [rad], [rad/s] or [rad/s^2].
+        lower: Smallest allowed value.
+        upper: Largest allowed value.
+    """
+
+    def __init__(
+        self, message: str, *, joint: str, value: float, lower: float, upper: float
+    ) -> None:
+        self.joint, self.value, self.lower, self.upper = joint, value, lower, upper
+        super().__init__(message)
+
+
+class InCollision(PlanningError):
+    """The arm would touch itself or its surroundings.
+
+    Attributes:
+        first: One of the two bodies, e.g. ``"gripper"``.
+        second: The other, e.g. ``"floor"``.
+        where: ``"start"``, ``"goal"`` or ``"path"``.
+        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
+            None where the way was free to choose.
+    """
+
+    def __init__(
+        self, message: str, *, first: str, second: str, where: str, fraction: float | None = None
+    ) -> None:
+        self.first, self.second, self.where, self.fraction = first, second, where, fraction
+        super().__init__(message)
+
+
+class Overloaded(PlanningError):
+    """A servo would have to bear more than it can.
+
+    Attributes:
+        joint: Which joint.
+        torque: What it would have to exert [N m].
+        limit: What it may [N m].
+        q: Where, shape (5,), [rad].
+    """
+
+    def __init__(self, message: str, *, joint: str, torque: float, limit: float, q: Array) -> None:
+        self.joint, self.torque, self.limit, self.q = joint, torque, limit, q
+        super().__init__(message)
+
+
+class NoPath(PlanningError):
+    """Start and goal are free, but no path between them was found in the time allowed.
+
+    Attributes:
+        where: ``"start"`` or ``"goal"`` if that is shut in, else ``"path"``.
+        blockers: What is in the way, by name, what is met most often first.
+    """
+
+    def __init__(
+        self, message: str, *, where: str = "path", blockers: tuple[str, ...] = ()
+    ) -> None:
+        self.where, self.blockers = where, blockers
+        super().__init__(message)
+
+
+class BusError(So101Error):
+    """The servos cannot be reached or answer nonsense."""
+
+
+class PortUnavailable(BusError):
+    """A serial port cannot be opened, or went away.
+
+    Attributes:
+        port: The port as it was asked for.
+        reason: What is wrong and what to do about it.
+    """
+
+    def __init__(self, port: str, reason: str) -> None:
+        self.port, self.reason = port, reason
+        super().__init__(f"{port}: {reason}")
+
+
+class NotReady(BusError):
+    """The servos of a component have not been found since it was configured; they are looked for.
+
+    Attributes:
+        reason: Who does not answer, since when, and what to check.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"not ready: {reason}")
+
+
+class NoReply(BusError, TimeoutError):
+    """A servo stayed silent, however often it was asked.
+
+    Attributes:
+        servo_id: Which servo, by its id on the bus.
+        register: What it was asked for, by name.
+    """
+
+    def __init__(self, message: str, *, servo_id: int, register: str) -> None:
+        self.servo_id, self.register = servo_id, register
+        super().__init__(message)
+
+
+class CorruptReply(BusError):
+    """A servo answered, but no try brought an answer that can be trusted.
+
+    Attributes:
+        raw: The bytes that came last.
+    """
+
+    def __init__(self, message: str, *, raw: bytes) -> None:
+        self.raw = raw
+        super().__init__(message)
+
+
+class ServoFault(BusError):
+    """A servo is there but does not do what it was told.
+
+    Attributes:
+        servo_id: Which servo, by its id on the bus.
+        flags: Its status byte; 0 when that shows nothing.
+    """
+
+    def __init__(self, message: str, *, servo_id: int, flags: int = 0) -> None:
+        self.servo_id, self.flags = servo_id, flags
+        super().__init__(message)
+
+
+class MotionError(So101Error):
+    """A motion did not end where it was meant to."""
+
+
+SUPERSEDED = "a newer motion"
+"""What ends a motion that has to make way for another; every other end on purpose is a stop."""
+
+
+class CommandRefused(MotionError):
+    """A command would have moved a joint further at once than it may; it was not sent.
+
+    Attributes:
+        joint: Which joint.
+    """
+
+    def __init__(self, message: str, *, joint: str) -> None:
+        self.joint = joint
+        super().__init__(message)
+
+
+class Interrupted(MotionError):
+    """A motion was ended on purpose before it arrived; the arm holds where it stopped.
+
+    Attributes:
+        by: What ended it: ``SUPERSEDED``, ``"stop"``, ``"cancelled"``, ``"shutdown"``.
+    """
+
+    def __init__(self, by: str) -> None:
+        self.by = by
+        super().__init__(f"the motion was ended early by {by}; the arm holds where it stopped")
+
+
+class NotHolding(MotionError):
+    """The arm is limp or in a fault, so it cannot be moved until it holds again."""
+
+
+class FollowingError(MotionError):
+    """A joint did not follow its setpoints; the arm holds.
+
+    Attributes:
+        joint: Which joint was furthest off.
+        error: How far it was off [rad].
+        recent: The last second of states, oldest first.
+    """
+
+    def __init__(self, message: str, *, joint: str, error: float, recent: tuple[JointState, ...]):
+        self.joint, self.error, self.recent = joint, error, recent
+        super().__init__(message)
+
+
+class ServoAlarm(MotionError):
+    """A servo reports trouble, so the motion was ended; the joint was told to stay where it is.
+
+    Attributes:
+        joint: Which joint.
+        reason: What it reports, with figures.
+        recent: The last second of states, oldest first.
+    """
+
+    def __init__(self, joint: str, reason: str, *, recent: tuple[JointState, ...]) -> None:
+        self.joint, self.reason, self.recent = joint, reason, recent
+        super().__init__(f"{joint}: {reason}")
+
+
+class CalibrationError(So101Error):
+    """A calibration cannot be used, read or made.
+
+    Attributes:
+        joint: Which joint; None when it is not about one.
+        reason: What is wrong.
+        next_step: What to do about it.
+    """
+
+    def __init__(self, joint: str | None, reason: str, next_step: str) -> None:
+        self.joint, self.reason, self.next_step = joint, reason, next_step
+        super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
+
+
+class MotorSetupError(So101Error):
+    """A servo cannot be set up as it is connected now.
+
+    Attributes:
+        joint: Which joint's servo was wanted; None when it is not about one.
+        problem: What kind: ``"no servo"``, ``"several servos"``, ``"same id"``, ``"id taken"``,
+            ``"wrong model"``, ``"other servo"`` or ``"not taken"``.
+        reason: What is wrong.
+        next_step: What to do about it.
+    """
+
+    def __init__(self, joint: str | None, problem: str, reason: str, next_step: str) -> None:
+        self.joint, self.problem = joint, problem
+        self.reason, self.next_step = reason, next_step
+        super().__init__(f"{joint + ': ' if joint else ''}{reason}; {next_step}")
+
+
+class MachineUnavailable(So101Error):
+    """A running machine cannot be reached, or went away.
+
+    Attributes:
+        address: The machine as it was asked for.
+        reason: What is wrong and what to do about it.
+    """
+
+    def __init__(self, address: str, reason: str) -> None:
+        self.address, self.reason = address, reason
+        super().__init__(f"machine {address}: {reason}")
+
+
+class MachineRefused(MotionError):
+    """A running machine answered that it will not, or cannot, do what it was asked for.
+
+    Attributes:
+        what: What it was asked for.
+        status: The name of its gRPC status, such as ``"FAILED_PRECONDITION"``.
+        reason: Its own words.
+    """
+
+    def __init__(self, what: str, status: str, reason: str) -> None:
+        self.what, self.status, self.reason = what, status, reason
+        super().__init__(f"{what}: the machine says: {reason}")
+
+
+class WorkerError(So101Error):
+    """The planning process could not be started or died while it worked; it is restarted."""

@@ -1,0 +1,39 @@
+"""Poses with a name: a target like any other, planned for before it is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.units import to_rad
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NamedPose:
+    """Joint angles with a name.
+
+    Attributes:
+        name: What people call it.
+        q: Joint angles, shape (5,), [rad].
+    """
+
+    name: str
+    q: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+
+
+def _pose(name: str, *q_deg: float) -> NamedPose:
+    return NamedPose(name=name, q=to_rad(np.array(q_deg)))
+
+
+POSES = (
+    _pose("home", 0, 0, 0, 0, 0),
+    _pose("ready", 0, -45, 45, 60, 0),
+    _pose("rest", 0, -92, 78, 60, 0),
+)
+"""Chosen: all joints at zero; over the table, looking down; folded, with 18 mm left between the
+forearm and the shoulder. A test holds them clear of collisions."""

@@ -1,0 +1,105 @@
+"""The joints by name and the one snapshot of the arm that everybody reads.
+
+The I/O thread replaces the snapshot whole; readers take the reference and never wait for the bus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.modes import Mode
+
+ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+"""The five joints of the arm, in the order of every ``q``."""
+
+GRIPPER_JOINT = "gripper"
+"""The jaw. It is not a sixth entry of ``q``: an arm has five joints and a gripper."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointReading:
+    """What a driver measured in one cycle.
+
+    Attributes:
+        q: Arm joint angles, shape (5,), [rad].
+        qd: Arm joint velocities, shape (5,), [rad/s].
+        q_jaw: Jaw angle [rad].
+        qd_jaw: Jaw velocity [rad/s].
+        alarms: What is wrong with a joint, by name, and what to do about it; a motion of that joint
+            is ended. Empty when all is well.
+        stray: Joints outside their limits, which get no goal, and the angle [rad] each is taken
+            to, slowly, when it is moved; by name. Empty when all are inside.
+        unheard: Joints that did not answer this time, or nothing that can be true, by name; their
+            angles are the last known.
+        unsure: Joints whose angle comes from one answer that no other bears out yet, by name.
+    """
+
+    q: Array
+    qd: Array
+    q_jaw: float
+    qd_jaw: float
+    alarms: Mapping[str, str] = field(default_factory=dict)
+    stray: Mapping[str, float] = field(default_factory=dict)
+    unheard: frozenset[str] = frozenset()
+    unsure: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        object.__setattr__(self, "qd", frozen_array(self.qd, (5,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointState:
+    """The arm at one instant: measured, and as commanded.
+
+    Attributes:
+        t: Time on the rig's clock [s].
+        mode: What the arm is doing.
+        reading: Measured angles and velocities.
+        q_ref: Where the trajectory wants the arm joints now, shape (5,), [rad].
+        qd_ref: With what velocity, shape (5,), [rad/s].
+        q_jaw_ref: Where the jaw is wanted now [rad].
+        arm_moving: Whether an arm motion is under way (until settled).
+        jaw_moving: Whether a jaw motion is under way (until settled).
+        late_ticks: How many setpoints came more than half a period late since the start.
+        fault: Why the arm is in FAULT, else None.
+        lent_to: Whom the bus is lent to while the arm is CALIBRATING, else None.
+    """
+
+    t: float
+    mode: Mode
+    reading: JointReading
+    q_ref: Array
+    qd_ref: Array
+    q_jaw_ref: float
+    arm_moving: bool
+    jaw_moving: bool
+    late_ticks: int
+    fault: str | None = None
+    lent_to: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q_ref", frozen_array(self.q_ref, (5,)))
+        object.__setattr__(self, "qd_ref", frozen_array(self.qd_ref, (5,)))
+
+    @property
+    def q(self) -> Array:
+        """Measured arm joint angles, shape (5,), [rad]."""
+        return self.reading.q
+
+    @property
+    def qd(self) -> Array:
+        """Measured arm joint velocities, shape (5,), [rad/s]."""
+        return self.reading.qd
+
+    @property
+    def q_jaw(self) -> float:
+        """Measured jaw angle [rad]."""
+        return self.reading.q_jaw
+
+
+def lent_out(purpose: str) -> str:
+    """Why nothing can be moved while the bus is lent for ``purpose``."""
+    return f"the servos are in use for {purpose}; finish or abort that first"

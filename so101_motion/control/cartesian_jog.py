@@ -1,0 +1,183 @@
+"""Lead the tool by hand, with velocities, poses and points that are sent again and again.
+
+The I/O thread asks for the next setpoint in every tick, and a :class:`~.planning.servo.Servo` makes
+it up on the spot from what was asked for last; it keeps every limit and stays clear of everything.
+A velocity must be repeated: without one for ``DEADMAN`` the arm slows to rest. A pose or a point is
+reached and held.
+
+What was asked for is replaced whole, so the I/O thread never waits. The servo is that thread's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import ConfigError, MotionError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.control.request_queue import running_future
+from so101_motion.planning.collision.scene import LARGEST
+from so101_motion.planning.differential.targets import STILL, Target, Twist
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+if TYPE_CHECKING:  # it brings Pinocchio along, which the I/O thread has no use for otherwise
+    from so101_motion.planning.differential.servo import Servo
+
+DEADMAN = 0.25
+"""For how long a velocity is kept up that nobody repeats [s]. Chosen: a few periods of a page that
+asks ten times a second."""
+
+_TOLD_EVERY = 10  # ticks; words take longer than a step
+_HELD_BELOW = 0.9  # of what is wanted; below, something is said to hold the tool
+
+
+class Jog:
+    """Turns velocities, poses and points into setpoints; made by ``Arm.open_jog``.
+
+    Args:
+        servo: Makes the steps; from now on the jog's own.
+        dt: How long a step takes [s].
+        q_jaw: Where the jaw is now [rad].
+
+    Attributes:
+        future: Completes when the arm is at rest after ``close``, or raises why it ended earlier.
+    """
+
+    can_wait = False
+
+    def __init__(self, servo: Servo, dt: float, q_jaw: Callable[[], float]) -> None:
+        self.future: Future[None] = running_future()
+        self._servo, self._dt, self._q_jaw = servo, dt, q_jaw
+        self._asked: tuple[Target, int] = (STILL, 0)  # what is asked for, and how often it was
+        self._seen, self._age = 0, 0.0
+        self._closing = self._over = False
+        self._ticks = 0
+        self._held_by: tuple[str, ...] = ()
+
+    # Any thread
+
+    def twist(
+        self, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0), *, in_tool: bool = False
+    ) -> None:
+        """Move the tool at a velocity for ``DEADMAN`` or until something else is asked for.
+
+        Where limits or obstacles do not allow this speed the tool moves slower.
+
+        Args:
+            linear: Velocity of the tool's origin, shape (3,), [m/s].
+            angular: Its turning, shape (3,), [rad/s].
+            in_tool: Whether both are in the axes of the tool instead of those of the base.
+
+        Raises:
+            ConfigError: These are not two finite velocities.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        try:
+            wanted = Twist(
+                linear=np.asarray(linear, dtype=np.float64),
+                angular=np.asarray(angular, dtype=np.float64),
+                in_tool=in_tool,
+            )
+        except (TypeError, ValueError) as error:
+            raise ConfigError("twist", [linear, angular], str(error)) from error
+        before = self._asked[0]
+        same = isinstance(before, Twist) and before.same_as(wanted)
+        self._ask(before if same else wanted)  # the line that the tool is on goes on
+
+    def to_pose(self, T_base_tool: SE3) -> None:
+        """Go to a pose in as straight a line as the joints can, and stay there.
+
+        The position comes first, the orientation as far as five joints can.
+
+        Raises:
+            ConfigError: It is not within ``scene.LARGEST``.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        _check_place(T_base_tool.p)
+        self._ask(T_base_tool)
+
+    def to_point(self, p_base: ArrayLike) -> None:
+        """Go to a point with the tool's origin, whatever its orientation, and stay there.
+
+        Args:
+            p_base: The point in the base frame, shape (3,), [m].
+
+        Raises:
+            ConfigError: It is not within ``scene.LARGEST``.
+            MotionError: The jog is over; when it failed, the error says why.
+        """
+        self._ask(_check_place(p_base))
+
+    def close(self) -> Future[None]:
+        """Slow to rest and end; may be called again."""
+        self._closing = True
+        return self.future
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """What keeps the tool from moving as asked, such as ``"the jaw close to the floor"``.
+
+        Nothing while it does. Brought up to date ten times a second.
+        """
+        return self._held_by
+
+    def _ask(self, target: Target) -> None:
+        if self.future.done():
+            error = self.future.exception()
+            raise error if error is not None else MotionError("the jog is over; open a new one")
+        if self._closing:
+            raise MotionError("the jog has been closed; open a new one")
+        self._asked = (target, self._asked[1] + 1)
+
+    # The I/O thread
+
+    @property
+    def start(self) -> Setpoint:
+        """Where it begins, at rest."""
+        return Setpoint(q=self._servo.q, qd=np.zeros(5), qdd=np.zeros(5))
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has been closed and the last setpoint was at rest."""
+        return self._over
+
+    def sample(self, k: int) -> Setpoint:
+        """Where the arm shall be in the next tick, whichever it is."""
+        step = self._servo.step(self._target(), self._q_jaw())
+        self._over = self._closing and not (step.qd.any() or step.qdd.any())
+        if self._ticks % _TOLD_EVERY == 0:
+            self._held_by = self._servo.held_by() if step.share < _HELD_BELOW else ()
+        self._ticks += 1
+        return Setpoint(q=step.q, qd=step.qd, qdd=step.qdd)
+
+    def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To rest along the path from the last setpoint on that is known to be free."""
+        dt, path = self._dt, self._servo.path_to_rest()
+        path = np.concatenate((path, path[-1:]))
+        qd, qdd = (path[2:] - path[:-2]) / (2.0 * dt), np.diff(path, 2, axis=0) / dt**2
+        qd[-1] = qdd[-1] = 0.0
+        slow = Trajectory(dt=dt, q=path[1:-1], qd=qd, qdd=qdd, duration=(len(path) - 3) * dt)
+        return online.stop_on_path(slow, 0.0, limits, dt)
+
+    def _target(self) -> Target:
+        target, asked = self._asked
+        self._age = self._age + self._dt if asked == self._seen else 0.0
+        self._seen = asked
+        is_forgotten = isinstance(target, Twist) and self._age > DEADMAN
+        return STILL if self._closing or is_forgotten else target
+
+
+def _check_place(p: ArrayLike) -> Array:
+    try:
+        place = np.array(p, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError("point", p, "must be three numbers [m]") from error
+    if place.shape != (3,) or not np.all(np.abs(place) <= LARGEST):
+        raise ConfigError("point", p, f"must be three numbers within {LARGEST:g} m")
+    return place

@@ -1,0 +1,385 @@
+"""Play the motion of one channel, the arm's five joints or the jaw, and judge how it goes.
+
+The executor calls a ``ChannelPlayer`` once a tick with the tick's number ``k``: first ``step``
+(where should the joints be now?), then, with what was measured, ``check`` (are they there?).
+``reference`` is what was commanded last. A stop or a new goal starts from exactly there, so nothing
+jumps.
+
+A motion goes through at most three stages::
+
+    playing --last setpoint--> settling --error and velocity small--> over
+       |                          |
+       +--stop, or a joint left behind--> slowing down --velocity small--> over
+
+Before the first of them a motion waits for joints that are outside their limits: see
+``limit_recovery.py``.
+
+``ending`` tells the second row from the first: it is what the motion's future will raise. Futures
+are not set here but handed to ``conclude``, because the executor completes them only after the
+snapshot that shows their effect has been published.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import (
+    SUPERSEDED,
+    FollowingError,
+    Interrupted,
+    MotionError,
+    ServoAlarm,
+)
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
+from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+
+_JUMP = 1e-4
+"""How far the first setpoint of a motion may be from the reference [rad], and how much faster
+[rad/s]. Chosen: a fifteenth of what the servo resolves, far above rounding."""
+
+_PUSHED = to_rad(3.0)
+"""How far off its place a resting joint must be to have been pushed [rad]; chosen, ten times what
+its weight leaves."""
+
+_NO_ALARMS: Mapping[str, str] = {}
+
+
+@dataclass(slots=True, kw_only=True)
+class _Motion:
+    source: MotionSource
+    start: int | None  # the tick of its first setpoint; None while it waits for joints outside
+    ending: MotionError | None = None
+    waiting: list[Future[None]] = field(default_factory=list)  # who asked it to stop
+    still: int = 0  # ticks at rest in a row
+    last: int | None = None  # the tick of its last setpoint
+    waits_until: int | None = None  # until which tick it may wait for joints to come inside
+    lost: NDArray[np.bool_] | None = None  # joints that did not follow and stay where they are
+
+
+class ChannelPlayer:
+    """Plays the motions of one channel, one at a time. Used by the I/O thread only.
+
+    Args:
+        channel: Which channel.
+        dt: The period of the ticks [s].
+        stop_limits: Caps of a stop, one entry a joint.
+        tolerances: When a motion has arrived, and when it is lost.
+        conclude: Takes a future and what it shall raise, None for success.
+        recent: The last second of states, for an error to carry.
+    """
+
+    def __init__(
+        self,
+        channel: Channel,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        tolerances: Tolerances,
+        conclude: Callable[[Future[Any], BaseException | None], None],
+        recent: Callable[[], tuple[JointState, ...]],
+    ) -> None:
+        self._channel, self._dt, self.stop_limits = channel, dt, stop_limits
+        self._tolerances, self._conclude, self._recent = tolerances, conclude, recent
+        self._motion: _Motion | None = None
+        self._k = 0  # the tick that ``reference`` was commanded in
+        self.reference = _at_rest(np.zeros(len(channel.joints)))
+        self._recovery = LimitRecovery(channel.joints)
+        self._wanted: deque[Array] = deque(maxlen=1 + round(tolerances.following_lag / dt))
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way, settling included."""
+        return self._motion is not None
+
+    @property
+    def is_stopping(self) -> bool:
+        """Whether the motion under way is being brought to rest early."""
+        return self._motion is not None and self._motion.ending is not None
+
+    def is_playing(self, future: Future[Any]) -> bool:
+        """Whether ``future`` stands for the motion under way."""
+        return self._motion is not None and self._motion.source.future is future
+
+    @property
+    def command(self) -> Array:
+        """Where the joints are to be sent now, shape (n,), [rad]: to the reference.
+
+        But one outside its limits is wanted where it is, unless a motion takes it in.
+        """
+        if not self._recovery or (self._motion is not None and self._motion.ending is None):
+            return self.reference.q
+        return self._recovery.left_alone(self.reference.q)
+
+    @property
+    def speed(self) -> Array:
+        """How fast the joints are wanted there, shape (n,), [rad/s].
+
+        NaN for one that stays where it is because it did not follow.
+        """
+        motion, qd = self._motion, self.reference.qd
+        return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
+
+    def rest_at(self, q: Array) -> None:
+        """The reference is ``q`` from now on, at rest; nothing is under way."""
+        self.reference = _at_rest(q)
+
+    def update(self, q: Array, stray: Mapping[str, float]) -> None:
+        """Take in where the joints are, shape (n,), [rad], and which are outside their limits."""
+        self._recovery.update(q, stray)
+        if self._recovery and self._motion is None:
+            self.reference = _at_rest(self._recovery.inside(self.reference.q))
+
+    def yield_to_push(self, alarms: Mapping[str, str], q: Array) -> bool:
+        """Let a resting joint that is in trouble stay where it has been pushed, shape (n,), [rad].
+
+        Returns:
+            Whether there is one; the reference has changed then.
+        """
+        if self._motion is not None:
+            return False
+        pushed = np.isin(self._channel.joints, list(alarms))
+        pushed &= (np.abs(q - self.reference.q) > _PUSHED) & ~self._recovery.mask
+        if pushed.any():
+            self.reference = _at_rest(np.where(pushed, q, self.reference.q))
+        return bool(pushed.any())
+
+    # Beginning and ending
+
+    def begin(self, source: MotionSource, k: int) -> None:
+        """Play ``source`` from tick ``k`` on.
+
+        Raises:
+            MotionError: Another motion is under way, or ``source`` begins somewhere else.
+        """
+        if self._motion is not None:
+            raise MotionError(
+                f"another motion of the {self._channel.value} is under way;"
+                " stop it or wait for its end"
+            )
+        if not source.can_wait:
+            self._recovery.refuse()
+        self._recovery.refuse_far()
+        first = source.start
+        self._refuse_jump(first.q - self.reference.q, to_deg, "deg")
+        self._refuse_jump(first.qd - self.reference.qd, to_deg, "deg/s")
+        self._take_up(_Motion(source=source, start=k), k - 1)
+
+    def retarget(self, q_goal: Array, limits: MotionLimits, future: Future[None], k: int) -> None:
+        """Turn from the present reference straight to ``q_goal``; supersedes what is under way.
+
+        Raises:
+            MotionError: The channel is being stopped.
+        """
+        previous = self._motion
+        if previous is not None and previous.ending is not None:
+            raise MotionError(
+                f"the {self._channel.value} is being stopped; ask again when it is at rest"
+            )
+        self._recovery.refuse_far()
+        now = self.reference
+        source = online.from_state(now.q, now.qd, now.qdd, q_goal, limits, self._dt)
+        start = k if previous is None else self._k
+        self._take_up(_Motion(source=PlannedMotion(source, future), start=start), start)
+        if previous is not None:
+            self._conclude(previous.source.future, Interrupted(SUPERSEDED))
+
+    def stop(self, by: str, waiting: Future[None] | None = None) -> None:
+        """Slow down to rest, the motion's own path permitting along that path.
+
+        Args:
+            by: What ends the motion; a stop that is already under way keeps its first reason.
+            waiting: Completes at rest; at once when nothing moves.
+        """
+        motion = self._motion
+        if motion is None:
+            if waiting is not None:
+                self._conclude(waiting, None)
+            return
+        if waiting is not None:
+            motion.waiting.append(waiting)
+        if motion.ending is None:
+            self._slow_down(motion, Interrupted(by))
+
+    def halt(self, error: MotionError) -> None:
+        """The commands did not go out for so long that the joints stand; stay where they are."""
+        motion = self._motion
+        if motion is not None and motion.ending is None:
+            self.reference = _at_rest(self.reference.q)
+            self._slow_down(motion, error)
+
+    def fail(self, error: BaseException) -> None:
+        """The joints cannot be reached any more: everything ends with ``error``."""
+        motion, self._motion = self._motion, None
+        if motion is not None:
+            for future in (motion.source.future, *motion.waiting):
+                self._conclude(future, error)
+
+    # Ticking
+
+    def step(self, k: int) -> None:
+        """Move ``reference`` to where the motion wants it in tick ``k``."""
+        motion = self._motion
+        if motion is not None and motion.waits_until is not None and not self._recovery:
+            motion.start, motion.waits_until = k, None
+        if motion is not None and motion.last is None and motion.start is not None:
+            try:
+                self.reference = motion.source.sample(k - motion.start)
+            except MotionError as error:
+                self._slow_down(motion, error)
+                self.reference = motion.source.sample(k - self._k)
+            motion.last = k if motion.source.is_over else None
+        self._k = k
+        self._wanted.append(self.reference.q)
+
+    def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
+        """Compare what was measured in this tick with what is wanted; may end the motion.
+
+        Args:
+            q: Measured angles, shape (n,), [rad].
+            qd: Measured velocities, shape (n,), [rad/s].
+            alarms: What is wrong with a joint, by name.
+        """
+        motion = self._motion
+        if motion is None:
+            return
+        if motion.ending is None:
+            if alarms and self._obey(motion, alarms, q):
+                return
+            wanted = np.array(self._wanted)
+            # A servo lags behind, so it is measured against all the latest setpoints.
+            off = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
+            if motion.waits_until is not None:
+                if self._k > motion.waits_until:
+                    self._give_way(motion, self._recovery.mask, q, self._barred())
+                    return
+                off[self._recovery.mask] = 0.0
+            if np.max(off) > self._tolerances.following_error:
+                self._give_way(motion, off > self._tolerances.following_error, q, self._lost(off))
+                return
+        if motion.last is not None:
+            self._settle(motion, motion.last, q, qd)
+
+    # How
+
+    def _take_up(self, motion: _Motion, k: int) -> None:
+        if self._motion is None:
+            self._wanted.clear()
+            self._wanted.append(self.reference.q)
+        if self._recovery:
+            motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
+        self._motion, self._k = motion, k
+
+    def _slow_down(self, motion: _Motion, ending: MotionError) -> None:
+        motion.ending, motion.waits_until = ending, None
+        if motion.last is not None:
+            return  # the reference is at rest; what remains is that the joints follow
+        stop = motion.source.brake(self.reference, self.stop_limits)
+        motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
+
+    def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
+        """End the motion if one of its joints is in trouble."""
+        joints = self._channel.joints
+        troubled = [joint for joint in joints if joint in alarms]
+        if troubled:
+            error = ServoAlarm(troubled[0], alarms[troubled[0]], recent=self._recent())
+            self._give_way(motion, np.isin(joints, troubled), q, error)
+        return bool(troubled)
+
+    def _lost(self, off: Array) -> FollowingError:
+        i = int(np.argmax(off))
+        return FollowingError(
+            f"{self._channel.joints[i]} is {to_deg(float(off[i])):.1f} deg from where it should be;"
+            f" the {self._channel.value} stopped and holds. Check that nothing blocks the joint and"
+            " that its servo has power, then move again",
+            joint=self._channel.joints[i],
+            error=float(off[i]),
+            recent=self._recent(),
+        )
+
+    def _barred(self) -> FollowingError:
+        joint, off = self._recovery.farthest()
+        return FollowingError(
+            f"{joint} was outside its calibrated range and did not come in, {to_deg(off):.1f} deg"
+            " are missing; see what holds it, or move it inside by hand",
+            joint=joint,
+            error=off,
+            recent=self._recent(),
+        )
+
+    def _give_way(
+        self, motion: _Motion, lost: NDArray[np.bool_], q: Array, error: MotionError
+    ) -> None:
+        """Stop because of some joints; those stay where they are.
+
+        Their goal would otherwise press on, with all the servo's force, against what holds them.
+        """
+        now = self.reference
+        self.reference = Setpoint(
+            q=np.where(lost, q, now.q),
+            qd=np.where(lost, 0.0, now.qd),
+            qdd=np.where(lost, 0.0, now.qdd),
+        )
+        motion.ending, motion.start, motion.last, motion.waits_until = error, self._k, None, None
+        motion.lost = lost
+        now = self.reference
+        stop = online.stop(now.q, now.qd, now.qdd, self.stop_limits, self._dt)
+        motion.source = PlannedMotion(stop, motion.source.future)
+
+    def _settle(self, motion: _Motion, last: int, q: Array, qd: Array) -> None:
+        limits = self._tolerances
+        off = np.abs(q - self.reference.q)
+        speed = np.abs(qd)
+        # A motion that was cut short has no place to be, it only has to be at rest.
+        arrived = motion.ending is not None or bool(np.max(off) <= limits.settle_position)
+        still = arrived and bool(np.max(speed) <= limits.settle_velocity)
+        motion.still = motion.still + 1 if still else 0
+        if motion.still >= limits.settle_ticks:
+            self._finish(motion, None)
+        elif (self._k - last) * self._dt > limits.settle_timeout:
+            i = int(np.argmax(speed if arrived else off))
+            self._finish(motion, self._unsettled(i, float(off[i]), float(speed[i])))
+
+    def _unsettled(self, i: int, off: float, speed: float) -> FollowingError:
+        limits, joint = self._tolerances, self._channel.joints[i]
+        return FollowingError(
+            f"{joint} did not settle: after {limits.settle_timeout:g} s it is {to_deg(off):.2f} deg"
+            f" from its goal ({to_deg(limits.settle_position):.2g} deg allowed) and moves at"
+            f" {to_deg(speed):.1f} deg/s. Check that nothing touches the arm and that its load is"
+            " not too heavy, then move again",
+            joint=joint,
+            error=off,
+            recent=self._recent(),
+        )
+
+    def _finish(self, motion: _Motion, unsettled: FollowingError | None) -> None:
+        self._motion = None
+        self._conclude(motion.source.future, motion.ending or unsettled)
+        for waiting in motion.waiting:
+            self._conclude(waiting, unsettled)
+
+    def _refuse_jump(self, jump: Array, in_unit: Callable[[float], float], unit: str) -> None:
+        i = int(np.argmax(np.abs(jump)))
+        if abs(jump[i]) > _JUMP:
+            raise MotionError(
+                f"{self._channel.joints[i]} would jump by {in_unit(float(jump[i])):.3g} {unit}:"
+                " this motion does not begin where the arm is; plan again from there"
+            )
+
+
+def _at_rest(q: Array) -> Setpoint:
+    zeros = np.zeros(len(q))
+    return Setpoint(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)

@@ -1,0 +1,379 @@
+"""The one thread that talks to the servos of a port.
+
+How it works. An ``Executor`` owns a driver and a thread. The thread sleeps until the next tick is
+due or somebody wakes it, and a tick is always the same: take the requests, ask each channel where
+its joints should be, write that, read where they are, publish one ``JointState``, and judge. While
+something moves, ticks come at ``t0 + k * dt`` against absolute deadlines, and ``dt`` is the period
+of the trajectories: what was planned and verified is, sample for sample, what is written. A tick
+that would be more than half a period late is left out and counted; two goals are never sent to
+catch up. After a pause of more than two ticks the motion goes on with the very next setpoint,
+later than planned, so that nothing jumps; after a long one it is given up. While nothing moves, the
+thread only looks at the arm now and then, to keep the snapshot fresh; a request wakes it at once.
+
+Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for
+both. Torque and faults belong to the bus, so there is one ``Mode``, and ``modes.py`` says what is
+legal.
+
+Everybody else asks. A request is a function in a queue with a future, and the queue is emptied at
+every tick. Stop does not queue: it throws out the motions that were asked for before it and is
+looked at first, so the next setpoint already slows down. A motion is named by its future:
+``interrupt`` ends that motion or nothing, which is what a cancelled call needs.
+
+The futures cannot be cancelled (``cancel`` returns False): a motion ends by being stopped, never by
+being forgotten. They complete on this thread, after the snapshot that shows their effect has been
+published and outside every lock. A callback must be brief and must not wait for the executor.
+
+A driver that raises puts the arm into FAULT: everything under way ends with that error, the thread
+lives on and keeps reading (a driver may reconnect), and ``hold`` leads back. Torque comes on only
+after the goal has been set to what was measured, so nothing moves by being switched on.
+
+The bus can be lent (``JointController.lend``), to a calibration for example: then all others are
+refused, and the borrower's jobs run on this thread.
+
+Where things are: this file has the loop and what other threads may call; ``joint_controller.py``
+has what one tick does, ``channel_player.py`` one channel's motion, ``streamed_trajectory.py`` a
+motion that arrives in pieces, ``cartesian_jog.py`` one that is led by hand. They have no threads,
+and but for pushing into a stream and leading a jog only this file's thread calls them.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from types import TracebackType
+from typing import Any, TypeVar
+
+from so101_motion.common.clock import Clock, Metronome
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.geometry import Array, frozen_array, is_finite
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.control.joint_controller import JointController
+from so101_motion.control.joint_driver import JointDriver
+from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.motion_source import PlannedMotion, S
+from so101_motion.control.request_queue import Request, RequestQueue, running_future
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+__all__ = ["Channel", "Executor", "JointDriver", "Tolerances"]
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+_IDLE_PERIOD = 0.05
+"""How often a resting arm is looked at [s]; chosen: fresh enough for a picture, near no load."""
+
+
+class Executor:
+    """Moves the joints of one port and says where they are. All methods: from any thread.
+
+    Use it in a ``with`` block or call ``start`` and ``close``.
+
+    Args:
+        driver: The joints; from now on the executor's own.
+        clock: What time it is.
+        dt: Period of the setpoints [s]; every trajectory must have the same.
+        stop_limits: Caps of a stop for the five arm joints, whatever the motion's own.
+        jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
+        tolerances: When a motion has arrived, and when it is lost; by default those of the
+            simulated arm.
+        jaw_tolerances: The same for the jaw; by default as for the arm.
+        name: Name of the thread.
+    """
+
+    def __init__(
+        self,
+        driver: JointDriver,
+        clock: Clock,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        jaw_stop_limits: MotionLimits | None = None,
+        tolerances: Tolerances | None = None,
+        jaw_tolerances: Tolerances | None = None,
+        name: str = "so101-io",
+    ) -> None:
+        self.dt = dt
+        self._clock = clock
+        self._control = JointController(
+            driver,
+            dt=dt,
+            stop_limits=stop_limits,
+            jaw_stop_limits=jaw_stop_limits,
+            tolerances=tolerances or Tolerances(),
+            jaw_tolerances=jaw_tolerances,
+        )
+        self._beat = Metronome(dt)
+        self._wake = threading.Event()
+        self._ready: Future[None] = Future()
+        self._holding = True
+        self._thread = threading.Thread(target=self._live, name=name, daemon=True)
+        self._requests = RequestQueue(self._wake)
+        self._lock = threading.Lock()  # guards what follows, for moments only
+        self._listeners: tuple[Callable[[JointState], None], ...] = ()
+
+    def start(self) -> None:
+        """Read the joints, hold them where they are, begin to listen; ``state`` is there then.
+
+        Raises:
+            Exception: What the driver raised; it has been closed.
+        """
+        self._requests.open()
+        self._thread.start()
+        self._ready.result()
+
+    def start_limp(self) -> None:
+        """Like ``start``, but leave the joints as they are."""
+        self._holding = False
+        self.start()
+
+    def close(self) -> None:
+        """Slow down to rest, end the thread, close the driver; may be called again.
+
+        What is under way ends with ``Interrupted("shutdown")``. The servos go on holding.
+        """
+        first = self._requests.close(self._stop_of(tuple(Channel), "shutdown"))
+        if self._thread.ident is not None:
+            self._clock.join(self._thread)
+        elif first:
+            self._control.close()
+
+    def __enter__(self) -> Executor:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits.
+
+        Raises:
+            RuntimeError: ``start`` has not been called.
+        """
+        state = self._control.state
+        if state is None:
+            raise RuntimeError("start the executor first")
+        return state
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether the arm neither moves nor is led by hand, as of the newest snapshot."""
+        return not self.state.arm_moving and self.state.mode is not Mode.GUIDING
+
+    def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
+        """Play ``trajectory``; its first setpoint goes out at once when nothing moves.
+
+        The future completes when the joints have settled at its end. It raises ``NotHolding``
+        when the joints are limp or in a fault, ``MotionError`` when another motion of the channel
+        is under way or the trajectory begins elsewhere, ``Interrupted`` when the motion was ended
+        early, ``FollowingError`` when a joint did not follow, and what the driver raised.
+
+        Raises:
+            ValueError: The trajectory has another period or another number of joints.
+        """
+        if trajectory.n != len(channel.joints):
+            raise ValueError(f"a trajectory of {trajectory.n} joints for the {channel.value}")
+        if abs(trajectory.dt - self.dt) > 1e-9:
+            raise ValueError(f"the trajectory's period is {trajectory.dt} s, not {self.dt} s")
+        motion = PlannedMotion(trajectory)
+        begin = partial(self._control.play, motion, channel)
+        self._requests.ask(Request(motion.future, channel, begin))
+        return motion.future
+
+    def retarget(
+        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
+    ) -> Future[None]:
+        """Turn to ``q_goal``, shape (n,), [rad], from the present motion without stopping.
+
+        The motion under way ends with ``Interrupted("a newer motion")``. The future ends like that
+        of ``execute``; while the channel is being stopped it raises ``MotionError``.
+
+        Raises:
+            ValueError: ``q_goal`` or ``limits`` have another number of joints or are not finite.
+        """
+        q_goal = frozen_array(q_goal, (len(channel.joints),))
+        if not is_finite(q_goal) or len(limits.velocity) != len(q_goal):
+            raise ValueError(f"no goal and limits for the {channel.value}: {q_goal}, {limits}")
+        future = running_future()
+        turn = partial(self._control.retarget, q_goal, limits, channel, future)
+        self._requests.ask(Request(future, channel, turn))
+        return future
+
+    def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
+        """Move the joints as ``source`` says; they count as moving until its future is done.
+
+        ``stop`` and ``interrupt(source.future, ...)`` end it.
+
+        Returns:
+            ``source``.
+        """
+        begin = partial(self._control.play, source, channel)
+        self._requests.ask(Request(source.future, channel, begin))
+        return source
+
+    def on_failure(self, listener: Callable[[Exception, tuple[JointState, ...]], None]) -> None:
+        """Call ``listener`` for each failure of the arm, with the states of the second before.
+
+        It is called on the I/O thread and must be brief.
+        """
+        self._control.recent.on_failure = listener
+
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """How hard a stop of ``channel`` brakes, whatever the motion's own caps."""
+        return self._control.stop_limits(channel)
+
+    def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
+        """Slow down to rest from the next setpoint on, along the path that was being followed.
+
+        Args:
+            channel: Which channel; None for both.
+            by: What the motions under way and those asked for before end with: ``Interrupted(by)``.
+
+        Returns:
+            Completes at rest; at once when nothing moves.
+        """
+        channels = tuple(Channel) if channel is None else (channel,)
+        stop = self._stop_of(channels, by)
+        self._requests.stop(stop, channels, by)
+        return stop.future
+
+    def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
+        """End the motion whose future is ``motion``; no effect when it is over.
+
+        Returns:
+            Completes when that motion is over and the joints are at rest.
+        """
+        future = running_future()
+        if motion.done():
+            future.set_result(None)
+        else:
+            end = partial(self._control.interrupt, motion, by, future)
+            self._requests.ask(Request(future, None, end))
+        return future
+
+    def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
+        """Look at the joints in every period, moving or not, and tell ``listener`` every snapshot.
+
+        It is called on the I/O thread, also while the joints cannot be reached, and must be brief.
+
+        Returns:
+            Ends it.
+        """
+        with self._lock:
+            self._listeners = (*self._listeners, listener)
+        self._wake.set()
+
+        def end() -> None:
+            with self._lock:
+                self._listeners = tuple(each for each in self._listeners if each is not listener)
+
+        return end
+
+    def hold(self) -> Future[None]:
+        """Drive the joints where they are: out of manual mode, or out of a fault."""
+        return self.ask(JointController.hold)
+
+    def guide(self, how: Compliance) -> Future[None]:
+        """Let the arm yield to a hand until it is asked to hold, to stop or to let go.
+
+        The jaw holds on and may be moved meanwhile.
+        """
+        return self.ask(lambda control: control.guide(how))
+
+    def release(self) -> Future[None]:
+        """Let go of the joints, so that they can be moved by hand; refused while they move."""
+        return self.ask(JointController.release)
+
+    def call(self, job: Callable[[JointDriver], T]) -> Future[T]:
+        """Run ``job`` with the driver on the I/O thread; refused while something moves.
+
+        The future holds what ``job`` returned or raised; a failed job is not a fault of the arm.
+        """
+        return self.ask(lambda control: control.call(job))
+
+    def call_and_rehold(self, job: Callable[[JointDriver], T]) -> Future[T]:
+        """Like ``call``, for a job after which the driver's angles mean something else.
+
+        Joints that are held stay where they are, under their new angles.
+        """
+        return self.ask(lambda control: control.call_and_rehold(job))
+
+    def ask(self, job: Callable[[JointController], T]) -> Future[T]:
+        """Run ``job`` on the I/O thread between two ticks; what it returns or raises."""
+        future: Future[T] = running_future()
+        self._requests.ask(Request(future, None, partial(job, self._control), is_job=True))
+        return future
+
+    def _stop_of(self, channels: tuple[Channel, ...], by: str) -> Request:
+        future = running_future()
+        return Request(future, None, partial(self._control.stop, channels, by, future))
+
+    # The I/O thread
+
+    def _live(self) -> None:
+        with self._clock.attend():
+            try:
+                self._control.start(self._clock.now(), holding=self._holding)
+            except Exception as error:
+                self._leave()
+                self._ready.set_exception(error)
+                return
+            self._ready.set_result(None)
+            while not self._requests.is_over(moving=self._control.is_moving):
+                self._clock.wait(self._turn(), self._wake)
+            self._leave()
+
+    def _turn(self) -> float:
+        """Do what is due now; returns when to look again [s]."""
+        now = self._clock.now()
+        if not self._control.is_moving:
+            self._beat.restart(now)
+        elif not self._beat.is_due(now):
+            return self._beat.deadline
+        try:
+            self._control.k = self._beat.k
+            for request in self._requests.take():
+                try:
+                    result = request.run()
+                except Exception as error:
+                    self._control.outcomes.conclude(request.future, error)
+                else:
+                    if request.is_job:
+                        self._control.outcomes.conclude(request.future, result=result)
+            self._control.tick(now, self._beat.late, self._beat.missed)
+        except Exception as error:  # whatever it is, the thread lives on and says so
+            self._control.fail(error)
+        self._beat.advance()
+        self._control.outcomes.settle()
+        self._tell()
+        is_busy = self._control.is_busy or self._listeners
+        return self._beat.deadline if is_busy else now + _IDLE_PERIOD
+
+    def _tell(self) -> None:
+        state = self._control.state
+        if state is None:
+            return
+        for listener in self._listeners:
+            try:
+                listener(state)
+            except Exception:
+                _log.exception("a listener failed; the joints are not affected")
+
+    def _leave(self) -> None:
+        self._requests.leave()
+        try:
+            self._control.close()
+        except Exception:
+            _log.exception("the driver could not be closed cleanly")

@@ -1,0 +1,446 @@
+"""Control the joints of one port, a tick at a time: mode, torque, both channels, the snapshot.
+
+``JointController`` has neither a thread nor a lock, and it never waits: the executor calls it on
+its one thread with the time and the number of the tick.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import (
+    FollowingError,
+    MotionError,
+    NotHolding,
+    ServoAlarm,
+    So101Error,
+)
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Event, Mode, after, can
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState, lent_out
+from so101_motion.control.channel_player import ChannelPlayer
+from so101_motion.control.joint_driver import JointDriver
+from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.motion_source import MotionSource
+from so101_motion.control.recent_states import RecentStates
+from so101_motion.control.request_queue import Outcomes
+from so101_motion.planning.timing.limits import MotionLimits
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+STANDSTILL = 1.0
+"""After how long without a setpoint a motion is given up [s]. It could go on from where the joints
+stand, but nobody expects that any more; chosen, rides out a busy machine."""
+
+_LOOKS = 12
+"""How often joints are looked at before they are held. Chosen: with 7 % of the answers spoiled, one
+of six has not given three that agree, or one that agrees with the past, once in a million times."""
+
+
+class JointController:
+    """The joints of one port. Used by the I/O thread only, ``state`` excepted.
+
+    Args:
+        driver: The joints.
+        dt: Period of the setpoints [s].
+        stop_limits: Caps of a stop for the five arm joints.
+        jaw_stop_limits: The same for the jaw, one entry; by default the smallest of the arm's.
+        tolerances: When a motion of the arm has arrived, and when it is lost.
+        jaw_tolerances: The same for the jaw.
+
+    Attributes:
+        mode: What the arm is doing.
+        k: The number of the coming tick, counted from when something began to move.
+        outcomes: What the futures end with.
+        state: The newest snapshot; None before ``start``. Replaced whole.
+        recent: The last second; tells of failures.
+    """
+
+    def __init__(
+        self,
+        driver: JointDriver,
+        *,
+        dt: float,
+        stop_limits: MotionLimits,
+        tolerances: Tolerances,
+        jaw_stop_limits: MotionLimits | None = None,
+        jaw_tolerances: Tolerances | None = None,
+    ) -> None:
+        self.mode = Mode.LIMP
+        self.k = 0
+        self.state: JointState | None = None
+        self._driver, self._dt = driver, dt
+        self._fault: str | None = None
+        self._lent_to: str | None = None
+        self._watch: Callable[[], None] | None = None
+        self.outcomes = Outcomes()
+        self.recent = RecentStates(dt)
+
+        def player(channel: Channel, limits: MotionLimits, tolerances: Tolerances) -> ChannelPlayer:
+            return ChannelPlayer(
+                channel,
+                dt=dt,
+                stop_limits=limits,
+                tolerances=tolerances,
+                conclude=self._conclude,
+                recent=self.recent.last_second,
+            )
+
+        self._arm = player(Channel.ARM, stop_limits, tolerances)
+        self._jaw = player(
+            Channel.JAW,
+            jaw_stop_limits or _smallest(stop_limits),
+            jaw_tolerances or tolerances,
+        )
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion of either channel is under way, settling included."""
+        return self._arm.is_moving or self._jaw.is_moving
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether every tick counts, and not only now and then a look."""
+        return self.is_moving or self.mode is Mode.GUIDING or self._watch is not None
+
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """How hard a stop of ``channel`` brakes."""
+        return self._player(channel).stop_limits
+
+    def start(self, now: float, *, holding: bool) -> None:
+        """See where the joints are, perhaps hold them there, publish the first snapshot."""
+        if holding:
+            self._seed()
+        self.tick(now, 0)
+
+    def play(self, source: MotionSource, channel: Channel) -> None:
+        """Play ``source`` from the coming tick on, or raise why that cannot be."""
+        self._require(Event.MOVE, channel)
+        self._player(channel).begin(source, self.k)
+        self._enter(Event.MOVE)
+
+    def retarget(
+        self,
+        q_goal: Array,
+        limits: MotionLimits,
+        channel: Channel,
+        future: Future[None],
+    ) -> None:
+        """Turn to ``q_goal`` from what is under way, or raise why that cannot be."""
+        self._require(Event.MOVE, channel)
+        self._player(channel).retarget(q_goal, limits, future, self.k)
+        self._enter(Event.MOVE)
+
+    def stop(self, channels: Collection[Channel], by: str, waiting: Future[None]) -> None:
+        """Slow down; ``waiting`` completes when all of ``channels`` are at rest."""
+        if self.mode is Mode.GUIDING and Channel.ARM in channels:
+            try:
+                self.hold()
+            except Exception as error:
+                self.outcomes.conclude(waiting, error)
+                return
+        players = [self._player(channel) for channel in channels]
+        self.outcomes.expect(waiting, len(players))
+        try:
+            for player in players:
+                player.stop(by, waiting)
+        except Exception as error:  # no ramp to rest: stay at the last setpoint
+            self.fail(error)
+            self.outcomes.conclude(waiting, error)
+
+    def interrupt(self, motion: Future[Any], by: str, waiting: Future[None]) -> None:
+        """End ``motion`` if it is under way; ``waiting`` completes when it is over."""
+        for player in (self._arm, self._jaw):
+            if player.is_playing(motion):
+                player.stop(by, waiting)
+                return
+        self.outcomes.conclude(waiting)
+
+    def hold(self) -> None:
+        """Drive the joints where they are now; nothing to do when they are driven already."""
+        if self.mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING):
+            return
+        self._require(Event.HOLD)
+        with self._failing():
+            if self.mode is not Mode.GUIDING:
+                self._seed()
+                return
+            reading = self._looked()
+            self._driver.guide(None)
+            self._arm.rest_at(reading.q)
+        self._enter(Event.HOLD)
+        if self._jaw.is_moving:
+            self._enter(Event.MOVE)
+
+    def guide(self, how: Compliance) -> None:
+        """Let the arm yield to a hand; a limp one is held first, where it is.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        self._require(Event.GUIDE)
+        with self._failing():
+            if self.mode is Mode.LIMP:
+                self._seed()
+            self._looked()
+            self._driver.guide(how)
+        self._enter(Event.GUIDE)
+
+    def release(self) -> None:
+        """Let go of the joints, unless something moves."""
+        self._require(Event.RELEASE)
+        if self.is_moving:
+            raise MotionError("the jaw is moving; stop it or wait for its end")
+        with self._failing():
+            self._driver.set_torque(False)
+        self._enter(Event.RELEASE)
+        self._fault = None
+
+    def call(self, job: Callable[[JointDriver], T]) -> T:
+        """Let ``job`` have the driver while nothing moves.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent.
+        """
+        self._refuse_lent()
+        if self.is_moving:
+            raise MotionError("the bus is busy with a motion; stop it or wait for its end")
+        return job(self._driver)
+
+    def call_and_rehold(self, job: Callable[[JointDriver], T]) -> T:
+        """Let ``job`` change what the driver's angles mean; held and guided joints hold then.
+
+        Raises:
+            MotionError: Something moves.
+        """
+        if self.mode is Mode.GUIDING and not self.is_moving:
+            self.hold()
+        try:
+            return self.call(job)
+        finally:  # even a job that failed may have left a driver that knows no goal yet
+            if self.mode is Mode.HOLDING:
+                with self._failing():
+                    self._seed()
+
+    def lend(self, purpose: str, job: Callable[[JointDriver], None]) -> None:
+        """Give the bus away; until ``take_back`` everything else is refused.
+
+        Args:
+            purpose: What for; errors name it.
+            job: Makes the driver leave the servos alone.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent already.
+        """
+        self._require(Event.CALIBRATE)
+        job(self._driver)
+        self._enter(Event.CALIBRATE)
+        self._lent_to, self._fault = purpose, None
+
+    def watch(self, job: Callable[[], None] | None) -> None:
+        """Run ``job`` in every tick for the borrower of the bus; None ends that."""
+        self._watch = job
+
+    def take_back(self, job: Callable[[JointDriver], bool | None]) -> None:
+        """Take the bus back, whatever ``job`` or the driver raises.
+
+        Args:
+            job: Makes the servos ours again; returns whether to hold them, to let go of them, or
+                to leave them as they are (None).
+        """
+        self._watch = self._lent_to = None
+        self._enter(Event.DONE)
+        with self._failing():
+            holds = job(self._driver)
+            if holds:
+                self._seed()
+            elif holds is not None:
+                self._driver.set_torque(False)
+
+    def close(self) -> None:
+        """Release the driver."""
+        self._driver.close()
+
+    def tick(self, now: float, late: int, missed: int = 0) -> None:
+        """Write, read, publish, judge.
+
+        Args:
+            now: The time [s].
+            late: How many ticks have been left out since the start.
+            missed: How many of them just before this one.
+        """
+        players = (self._arm, self._jaw)
+        if missed * self._dt > STANDSTILL:
+            self._give_up((missed + 1) * self._dt)
+        if self.is_moving:
+            for player in players:
+                player.step(self.k)
+            self._driver.write(self._arm.command, float(self._jaw.command[0]), self._arm.speed)
+        if self._watch is not None:
+            self._watch()
+        reading = self._driver.read()
+        if self.mode in (Mode.LIMP, Mode.CALIBRATING):
+            self._rest_at(reading)
+        elif self.mode is Mode.GUIDING:
+            self._arm.rest_at(reading.q)
+        self._arm.update(reading.q, reading.stray)
+        self._jaw.update(np.array([reading.q_jaw]), reading.stray)
+        if reading.alarms and self.mode is Mode.HOLDING:
+            self._yield_to_push(reading)
+        self.state = self._snapshot(reading, now, late)
+        self.recent.append(self.state)
+        if reading.unsure.isdisjoint(ARM_JOINTS):
+            self._arm.check(reading.q, reading.qd, reading.alarms)
+        if GRIPPER_JOINT not in reading.unsure:
+            self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]), reading.alarms)
+        self._follow_players()
+        self._republish()
+
+    def fail(self, error: Exception) -> None:
+        """The joints cannot be reached: FAULT, and everything under way ends with ``error``."""
+        if self.mode is Mode.GUIDING:
+            with suppress(Exception):  # what can still be reached holds where it is
+                self._driver.guide(None)
+        if can(self.mode, Event.FAIL):
+            is_ours = isinstance(error, So101Error)  # its message says all that a person needs
+            self.recent.tell(error, self.recent.last_second())
+            _log.error("the arm is in a fault: %s", error, exc_info=None if is_ours else error)
+            self._enter(Event.FAIL)
+        self._fault = str(error) or type(error).__name__
+        for player in (self._arm, self._jaw):
+            player.fail(error)
+        self._republish()
+
+    # How
+
+    def _player(self, channel: Channel) -> ChannelPlayer:
+        return self._arm if channel is Channel.ARM else self._jaw
+
+    @contextmanager
+    def _failing(self) -> Iterator[None]:
+        """What the driver raises here is a fault, and the caller's to hear of as well."""
+        try:
+            yield
+        except Exception as error:
+            self.fail(error)
+            raise
+
+    def _seed(self) -> None:
+        reading = self._looked()
+        self._rest_at(reading)
+        self._driver.write(reading.q, reading.q_jaw)
+        self._driver.set_torque(True)
+        self._enter(Event.HOLD)
+        self._fault = None
+
+    def _yield_to_push(self, reading: JointReading) -> None:
+        """What was pushed until its servo gave up stays there; the jaw's grip is left alone."""
+        missing = reading.unheard | reading.unsure
+        if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(reading.alarms, reading.q):
+            self._driver.write(self._arm.command, float(self._jaw.command[0]))
+
+    def _looked(self) -> JointReading:
+        """Where the joints are; asked again until each has answered and another answer agrees."""
+        reading = self._driver.read()
+        missing = reading.unheard | reading.unsure
+        for _ in range(_LOOKS - 1):
+            if not missing:
+                break
+            reading = self._driver.read()
+            missing &= reading.unheard | reading.unsure
+        return reading
+
+    def _rest_at(self, reading: JointReading) -> None:
+        self._arm.rest_at(reading.q)
+        self._jaw.rest_at(np.array([reading.q_jaw]))
+
+    def _give_up(self, gap: float) -> None:
+        _log.warning("no setpoint was sent for %.2f s in mid-motion", gap)
+        for player in (self._arm, self._jaw):
+            player.halt(
+                MotionError(
+                    f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
+                    " look for what keeps this machine or the bus busy, then move again"
+                )
+            )
+
+    def _follow_players(self) -> None:
+        if self.mode not in (Mode.MOVING, Mode.STOPPING):
+            return
+        moving = [player for player in (self._arm, self._jaw) if player.is_moving]
+        if not moving:
+            self._enter(Event.REST)
+        elif all(player.is_stopping for player in moving):
+            self._enter(Event.STOP)
+
+    def _require(self, event: Event, channel: Channel | None = None) -> None:
+        if self.mode is Mode.GUIDING and event is Event.MOVE and channel is Channel.ARM:
+            raise NotHolding("the arm is guided by hand; leave manual mode first")
+        if can(self.mode, event):
+            return
+        self._refuse_lent()
+        if self.mode is Mode.FAULT:
+            raise NotHolding(f"the arm is in a fault: {self._fault}; clear it, then hold again")
+        if self.mode is Mode.LIMP:
+            raise NotHolding("the arm is limp, in manual mode; leave manual mode first")
+        now, hint = self.mode.value, "stop it or wait for its end"
+        if self.mode is Mode.GUIDING:
+            hint = "leave manual mode first"
+        raise MotionError(f"{event.value}: not possible while the arm is {now}; {hint}")
+
+    def _refuse_lent(self) -> None:
+        if self._lent_to is not None:
+            raise MotionError(lent_out(self._lent_to))
+
+    def _enter(self, event: Event) -> None:
+        self.mode = after(self.mode, event)
+
+    def _snapshot(self, reading: JointReading, now: float, late: int) -> JointState:
+        return JointState(
+            t=now,
+            reading=reading,
+            q_ref=self._arm.reference.q,
+            qd_ref=self._arm.reference.qd,
+            q_jaw_ref=float(self._jaw.reference.q[0]),
+            late_ticks=late,
+            **self._words(),
+        )
+
+    def _words(self) -> dict[str, Any]:
+        return {
+            "mode": self.mode,
+            "arm_moving": self._arm.is_moving,
+            "jaw_moving": self._jaw.is_moving,
+            "fault": self._fault,
+            "lent_to": self._lent_to,
+        }
+
+    def _republish(self) -> None:
+        """Bring the snapshot's words up to date with what was just decided."""
+        state, words = self.state, self._words()
+        if state is not None and any(getattr(state, name) != now for name, now in words.items()):
+            self.state = replace(state, **words)
+
+    def _conclude(self, future: Future[Any], error: BaseException | None = None) -> None:
+        if isinstance(error, FollowingError | ServoAlarm):
+            self.recent.tell(error, error.recent)
+        self.outcomes.conclude(future, error)
+
+
+def _smallest(limits: MotionLimits) -> MotionLimits:
+    return MotionLimits.uniform(
+        velocity=float(np.min(limits.velocity)),
+        acceleration=float(np.min(limits.acceleration)),
+        jerk=float(np.min(limits.jerk)),
+        n=1,
+    )

@@ -1,0 +1,47 @@
+"""The interface of a driver of six joints, simulated or real.
+
+The drivers fit this without importing it; mypy checks the fit in ``hardware_rig.py``.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointReading
+
+
+class JointDriver(Protocol):
+    """Six joints, real or simulated. Only the I/O thread calls it.
+
+    Each method may raise; the arm is then in FAULT. ``read`` is still called now and then, so it is
+    the place to reconnect; nothing is written before somebody asks the arm to hold again.
+    """
+
+    def read(self) -> JointReading:
+        """Measure all joints."""
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Set the goals: arm joints, shape (5,), and jaw [rad].
+
+        ``qd_cmd`` is how fast the arm joints are wanted there, shape (5,), [rad/s]; a goal is no
+        farther from the last one than that allows, or it is refused. None or NaN says nothing: the
+        driver's own cap holds then, and the joint may be told to stay where it is. With torque off
+        this only seeds the goal, which is then what was just measured.
+
+        Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
+        """
+
+    def set_torque(self, on: bool) -> None:
+        """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints yield to a hand and hold themselves up; None ends that.
+
+        They are driven before and afterwards. Meanwhile ``read`` comes at every tick, and of what
+        is written only the jaw's goal counts.
+        """
+
+    def close(self) -> None:
+        """Release the port and leave the servos as they are. Nothing is called after this."""

@@ -1,0 +1,46 @@
+"""Name the joints that move together, and the tolerances of their motions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+
+
+class Channel(Enum):
+    """What moves together."""
+
+    ARM = "arm"
+    JAW = "jaw"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The names of its joints."""
+        return ARM_JOINTS if self is Channel.ARM else (GRIPPER_JOINT,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerances:
+    """When a motion has arrived, and when it is lost.
+
+    The defaults suit the simulated arm; a real servo resolves 0.0015 rad and sags under load, so
+    its driver comes with wider ones. All values chosen.
+
+    Attributes:
+        settle_position: Largest position error at the end [rad]; the default moves the tool of the
+            stretched arm by less than 0.1 mm.
+        settle_velocity: Largest velocity of a joint at rest [rad/s].
+        settle_ticks: For how many ticks in a row both must hold.
+        settle_timeout: How long after the last setpoint they may take to come true [s].
+        following_error: How far a joint may be from where it was wanted during the last
+            ``following_lag`` [rad].
+        following_lag: How far behind its setpoints a healthy servo may be [s].
+    """
+
+    settle_position: float = 1e-4
+    settle_velocity: float = 0.01
+    settle_ticks: int = 3
+    settle_timeout: float = 1.0
+    following_error: float = 0.14
+    following_lag: float = 0.1

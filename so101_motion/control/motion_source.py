@@ -1,0 +1,86 @@
+"""The interface of everything that can be played: one setpoint for each tick.
+
+The executor plays every source in the same manner. Four fit: a trajectory that is known beforehand
+(``PlannedMotion``), points that arrive while they are played (``Stream``), a tool led by hand
+(``Jog``), and joints that follow a moving target (``Pursuit``).
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Protocol, TypeVar
+
+from so101_motion.control.request_queue import running_future
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+
+class MotionSource(Protocol):
+    """Makes setpoints. Only the I/O thread calls its methods."""
+
+    @property
+    def future(self) -> Future[None]:
+        """Completes when the motion is over and the joints rest, or raises why it ended early."""
+
+    @property
+    def can_wait(self) -> bool:
+        """Whether it can begin later than asked, after joints have come inside their limits."""
+
+    @property
+    def start(self) -> Setpoint:
+        """The first setpoint."""
+
+    def sample(self, k: int) -> Setpoint:
+        """Where the joints shall be in tick ``k``, counted from the first setpoint.
+
+        Raises:
+            MotionError: There is no further setpoint; the joints are to be stopped.
+        """
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last sample was the last setpoint, at rest."""
+
+    def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """How to come to rest from the last setpoint, ``now``, within ``limits``."""
+
+
+S = TypeVar("S", bound=MotionSource)
+
+
+class PlannedMotion:
+    """A trajectory as a source; a stop brakes along its path where that is possible.
+
+    Args:
+        trajectory: What is played.
+        future: Stands for the motion; a new one by default.
+    """
+
+    can_wait = True
+
+    def __init__(self, trajectory: Trajectory, future: Future[None] | None = None) -> None:
+        self.future = future or running_future()
+        self._trajectory, self._k = trajectory, 0
+
+    @property
+    def start(self) -> Setpoint:
+        """The first setpoint."""
+        return self._trajectory.sample(0.0)
+
+    def sample(self, k: int) -> Setpoint:
+        """Where the joints shall be in tick ``k``."""
+        self._k = k
+        return self._trajectory.sample(k * self._trajectory.dt)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last sample was the last setpoint."""
+        return self._k >= len(self._trajectory) - 1
+
+    def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To rest, along the path if the joints can keep to it."""
+        dt = self._trajectory.dt
+        if now.qd.any():
+            return online.stop_on_path(self._trajectory, self._k * dt, limits, dt)
+        return online.stop(now.q, now.qd, now.qdd, limits, dt)

@@ -1,0 +1,44 @@
+"""Keep the last second of joint states, for errors and failure records."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from so101_motion.common.errors import NotReady
+from so101_motion.common.state import JointState
+
+SPAN = 1.0
+"""How much of the past an error carries [s]."""
+
+
+class RecentStates:
+    """Used by the I/O thread only.
+
+    Args:
+        dt: The shortest time between two states [s].
+
+    Attributes:
+        on_failure: Told of each failure and of the second before it; must be brief.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self.on_failure: Callable[[Exception, tuple[JointState, ...]], None] | None = None
+        self._states: deque[JointState] = deque(maxlen=1 + round(SPAN / dt))
+        self._told: Exception | None = None
+
+    def append(self, state: JointState) -> None:
+        """Add the newest state."""
+        self._states.append(state)
+
+    def last_second(self) -> tuple[JointState, ...]:
+        """The states of the last second, oldest first."""
+        since = self._states[-1].t - SPAN if self._states else 0.0
+        return tuple(state for state in self._states if state.t >= since)
+
+    def tell(self, error: Exception, recent: tuple[JointState, ...]) -> None:
+        """Tell ``on_failure`` of an error, once for each."""
+        is_new = error is not self._told and not isinstance(error, NotReady)
+        if self.on_failure is not None and is_new:
+            self._told = error
+            self.on_failure(error, recent)

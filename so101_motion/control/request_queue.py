@@ -1,0 +1,166 @@
+"""Queue requests of other threads for the I/O thread, and complete their futures.
+
+Requests queue. Stops do not: a stop throws out the requests that were made before it, of the
+channels that it is for, and is served first.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+from so101_motion.common.errors import Interrupted
+from so101_motion.control.joint_group import Channel
+
+
+def running_future() -> Future[Any]:
+    """A future that nobody can cancel: what it stands for ends by being stopped."""
+    future: Future[Any] = Future()
+    future.set_running_or_notify_cancel()
+    return future
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Something to be done between two ticks.
+
+    Attributes:
+        future: What comes of it.
+        channel: The channel whose stop throws it out; None if no stop does.
+        run: Does it.
+        is_job: Whether ``future`` completes with what ``run`` returns; otherwise ``run`` sees to
+            it, and only its error is passed on.
+    """
+
+    future: Future[Any]
+    channel: Channel | None
+    run: Callable[[], object]
+    is_job: bool = False
+
+
+class RequestQueue:
+    """Requests from any thread to one; every method returns at once.
+
+    Args:
+        wake: Set when there is something new.
+    """
+
+    def __init__(self, wake: threading.Event) -> None:
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._requests: list[Request] = []
+        self._stops: list[Request] = []
+        self._is_open = self._closing = self._over = False
+
+    def open(self) -> None:
+        """Take requests from now on: there is a thread to serve them."""
+        self._is_open = True
+
+    def ask(self, request: Request) -> None:
+        """Queue a request; it fails with ``Interrupted("shutdown")`` when the queue is closed.
+
+        Raises:
+            RuntimeError: It has not been opened.
+        """
+        if not self._is_open:
+            raise RuntimeError("start the executor first")
+        with self._lock:
+            closing = self._closing
+            if not closing:
+                self._requests.append(request)
+        if closing:
+            request.future.set_exception(Interrupted("shutdown"))
+        self._wake.set()
+
+    def stop(self, stop: Request, channels: Collection[Channel], by: str) -> None:
+        """Serve ``stop`` next, and end the waiting requests of ``channels``.
+
+        Args:
+            stop: Completes at once when no thread serves, for everything rests then.
+            channels: What is stopped.
+            by: What those requests end with.
+        """
+        dropped: list[Request] = []
+        with self._lock:
+            asked, self._requests = self._requests, []
+            for request in asked:
+                (dropped if request.channel in channels else self._requests).append(request)
+            over = self._over or not self._is_open
+            if not over:
+                self._stops.append(stop)
+        for request in dropped:
+            request.future.set_exception(Interrupted(by))
+        if over:
+            stop.future.set_result(None)
+        self._wake.set()
+
+    def close(self, stop: Request) -> bool:
+        """Take no more requests and serve ``stop``; whether this was the first time."""
+        with self._lock:
+            first, self._closing = not self._closing, True
+            dropped, self._requests = self._requests, []
+            if first:
+                self._stops.append(stop)
+        for request in dropped:
+            request.future.set_exception(Interrupted("shutdown"))
+        self._wake.set()
+        return first
+
+    # For the thread that serves
+
+    def take(self) -> list[Request]:
+        """What has come since the last time, stops first."""
+        with self._lock:
+            taken = [*self._stops, *self._requests]
+            self._stops, self._requests = [], []
+        return taken
+
+    def is_over(self, *, moving: bool) -> bool:
+        """Whether it is time to leave; later stops then find everything at rest."""
+        with self._lock:
+            self._over = self._closing and not moving and not self._stops
+            return self._over
+
+    def leave(self) -> None:
+        """Nobody serves from now on."""
+        with self._lock:
+            self._closing = self._over = True
+
+
+class Outcomes:
+    """What futures complete with: noted during a tick, told at its end. For the I/O thread only.
+
+    Futures complete after the snapshot that shows their effect, for their callbacks look at it.
+    """
+
+    def __init__(self) -> None:
+        self._noted: list[tuple[Future[Any], object, BaseException | None]] = []
+        self._awaited: dict[Future[Any], int] = {}
+
+    def expect(self, future: Future[Any], count: int) -> None:
+        """``future`` completes with the last of ``count`` conclusions, or the first error."""
+        self._awaited[future] = count
+
+    def conclude(
+        self, future: Future[Any], error: BaseException | None = None, *, result: object = None
+    ) -> None:
+        """Note what ``future`` completes with; ``settle`` tells it."""
+        others = self._awaited.pop(future, 1) - 1
+        if others and error is None:
+            self._awaited[future] = others
+        else:
+            self._noted.append((future, result, error))
+
+    def settle(self) -> None:
+        """Complete the noted futures; their callbacks run here."""
+        noted, self._noted = self._noted, []
+        for future, result, error in noted:
+            if future.done():
+                continue  # a stop of both channels that failed for one
+            if error is not None:
+                future.set_exception(error)
+            else:
+                future.set_result(result)

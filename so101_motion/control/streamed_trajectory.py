@@ -1,0 +1,310 @@
+"""Play time-stamped joint positions that arrive in batches while the arm moves.
+
+Three things make that smooth without knowing what comes next:
+
+* Playing begins when the points reach ``LEAD`` ahead, or when the stream is finished earlier.
+* Between points the joints run straight, and the result passes through two moving averages. The
+  first, long enough for the velocity steps of the points, bounds acceleration; the second bounds
+  jerk. Averages never exceed what goes into them, so the velocity stays within that of the points,
+  at the price of a short delay and of slightly rounded corners. The first window is chosen once,
+  from the points that are there at the start: evenly timed, dense points get a short one. Later
+  points that would need a longer one are refused.
+* The first point need not be exactly where the arm is. The difference fades out along a smooth
+  step, slowly enough to add at most a tenth to what the limits allow.
+
+At the end the smoothing is still a little behind, and a motion of its own goes to the last point.
+``push`` and ``finish`` may be called from any thread; the knots are replaced whole, so the I/O
+thread never waits.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.common.errors import MotionError, OutsideLimits
+from so101_motion.common.geometry import Array, frozen_array, is_finite
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.control.request_queue import running_future
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+LEAD = 0.2
+"""How far ahead the points must reach before playing begins [s]; rides out an uneven network.
+Chosen."""
+
+START_GATE = to_rad(5.0)
+"""How far the first point may be from where the arm is, per joint [rad]; the published module's."""
+
+_BLEND_SHARE = 0.1  # of the velocity and acceleration limits, for the fading difference; chosen
+_SHORTEST_WINDOW = 0.05  # first moving average [s]; chosen, evens out points 20 ms apart
+_SLACK = 1.01  # what rounding of the sender's times and angles may add to a figure; chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TimedPoint:
+    """Where the arm shall be at one instant.
+
+    Attributes:
+        t: Time since the beginning of the stream [s].
+        q: Joint angles, shape (5,), [rad].
+    """
+
+    t: float
+    q: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+        if not (math.isfinite(self.t) and is_finite(self.q)):
+            raise ValueError(f"a point must be finite, got t = {self.t}, q = {self.q}")
+
+
+class Stream:
+    """Takes points and hands out setpoints; a ``MotionSource`` made by ``Arm.start_stream``.
+
+    Args:
+        q_start: The arm's reference when the stream opens, shape (5,), [rad].
+        limits: What the motion has to keep.
+        dt: The period of the setpoints [s].
+
+    Attributes:
+        future: Completes when the arm has arrived at the last point, or raises why it did not.
+    """
+
+    can_wait = False
+
+    def __init__(self, *, q_start: Array, limits: MotionLimits, dt: float) -> None:
+        self.future: Future[None] = running_future()
+        self.limits = limits
+        self._q_start, self._dt = q_start, dt
+        self._lock = threading.Lock()  # one push at a time
+        self._knots: tuple[Array, Array] = (np.empty(0), np.empty((0, len(q_start))))
+        self._finished = False
+        self._kernel: Array | None = None  # of both averages, newest first; set when primed
+        self._window = 0  # ticks of the first average
+        self._t_played = 0.0
+        self.start = self._now = Setpoint(
+            q=q_start, qd=np.zeros(len(q_start)), qdd=np.zeros(len(q_start))
+        )
+        self._k = 0  # the tick of the last sample
+        self._k_first: int | None = None  # the tick in which playing began
+        self._tail: tuple[int, PlannedMotion] | None = None  # to the last point, since which tick
+        self._offset, self._t_blend = np.zeros(len(q_start)), 1.0
+
+    # Any thread
+
+    def push(self, points: Sequence[TimedPoint]) -> None:
+        """Add points, later than all before; the very first one is for time 0.
+
+        Raises:
+            ValueError: The times do not begin at 0 or do not increase.
+            OutsideLimits: The first point is too far from the arm, or the points are too fast or
+                change their speed too quickly; nothing of the batch is taken.
+            MotionError: The stream is over; when it failed, the error says why.
+        """
+        with self._lock:
+            self._refuse_if_over()
+            if not points:
+                return
+            t = np.array([point.t for point in points])
+            q = np.array([point.q for point in points])
+            t_all, q_all = self._knots
+            if len(t_all) == 0:
+                self._refuse_far_start(t[0], q[0])
+            t_all, q_all = np.concatenate([t_all, t]), np.concatenate([q_all, q])
+            new = slice(max(0, len(t_all) - len(t) - 1), None)
+            if np.any(np.diff(t_all[new]) <= 0.0):
+                raise ValueError("the times of a stream must increase from point to point")
+            self._refuse_fast(t_all[new], q_all[new])
+            if self._kernel is not None:
+                self._refuse_abrupt(t_all, q_all, t_all[new][0])
+            self._take(t_all, q_all)
+
+    def finish(self) -> Future[None]:
+        """No more points will come; the arm goes to the last one and settles.
+
+        Raises:
+            MotionError: The stream is over, or it holds no points.
+        """
+        with self._lock:
+            self._refuse_if_over()
+            if len(self._knots[0]) == 0:
+                raise MotionError("the stream holds no points; push some before finishing it")
+            self._prime()
+            self._finished = True
+        return self.future
+
+    # The I/O thread
+
+    @property
+    def is_primed(self) -> bool:
+        """Whether there are points enough to begin."""
+        return self._kernel is not None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the last point has been reached."""
+        return self._tail is not None and self._tail[1].is_over
+
+    @property
+    def t_last(self) -> float:
+        """Time of the newest point [s]."""
+        return float(self._knots[0][-1])
+
+    @property
+    def ahead(self) -> float:
+        """How far the newest point is ahead of what is being played [s]."""
+        t = self._knots[0]
+        return float(t[-1]) - self._t_played if len(t) else 0.0
+
+    def sample(self, k: int) -> Setpoint:
+        """Where the arm shall be in tick ``k``; at the start until there are points enough.
+
+        Raises:
+            MotionError: The points have run out.
+        """
+        if self._kernel is not None:
+            self._k_first = k if self._k_first is None else self._k_first
+            self._now = self._next(k, (k - self._k_first) * self._dt)
+        self._k = k
+        return self._now
+
+    def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To rest, every joint for itself: what comes next is not known."""
+        if self._tail is not None:
+            return self._tail[1].brake(now, limits)
+        return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
+
+    def _next(self, k: int, t: float) -> Setpoint:
+        if self._tail is None and t <= self.t_last:
+            return self.at(t)
+        if self._tail is None:
+            if not self._finished:
+                raise MotionError(
+                    f"the stream ran dry: its last point was for {self.t_last:.3f} s and no newer"
+                    " one came in time; send points further ahead, or finish the stream"
+                )
+            now, q_last = self._now, self._knots[1][-1]
+            tail = online.from_state(now.q, now.qd, now.qdd, q_last, self.limits, self._dt)
+            self._tail = (self._k, PlannedMotion(tail, self.future))
+        since, motion = self._tail
+        return motion.sample(k - since)
+
+    def at(self, t: float) -> Setpoint:
+        """Where the points lead the arm at ``t`` [s]; at time 0 it is at the start, at rest."""
+        self._t_played = t
+        if self._kernel is None:
+            return self.start
+        m, dt = len(self._kernel), self._dt
+        q_raw = self._straight(t - dt * np.arange(m + 2.0))
+        q = [self._kernel @ q_raw[i : i + m] for i in range(3)]
+        return Setpoint(q=q[0], qd=(q[0] - q[1]) / dt, qdd=(q[0] - 2.0 * q[1] + q[2]) / dt**2)
+
+    # How
+
+    def _straight(self, t: Array) -> Array:
+        """Straight lines between the points, from ``q_start`` on; shape (len(t), 5)."""
+        t_all, q_all = self._knots
+        q = np.column_stack([np.interp(t, t_all, q_all[:, i]) for i in range(q_all.shape[1])])
+        u = np.clip(t / self._t_blend, 0.0, 1.0)
+        fade = 1.0 - u**3 * (10.0 - 15.0 * u + 6.0 * u**2)  # at rest at both ends up to u''
+        return np.asarray(q + fade[:, None] * self._offset)
+
+    def _take(self, t_all: Array, q_all: Array) -> None:
+        if len(self._knots[0]) == 0:
+            self._offset = self._q_start - q_all[0]
+            d = np.abs(self._offset)
+            # The smooth step's greatest slope is 15/8, its greatest curvature 10/sqrt(3).
+            by_speed = 1.875 * d / (_BLEND_SHARE * self.limits.velocity)
+            by_acceleration = np.sqrt(5.774 * d / (_BLEND_SHARE * self.limits.acceleration))
+            self._t_blend = max(self._dt, float(np.max([by_speed, by_acceleration])))
+        self._knots = (t_all, q_all)
+        if self._kernel is None:
+            if self.t_last >= LEAD:
+                self._prime()
+            return
+        past = self._t_played - (len(self._kernel) + 2) * self._dt
+        first = max(0, int(np.searchsorted(t_all, past)) - 1)
+        self._knots = (t_all[first:], q_all[first:])
+
+    def _prime(self) -> None:
+        """Choose the averages and let playing begin."""
+        if self._kernel is not None:
+            return
+        dt, limits = self._dt, self.limits
+        # Speed may swing from +v to -v within the first window, acceleration within the second.
+        longest = math.ceil(float(np.max(2.0 * limits.velocity / limits.acceleration)) / dt)
+        m = max(1, round(_SHORTEST_WINDOW / dt))
+        t_all, q_all = self._knots
+        while m < longest and np.any(
+            self._acceleration(t_all, q_all, 0.0, m) > limits.acceleration * _SLACK
+        ):
+            m = min(2 * m, longest)
+        m_jerk = math.ceil(float(np.max(2.0 * limits.acceleration / limits.jerk)) / dt)
+        self._window = m
+        self._kernel = np.convolve(np.full(m, 1.0 / m), np.full(m_jerk, 1.0 / m_jerk))
+
+    def _acceleration(self, t_all: Array, q_all: Array, t_from: float, m: int) -> Array:
+        """Greatest acceleration per joint from ``t_from`` on, averaged over ``m`` ticks."""
+        t = np.arange(t_from - (m + 2) * self._dt, t_all[-1] + 0.5 * self._dt, self._dt)
+        q = np.column_stack([np.interp(t, t_all, q_all[:, i]) for i in range(q_all.shape[1])])
+        qd = np.diff(q, axis=0) / self._dt
+        return np.asarray(np.max(np.abs(qd[m:] - qd[:-m]), axis=0) / (m * self._dt))
+
+    def _refuse_if_over(self) -> None:
+        if self.future.done():
+            error = self.future.exception()
+            raise error if error is not None else MotionError("the stream is over; open a new one")
+        if self._finished:
+            raise MotionError("the stream has been finished; open a new one")
+
+    def _refuse_far_start(self, t: float, q: Array) -> None:
+        if t != 0.0:
+            raise ValueError(f"the first point of a stream must be for time 0, not {t:g} s")
+        i = int(np.argmax(np.abs(q - self._q_start)))
+        if abs(q[i] - self._q_start[i]) > START_GATE:
+            here = float(self._q_start[i])
+            raise OutsideLimits(
+                f"{ARM_JOINTS[i]}: the first point of the stream is {to_deg(float(q[i])):.1f} deg,"
+                f" but the arm is at {to_deg(here):.1f} deg, more than {to_deg(START_GATE):g} deg"
+                " away; move there first or begin where the arm is",
+                joint=ARM_JOINTS[i],
+                value=float(q[i]),
+                lower=here - START_GATE,
+                upper=here + START_GATE,
+            )
+
+    def _refuse_fast(self, t: Array, q: Array) -> None:
+        if len(t) < 2:
+            return
+        speed = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
+        k, i = np.unravel_index(int(np.argmax(speed / self.limits.velocity)), speed.shape)
+        self._refuse_over(
+            int(i), float(speed[k, i]), self.limits.velocity, f"at {t[k]:.3f} s", "deg/s"
+        )
+
+    def _refuse_abrupt(self, t_all: Array, q_all: Array, t_from: float) -> None:
+        figures = self._acceleration(t_all, q_all, t_from, self._window)
+        i = int(np.argmax(figures / self.limits.acceleration))
+        self._refuse_over(
+            i, float(figures[i]), self.limits.acceleration, f"after {t_from:.3f} s", "deg/s^2"
+        )
+
+    def _refuse_over(self, i: int, value: float, limit: Array, when: str, unit: str) -> None:
+        if value > limit[i] * _SLACK:
+            raise OutsideLimits(
+                f"{ARM_JOINTS[i]}: the points ask for {to_deg(value):.1f} {unit} {when}, the limit"
+                f" is {to_deg(float(limit[i])):.1f} {unit}; give the points more time",
+                joint=ARM_JOINTS[i],
+                value=value,
+                lower=-float(limit[i]),
+                upper=float(limit[i]),
+            )

@@ -1,0 +1,431 @@
+"""Questions and answers on the servo bus: every transaction, its retries and its counters.
+
+How it works. The vendor's SDK builds the packets and runs the transactions with a single servo,
+over a port handler of ours (``sdk.py``). What a control cycle sends and hears is done by ourselves
+(``protocol.py``): the SDK takes its time over a sync write, and in a sync read it gives up at the
+first silent servo and then hands out zeros for the rest.
+
+Four rules keep a wrong value from ever being believed:
+
+* Input is discarded before every question and after every answer that was not right.
+* An answer that broke off, and whose end is the beginning of the next, is none (``protocol.py``).
+* An answer must come from the right servo and have the right length. The length is the only mark
+  a question leaves on its answer, so it is varied while an old answer may still be on its way
+  (``stale_replies.py``).
+* What is written to one servo is read back. The acknowledgement alone proves little: it may be a
+  late one, or be lost although the servo obeyed.
+
+Sync writes are not acknowledged by anybody; they are for setpoints, of which the next one comes
+soon. The status byte of an answer is kept as telemetry and never turns a reading into an error.
+
+Only this file retries. Everything is counted per servo, and ``tallies`` can be read at any time.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+
+import scservo_sdk
+
+from so101_motion.common.errors import CorruptReply, NoReply, ServoFault
+from so101_motion.drivers.bus.protocol import (
+    Answer,
+    Answers,
+    is_cut_short,
+    packet_size,
+    sync_write_packet,
+)
+from so101_motion.drivers.bus.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
+from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.sdk import Port, WaitingHandler, sync_read_packet
+from so101_motion.drivers.bus.stale_replies import Stragglers
+
+__all__ = ["PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "patience_in"]
+
+_log = logging.getLogger(__name__)
+
+RETRIES = 3
+"""How often a question to one servo is repeated. Chosen: with 7 % of the answers spoiled, one
+transaction in 40,000 fails."""
+
+PATIENCE = 0.007
+"""How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
+leave room for a busy machine and so that a cycle in which nobody answers still fits into 10 ms."""
+
+_SHARE = 0.7
+"""How much of a control period may be spent waiting. Chosen: the rest is for what is computed."""
+
+_PERSISTENCE = (1, 1, 4, 24)
+"""How many times as long each try of a question waits. A lost answer is soon asked for again, and a
+computer that was busy elsewhere for 0.2 s makes no servo silent. Chosen: such pauses were seen of a
+kernel that hands over what a port has received when it finds the time."""
+
+_LONGEST = 0.2
+"""But no longer than this [s]."""
+
+_REST = 0.003
+"""How long to wait for the others once the first answers to a sync read have come, beyond the time
+the wire takes [s]: an adapter hands over every millisecond or two what it has. Chosen."""
+
+_GAP = 3  # byte times between two answers to a sync read (FW)
+_PING_SLOT = packet_size(0) + _GAP
+
+
+@dataclass(frozen=True, slots=True)
+class RollCall:
+    """Who answered a ping to all.
+
+    Attributes:
+        ids: Whose answers were sound, in order.
+        garbled: Whether there was more than that: servos that share an id, or noise.
+    """
+
+    ids: tuple[int, ...]
+    garbled: bool
+
+
+def patience_in(period: float) -> float:
+    """For how much patience a control cycle of ``period`` [s] has room [s]."""
+    return min(PATIENCE, _SHARE * period)
+
+
+class Bus:
+    """The servos on one port. Used by one thread at a time.
+
+    Args:
+        port: The open port; the bus's own from now on.
+        names: What the servos are called in messages, by id.
+        tallies: Counters to go on with, by id; for a bus that comes back on a new port.
+        patience: How long to wait for an answer beyond the time on the wire [s]. The answers of
+            many servos to one question get no more than that with the wire, if it leaves room.
+
+    Attributes:
+        port: As given.
+        tallies: Counters by id.
+    """
+
+    def __init__(
+        self,
+        port: Port,
+        *,
+        names: Mapping[int, str] | None = None,
+        tallies: Tallies | None = None,
+        patience: float = PATIENCE,
+    ) -> None:
+        self.port = port
+        self.tallies = Tallies() if tallies is None else tallies
+        self._names = names or {}
+        self._patience = patience
+        self._sdk = scservo_sdk.PacketHandler(0)
+        self._handler = WaitingHandler(port, patience)
+        self._stragglers = Stragglers()
+
+    def label(self, servo_id: int) -> str:
+        """What a servo is called in a message."""
+        name = self._names.get(servo_id)
+        return f"servo {servo_id}" + (f" ({name})" if name else "")
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.port.close()
+
+    # One servo
+
+    def ping(self, servo_id: int) -> Fault:
+        """Its status byte, if it is there.
+
+        Raises:
+            NoReply: It is not.
+            CorruptReply: Something is, but cannot be understood.
+        """
+        return Fault(self._ask(servo_id, scservo_sdk.INST_PING, (), 0, "a ping").faults)
+
+    def read(self, servo_id: int, register: Register) -> int:
+        """What a register holds.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+        """
+        block = self.read_block(servo_id, register.address, register.size, what=register.name)
+        return register.decode(block)
+
+    def read_block(self, servo_id: int, start: int, count: int, *, what: str = "a block") -> bytes:
+        """``count`` bytes from address ``start``.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+        """
+        for tried in range(1 + RETRIES):
+            now = time.monotonic()
+            begin, length = self._stragglers.span((servo_id,), start, count, now)
+            answer = self._once(servo_id, scservo_sdk.INST_READ, (begin, length), length, tried)
+            if isinstance(answer, Answer):
+                return answer.data[start - begin : start - begin + count]
+            self._stragglers.missed(servo_id, length, time.monotonic())
+            self.tallies[servo_id].retries += 1
+        raise self._failure(servo_id, answer, what)
+
+    def write(self, servo_id: int, register: Register, value: int) -> None:
+        """Write a register and see that it holds ``value``.
+
+        A servo saves an EEPROM register only while it is unlocked; see ``store``.
+
+        Raises:
+            NoReply: The servo is silent.
+            CorruptReply: No answer was sound.
+            ServoFault: The register holds something else.
+            ValueError: The register does not take ``value``.
+        """
+        params = (register.address, *register.encode(value))
+        held = None
+        for tried in range(1 + RETRIES):
+            self._once(servo_id, scservo_sdk.INST_WRITE, params, 0, tried)
+            held = self.read(servo_id, register)
+            if held == value:
+                return
+            self.tallies[servo_id].retries += 1
+        faults = Fault(self.tallies[servo_id].faults)
+        reports = f" and reports {', '.join(faults.names)}" if faults.names else ""
+        raise ServoFault(
+            f"{self.label(servo_id)} was told {register.name} = {value} but holds {held}{reports};"
+            " let it cool and free its joint, or switch its power off and on, then try again",
+            servo_id=servo_id,
+            flags=faults,
+        )
+
+    def store(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
+        """See that EEPROM registers hold ``values`` for good; writes only those that differ.
+
+        Returns:
+            The names of those that were written.
+
+        Raises:
+            BusError: See ``write``. The servo is locked again as far as it can be reached.
+        """
+        differing = {row: want for row, want in values.items() if self.read(servo_id, row) != want}
+        if not differing:
+            return ()
+        try:
+            self.write(servo_id, LOCK, 0)
+            for register, value in differing.items():
+                self.write(servo_id, register, value)
+        finally:
+            self.write(servo_id, LOCK, 1)
+        changed = tuple(row.name for row in differing)
+        _log.info("%s: stored %s", self.label(servo_id), ", ".join(changed))
+        return changed
+
+    def change_id(self, servo_id: int, new_id: int) -> None:
+        """Give a servo another id for good.
+
+        Raises:
+            ServoFault: Another servo has that id, or the servo did not take it.
+            BusError: See ``write``.
+        """
+        if new_id in self.answering((new_id,)):
+            raise ServoFault(
+                f"there is a servo {new_id} already; unplug it or choose another id",
+                servo_id=new_id,
+            )
+        self.write(servo_id, LOCK, 0)
+        for _ in range(1 + RETRIES):
+            self.post(servo_id, ID, new_id)
+            if new_id in self.answering((new_id,)):
+                self.write(new_id, LOCK, 1)  # where the servo answers from now on
+                return
+        self.write(servo_id, LOCK, 1)
+        raise ServoFault(
+            f"{self.label(servo_id)} did not take the id {new_id}; check that it is the only"
+            " servo plugged in, then try again",
+            servo_id=servo_id,
+        )
+
+    def post(self, servo_id: int, register: Register, value: int) -> None:
+        """Write a register without looking whether it holds ``value``.
+
+        For the id and the baud rate: the servo answers elsewhere from then on.
+        """
+        params = (register.address, *register.encode(value))
+        self._once(servo_id, scservo_sdk.INST_WRITE, params, 0)
+
+    # All servos
+
+    def scan(self) -> list[int]:
+        """Ids of all servos that hear a broadcast ping at this baud rate, in order."""
+        return list(self.roll_call().ids)
+
+    def roll_call(self) -> RollCall:
+        """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
+        answers = Answers(range(BROADCAST), 0)
+        self._handler.is_using = False
+        self._sdk.txPacket(self._handler, [0, 0, BROADCAST, 2, scservo_sdk.INST_PING, 0])
+        wire = 10.0 * (packet_size(0) + BROADCAST * _PING_SLOT) / self.port.baud
+        until = time.monotonic() + wire + self._patience
+        while data := self.port.read(until):
+            answers.feed(data)
+        garbled = answers.skipped + len(answers.rest) > 0
+        return RollCall(tuple(sorted(answers.found)), garbled)
+
+    def answering(self, servo_ids: Iterable[int], *, tries: int = 1 + RETRIES) -> list[int]:
+        """Which of ``servo_ids`` are there; ``tries`` as in ``sync_read``."""
+        row = MODEL_NUMBER
+        found = self.sync_read(tuple(servo_ids), row.address, row.size, tries=tries)
+        return sorted(found)
+
+    def sync_read(
+        self,
+        servo_ids: Collection[int],
+        start: int,
+        count: int,
+        *,
+        tries: int = 1,
+        given_up: Collection[int] = (),
+    ) -> dict[int, Answer]:
+        """``count`` bytes from ``start`` of many servos, in one transaction.
+
+        Servos answer in the order they are listed, each in a time slot of its own. So once the
+        last one has answered, nobody else will, and nobody is waited for.
+
+        Args:
+            servo_ids: Whom to ask.
+            start: The first address.
+            count: How many bytes.
+            tries: How often to ask those who do not answer, 1 to 4; the later tries wait longer. A
+                control loop has no time for more than one, and asks again in its next cycle.
+            given_up: Of those, who is asked only once: servos known to be silent.
+
+        Returns:
+            What came, by id; a servo that did not answer is missing.
+        """
+        found: dict[int, Answer] = {}
+        # The silent ones first, so that the last one is there to be waited for.
+        asked = [i for i in servo_ids if i in given_up] + [
+            i for i in servo_ids if i not in given_up
+        ]
+        for attempt in range(tries):
+            if attempt:
+                for servo_id in asked:
+                    self.tallies[servo_id].retries += 1
+            begin, length = self._stragglers.span(
+                asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
+            )
+            skip = start - begin
+            for servo_id, answer in self._sync_read_once(asked, begin, length, attempt).items():
+                found[servo_id] = (
+                    answer
+                    if length == count
+                    else Answer(answer.data[skip : skip + count], answer.faults)
+                )
+            asked = [i for i in asked if i not in found and i not in given_up]
+            if not asked:
+                break
+        return found
+
+    def sync_write(self, start: int, data: Mapping[int, bytes]) -> None:
+        """Write as many bytes from ``start`` to each servo of ``data``; nobody acknowledges."""
+        self.port.write(sync_write_packet(start, data))
+
+    # How
+
+    def _ask(
+        self, servo_id: int, instruction: int, params: tuple[int, ...], count: int, what: str
+    ) -> Answer:
+        for tried in range(1 + RETRIES):
+            answer = self._once(servo_id, instruction, params, count, tried)
+            if isinstance(answer, Answer):
+                return answer
+            self.tallies[servo_id].retries += 1
+        raise self._failure(servo_id, answer, what)
+
+    def _once(
+        self,
+        servo_id: int,
+        instruction: int,
+        params: tuple[int, ...],
+        count: int,
+        tried: int = 0,
+    ) -> Answer | bytes:
+        """One question to one servo: the answer, or the bytes that were none."""
+        handler, tally = self._handler, self.tallies[servo_id]
+        handler.is_using = False  # the SDK forgets to after an exception
+        packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
+        self._sdk.txPacket(handler, packet)
+        handler.patience = self._patience_for(tried)
+        handler.setPacketTimeout(len(packet) + packet_size(count))
+        while True:
+            raw, result = self._sdk.rxPacket(handler)
+            if result != scservo_sdk.COMM_SUCCESS:
+                handler.clearPort()
+                tally.missed(garbled=bool(raw))
+                return bytes(raw)
+            if is_cut_short(bytes(raw), self.tallies):
+                handler.clearPort()
+                tally.missed(garbled=True)
+                return bytes(raw)
+            # Anything else that is well-formed is a straggler: look on.
+            if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
+                tally.heard(raw[4])
+                return Answer(bytes(raw[5:-1]), raw[4])
+
+    def _patience_for(self, tried: int) -> float:
+        """How long to wait for an answer that was asked for ``tried`` times before [s]."""
+        return min(self._patience * _PERSISTENCE[tried], max(self._patience, _LONGEST))
+
+    def _longest(self, servos: int) -> int:
+        """How many bytes so many servos can send within our patience with a control cycle."""
+        # Without any, answers are there at once, as from a port in a test.
+        patience = self._patience or PATIENCE
+        room = (patience - min(_REST, 0.5 * patience)) * self.port.baud / 10.0
+        return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
+
+    def _sync_read_once(
+        self, asked: list[int], start: int, count: int, tried: int
+    ) -> dict[int, Answer]:
+        answers, patience = Answers(asked, count), self._patience_for(tried)
+        self.port.discard()
+        self.port.write(sync_read_packet(tuple(asked), start, count))
+        wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
+        rest = min(_REST, 0.5 * patience)
+        until = time.monotonic() + max(patience, wire + rest)
+        while not answers.is_complete and asked[-1] not in answers.found:
+            data = self.port.read(until)
+            if not data:
+                break
+            if not answers.found:
+                until = min(until, time.monotonic() + wire + rest)
+            answers.feed(data)
+        for servo_id, answer in answers.found.items():
+            self.tallies[servo_id].heard(answer.faults)
+        if not answers.is_complete:
+            self._miss(answers, asked, count)
+        return answers.found
+
+    def _miss(self, answers: Answers, asked: list[int], count: int) -> None:
+        self.port.discard()
+        garbled = answers.skipped + len(answers.rest) > 0
+        now = time.monotonic()
+        for servo_id in asked:
+            if servo_id not in answers.found:
+                self._stragglers.missed(servo_id, count, now)
+                self.tallies[servo_id].missed(garbled=garbled)
+
+    def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
+        label, tries = self.label(servo_id), 1 + RETRIES
+        if answer:
+            assert isinstance(answer, bytes)
+            return CorruptReply(
+                f"{label} answered {what} with nonsense {tries} times; check the plugs of its"
+                f" cable, and that no other servo has the id {servo_id}",
+                raw=answer,
+            )
+        return NoReply(
+            f"no reply from {label} to {what} after {tries} tries; check that it has power and"
+            " that the cable from the servo before it is plugged in",
+            servo_id=servo_id,
+            register=what,
+        )

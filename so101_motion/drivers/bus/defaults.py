@@ -1,0 +1,13 @@
+"""How an arm's servo bus is set up unless a configuration says otherwise."""
+
+BAUDRATE = 1_000_000
+"""Bits per second of the servos as new; the published module's default."""
+
+TIMEOUT = 1.0
+"""For how long servos that do not answer are asked at the start [s]; the published default."""
+
+SERVO_IDS = (1, 2, 3, 4, 5)
+"""The arm's servos, base to wrist."""
+
+GRIPPER_ID = 6
+"""The jaw's servo."""

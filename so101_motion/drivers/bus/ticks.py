@@ -1,0 +1,162 @@
+"""Ticks, the servo's idea of an angle, and radians, everybody else's.
+
+A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg;
+we do not.) A ``JointMap`` says for one joint which tick is zero, which way the servo counts, and
+between which ticks it may go. Its values come from a calibration, which this module does not know:
+whoever composes the arm hands them over.
+
+Positions are those the servo reports, homing offset already taken off by the servo itself. They
+live on a circle: tick 4095 is the neighbour of tick 0. ``to_rad`` unrolls that circle at the point
+opposite to the middle of the joint's range, which the joint cannot reach, so a position a little
+outside the range comes out as a little outside, and never as a turn away.
+
+Reading and writing back never moves a joint: ``to_ticks(to_rad(t)) == t`` for every tick of the
+unrolled circle, exactly (see the property test).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NewType
+
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+
+Ticks = NewType("Ticks", int)
+"""A position or a difference of positions as the servo counts."""
+
+RAD_PER_TICK = 2.0 * math.pi / TICKS_PER_TURN
+TICKS_PER_RAD = TICKS_PER_TURN / (2.0 * math.pi)
+
+TOP_SPEED_TICKS = 7500
+"""Largest speed the servo's registers let through [tick/s]: register 84 at its factory value."""
+
+TOP_ACCELERATION_UNITS = 100
+"""Largest value the servo takes over from register 41 while register 85 is as new."""
+
+_UNIT_TICKS, _OFFSET_TICKS = 108.0, 386.0
+"""What a count of the acceleration register really does [tick/s^2]: 386 + 108 a count, the mean of
+three joints as measured by the authors of the published module; the manual promises 100 a count."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointMap:
+    """How one joint is represented by its servo.
+
+    Attributes:
+        servo_id: The servo's id on the bus.
+        zero_ticks: The position at joint angle zero [tick]; may lie between two ticks.
+        direction: 1 if the servo counts up with the angle, else -1.
+        lower_ticks: Smallest position the joint may be sent to.
+        upper_ticks: Largest.
+        homing_offset: What the servo's homing offset must be for these ticks to mean this [tick];
+            it and the limits are then kept in the servo as well. None leaves the servo's alone.
+
+    Raises:
+        ValueError: Limits or direction make no sense.
+    """
+
+    servo_id: int
+    zero_ticks: float = 2048.0
+    direction: int = 1
+    lower_ticks: Ticks = Ticks(0)
+    upper_ticks: Ticks = Ticks(TICKS_PER_TURN - 1)
+    homing_offset: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.direction not in (1, -1):
+            raise ValueError(f"direction is 1 or -1, not {self.direction}")
+        if not 0 <= self.lower_ticks < self.upper_ticks < TICKS_PER_TURN:
+            raise ValueError(f"no range of ticks: {self.lower_ticks} to {self.upper_ticks}")
+        if not math.isfinite(self.zero_ticks):
+            raise ValueError(f"zero_ticks must be finite, not {self.zero_ticks}")
+
+    @classmethod
+    def from_calibration(
+        cls,
+        *,
+        servo_id: int,
+        homing_offset: int | None,
+        range_min: int,
+        range_max: int,
+        drive_mode: int = 0,
+        zero_ticks: float | None = None,
+    ) -> JointMap:
+        """The map that a calibration record's values mean.
+
+        Args:
+            servo_id: The servo's id.
+            homing_offset: The servo's homing offset [tick], None to leave it as it is.
+            range_min: Smallest position of the recorded travel [tick].
+            range_max: Largest.
+            drive_mode: Not 0 if the servo counts down with the angle.
+            zero_ticks: The position at angle zero; the middle of the travel if None, which is
+                what a calibration without knowledge of the arm's shape takes.
+        """
+        middle = (range_min + range_max) / 2.0
+        return cls(
+            servo_id=servo_id,
+            zero_ticks=middle if zero_ticks is None else zero_ticks,
+            direction=-1 if drive_mode else 1,
+            lower_ticks=Ticks(range_min),
+            upper_ticks=Ticks(range_max),
+            homing_offset=homing_offset,
+        )
+
+    @property
+    def lower(self) -> float:
+        """Smallest angle the joint may be sent to [rad]."""
+        return min(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
+
+    @property
+    def upper(self) -> float:
+        """Largest angle the joint may be sent to [rad]."""
+        return max(self._angle(self.lower_ticks), self._angle(self.upper_ticks))
+
+    def to_rad(self, ticks: Ticks) -> float:
+        """The joint angle at a reported position [rad]."""
+        return self._angle(self.unrolled(ticks))
+
+    def to_ticks(self, q: float) -> Ticks:
+        """The position nearest to joint angle ``q`` [rad], on the unrolled circle, not clamped."""
+        return Ticks(round(self.zero_ticks + self.direction * q * TICKS_PER_RAD))
+
+    def to_goal(self, q: float) -> Ticks:
+        """The position to send the joint to for angle ``q`` [rad]: inside its limits."""
+        return Ticks(min(max(self.to_ticks(q), self.lower_ticks), self.upper_ticks))
+
+    def unrolled(self, ticks: Ticks) -> Ticks:
+        """The same position, counted on beyond the seam opposite to the middle of the range."""
+        seam = (self.lower_ticks + self.upper_ticks + 1) // 2 - TICKS_PER_TURN // 2
+        return Ticks(seam + (ticks - seam) % TICKS_PER_TURN)
+
+    def _angle(self, ticks: Ticks) -> float:
+        return self.direction * (ticks - self.zero_ticks) * RAD_PER_TICK
+
+
+def to_speed_ticks(speed: float) -> int:
+    """What the speed register must hold so that no joint exceeds ``speed`` [rad/s].
+
+    At least 1, because 0 means maximum. (The servo turns no slower than about 9 deg/s of its own;
+    slower motion is made by slow setpoints.)
+
+    Raises:
+        ValueError: ``speed`` is not positive.
+    """
+    if not speed > 0.0:
+        raise ValueError(f"a speed cap must be positive, not {speed}")
+    return max(1, math.floor(min(speed * TICKS_PER_RAD, TOP_SPEED_TICKS)))
+
+
+def to_acceleration_units(acceleration: float) -> int:
+    """What the acceleration register must hold for a cap of ``acceleration`` [rad/s^2].
+
+    At least 1, because 0 means maximum; 1 is already 43 deg/s^2.
+
+    Raises:
+        ValueError: ``acceleration`` is not positive.
+    """
+    if not acceleration > 0.0:
+        raise ValueError(f"an acceleration cap must be positive, not {acceleration}")
+    units = (acceleration * TICKS_PER_RAD - _OFFSET_TICKS) / _UNIT_TICKS
+    return math.floor(min(max(units, 1.0), TOP_ACCELERATION_UNITS))

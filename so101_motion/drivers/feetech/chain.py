@@ -1,0 +1,164 @@
+"""The servos along the cable: found, set up, and found again after a loss.
+
+``Chain`` has the connection, which may go away and come back (``connection.py``), and knows which
+servos answer (``presence.py``) and what their RAM must hold. Whenever servos have been out of sight
+they are set up anew (``servo_setup.py``), and whoever uses them is told how they were found.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import Register
+from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.sdk import Port
+from so101_motion.drivers.bus.ticks import JointMap
+from so101_motion.drivers.feetech.connection import Connection
+from so101_motion.drivers.feetech.presence import Presence, not_there
+from so101_motion.drivers.feetech.servo_setup import ServoCondition, prepare
+
+
+class Chain:
+    """Servos on one port. Used by the I/O thread, but for what it shows.
+
+    Args:
+        open_port: Opens the serial port.
+        clock: What time it is.
+        maps: The servo of each joint, by index.
+        names: What the joints are called, by index.
+        ram: What RAM registers must hold in every servo.
+        met: Called with a joint and how its servo was found, after it was set up.
+        patience: See ``Bus``.
+        tallies: See ``Bus``.
+
+    Attributes:
+        index: The joint of each servo.
+        ram: What RAM registers must hold, by servo.
+        presence: Which servos answer.
+        connection: The port, present or not.
+        is_met: Whether the port is open and the servos have been found.
+    """
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        clock: Clock,
+        maps: Mapping[int, JointMap],
+        *,
+        names: Sequence[str],
+        ram: Mapping[Register, int],
+        met: Callable[[int, ServoCondition], None],
+        patience: float,
+        tallies: Tallies | None,
+    ) -> None:
+        self.index = {joint.servo_id: i for i, joint in maps.items()}
+        self.ram = {servo_id: dict(ram) for servo_id in self.index}
+        self.presence = Presence(tuple(self.index))
+        labels = {servo_id: names[i] for servo_id, i in self.index.items()}
+        self.connection = Connection(
+            open_port, clock, names=labels, patience=patience, tallies=tallies
+        )
+        self.is_met = False
+        self._maps, self._met = maps, met
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[None]:
+        """Notice here that the port goes away."""
+        try:
+            yield
+        except PortUnavailable as error:
+            if self.connection.is_open:
+                self.connection.lost(error)
+            self.is_met = False
+            raise
+
+    def bus(self) -> Bus:
+        """The bus, with the servos found and set up.
+
+        Raises:
+            PortUnavailable: There is no port at present; ``meet`` tries to get it back.
+        """
+        if not self.is_met:
+            reason = "not connected at present; the connection is taken up again by itself"
+            raise PortUnavailable("the arm's port", reason)
+        return self.connection.bus()
+
+    def meet(self) -> bool:
+        """Find the servos and set them up; those that are driven go on as they are.
+
+        Returns:
+            Whether all of them are driven.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+            NoReply: One does not answer that did until now, or none does.
+            BusError: One cannot be set up.
+        """
+        bus, ids = self.connection.bus(), tuple(self.index)
+        found = bus.answering(ids)
+        missing = [i for i in ids if i not in found and i not in self.presence.silent]
+        if missing or not found:
+            raise not_there(bus, missing or ids, found)
+        self.presence.restart(found)
+        driven = [self._set_up(bus, servo_id).torque for servo_id in found]
+        self.is_met = True
+        return all(driven)
+
+    def meet_again(self, servo_ids: Sequence[int]) -> tuple[list[int], list[ServoFault]]:
+        """Set up servos that were silent and answer again.
+
+        Returns:
+            Those that are limp, and what others refused. One that cannot be talked to after all
+            counts as silent and is tried again when it answers.
+
+        Raises:
+            PortUnavailable: There is no port any more.
+        """
+        limp: list[int] = []
+        refusals: list[ServoFault] = []
+        for servo_id in servo_ids:
+            try:
+                if not self._set_up(self.connection.bus(), servo_id).torque:
+                    limp.append(servo_id)
+            except (NoReply, CorruptReply):
+                self.presence.dismiss(servo_id)
+            except ServoFault as error:
+                refusals.append(error)
+        return limp, refusals
+
+    def put(self, servo_id: int, register: Register, value: int) -> None:
+        """See that a RAM register holds ``value``, also after a restart of its servo.
+
+        Raises:
+            BusError: The servo did not take it.
+        """
+        self.ram[servo_id][register] = value
+        if servo_id not in self.presence.silent:
+            self.bus().write(servo_id, register, value)
+
+    def put_all(self, register: Register, values: Mapping[int, int]) -> None:
+        """Write a register of many servos; all that answer are tried before anything is raised.
+
+        Raises:
+            BusError: One did not take it.
+        """
+        failures: list[BusError] = []
+        for servo_id in self.index.keys() - self.presence.silent:
+            try:
+                self.bus().write(servo_id, register, values[servo_id])
+            except PortUnavailable:
+                raise
+            except BusError as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    def _set_up(self, bus: Bus, servo_id: int) -> ServoCondition:
+        i = self.index[servo_id]
+        condition = prepare(bus, self._maps[i], self.ram[servo_id])
+        self._met(i, condition)
+        return condition

@@ -1,0 +1,104 @@
+"""A bus that comes back after its port went away.
+
+``Connection`` opens the port when it is asked for the bus and has none, but not more often than a
+back-off allows: 0.25 s after the first failure, twice as long after each further one, 5 s at most.
+In between it answers at once with the reason of the last failure. The counters of the servos go on
+through all of it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.sdk import Port
+
+_log = logging.getLogger(__name__)
+
+FIRST_WAIT = 0.25
+"""How long after a failure the port is tried again [s]; as in the published module."""
+
+LONGEST_WAIT = 5.0
+"""The longest wait between two tries [s]."""
+
+
+class Connection:
+    """Opens, keeps and reopens a bus. Used by one thread at a time.
+
+    Args:
+        open_port: Opens the port or raises ``PortUnavailable``.
+        clock: What time it is.
+        names: What the servos are called in messages, by id.
+        patience: See ``Bus``.
+        tallies: Counters to go on with, by id.
+
+    Attributes:
+        tallies: The servos' counters, by id.
+        losses: How often the port went away.
+    """
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        clock: Clock,
+        *,
+        names: Mapping[int, str],
+        patience: float = PATIENCE,
+        tallies: Tallies | None = None,
+    ) -> None:
+        self.tallies = Tallies() if tallies is None else tallies
+        self.losses = 0
+        self._open_port, self._clock = open_port, clock
+        self._names, self._patience = names, patience
+        self._bus: Bus | None = None
+        self._wait, self._next_try = FIRST_WAIT, clock.now()
+        self._why: PortUnavailable | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a bus right now."""
+        return self._bus is not None
+
+    def bus(self) -> Bus:
+        """The bus; opened now if there is none and it is time.
+
+        Raises:
+            PortUnavailable: There is none.
+        """
+        if self._bus is None:
+            now = self._clock.now()
+            if self._why is not None and now < self._next_try:
+                raise PortUnavailable(self._why.port, self._why.reason)
+            try:
+                port = self._open_port()
+            except PortUnavailable as error:
+                self._postpone(error)
+                raise
+            if self._why is not None:
+                _log.info("%s is back", port.name)
+            self._bus = Bus(port, names=self._names, tallies=self.tallies, patience=self._patience)
+            self._why = None
+        return self._bus
+
+    def lost(self, error: PortUnavailable) -> None:
+        """The port went away; forget it."""
+        _log.warning("%s", error)
+        self.losses += 1
+        self._wait = FIRST_WAIT
+        self._postpone(error)
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the port."""
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()
+
+    def _postpone(self, error: PortUnavailable) -> None:
+        self._why = error
+        self._next_try = self._clock.now() + self._wait
+        self._wait = min(2.0 * self._wait, LONGEST_WAIT)

@@ -1,0 +1,450 @@
+"""The real arm: up to six servos on a serial bus as one ``JointDriver``.
+
+A control cycle is two transactions: a sync write of the goals and a sync read of the positions; ten
+times a second the read also brings voltage, current, temperature, load and faults. Speed and
+acceleration are capped in the servos' own registers as well.
+
+*Nothing moves by being switched on.* While the servos are limp, ``write`` only remembers the goal;
+``set_torque`` then writes it, reads it back, switches torque on and reads that back. The goal is
+where the joint is, and so much beyond that the servo carries the joint's weight. A servo that
+drives its joint already, because a former process left it so or the cable was out for a moment,
+stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
+outside its limits, where no goal can keep it, is left as it is until a goal inside comes
+(``out_of_range.py``). What the goals are: see ``goal_compensation.py``, and while a hand guides the
+arm ``hand_guiding.py``.
+
+*One silent servo costs nobody else anything*, and no answer is asked for twice in a cycle: there is
+no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
+is taken to go where it is sent (``joint_estimate.py``), for half a second if none is. Then ``read``
+raises ``NoReply`` once, which ends what is under way; after that the others are read as before, and
+the silent one is asked along. When it answers again it is set up anew, and if it had restarted it
+is made to hold where it is and ``ServoFault`` is raised once, because the joint may stand elsewhere
+now.
+
+*The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
+tries to get it back (``chain.py``) and sets the servos up again. They hold meanwhile, and
+nothing is written to them before somebody asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import numpy as np
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import BusError, ServoFault
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.sdk import Port
+from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
+from so101_motion.drivers.command_record import CommandListener
+from so101_motion.drivers.feetech.chain import Chain
+from so101_motion.drivers.feetech.goal_compensation import Aim
+from so101_motion.drivers.feetech.goal_writer import GoalWriter
+from so101_motion.drivers.feetech.gravity_compensation import Gravity
+from so101_motion.drivers.feetech.hand_guiding import Guide
+from so101_motion.drivers.feetech.health import JointHealth, Vitals
+from so101_motion.drivers.feetech.joint_estimate import Whereabouts
+from so101_motion.drivers.feetech.out_of_range import Strays
+from so101_motion.drivers.feetech.presence import not_sure, not_there
+from so101_motion.drivers.feetech.servo_setup import ServoCondition
+from so101_motion.drivers.goal_limiter import GoalLimiter
+
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+"""Base to jaw, the order of the servos along the cable."""
+
+SETTLE_POSITION = to_rad(0.25)
+"""How near to its goal a joint must come to have arrived [rad]: not quite three ticks, twice the
+trim's dead band, so that with the tick's own width the joint truly is within 0.3 deg."""
+
+SETTLE_VELOCITY = to_rad(3.0)
+"""How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
+
+SETTLE_TIMEOUT = 2.0
+"""How long settling may take [s]: ten time constants of the trim's integral."""
+
+_NOBODY: frozenset[str] = frozenset()
+_NOWHERE: Sequence[None] = (None,) * 6
+
+_FRESH = 0.1
+"""How old the position may be that a joint is held at [s]. Chosen: two looks at a resting arm."""
+
+_REWRITE = 0.03
+"""After how long without a setpoint the goals are sent again, with what the trim has learnt [s]."""
+
+
+class FeetechArm:
+    """Six Feetech servos, or as many as there are; fits ``JointDriver``.
+
+    Args:
+        open_port: Opens the serial port, e.g. a ``PortOpener``.
+        clock: What time it is.
+        maps: The servo of each joint this arm has, by joint name. A joint without one reads as 0
+            and takes no goals.
+        gravity: The torque that holds a pose, see ``gravity_compensation.py``.
+        speed: Speed cap kept by the servos themselves [rad/s].
+        acceleration: Acceleration cap kept by the servos themselves [rad/s^2]; well above what
+            is planned, or the servos lag behind.
+        patience: How long to wait for an answer beyond the time on the wire [s].
+        tallies: The servos' counters so far, by id, if there has been an arm on this port before.
+
+    Raises:
+        BusError: The port cannot be opened, or a servo cannot be reached or set up.
+        ValueError: A name is no joint, or two joints have the same servo.
+    """
+
+    def __init__(
+        self,
+        open_port: Callable[[], Port],
+        clock: Clock,
+        maps: Mapping[str, JointMap],
+        *,
+        gravity: Gravity,
+        speed: float,
+        acceleration: float,
+        patience: float = PATIENCE,
+        tallies: Tallies | None = None,
+    ) -> None:
+        self._clock = clock
+        self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
+        self._chain = Chain(
+            open_port,
+            clock,
+            self._maps,
+            names=JOINTS,
+            ram={
+                reg.ACCELERATION: to_acceleration_units(acceleration),
+                reg.GOAL_VELOCITY: to_speed_ticks(speed),
+            },
+            met=self._take_over,
+            patience=patience,
+            tallies=tallies,
+        )
+        self._index, self._presence = self._chain.index, self._chain.presence
+        if len(self._index) != len(maps):
+            raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
+        self._torque = False
+        self._at = Whereabouts(self._maps)
+        limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
+        self._aim = Aim(self._maps, gravity, limiter)
+        self._strays = Strays(self._maps, self._chain.ram)
+        self._goals = GoalWriter(self._aim, clock, self._index, self._chain.ram)
+        self._guide: Guide | None = None
+        self._vitals = Vitals(clock.now())
+        self._guided = clock.now()
+        try:
+            self._reach()
+        except BusError:
+            self._chain.connection.close()
+            raise
+
+    # What a driver does
+
+    def read(self) -> JointReading:
+        """Measure all joints; takes up the connection again if it was lost.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+            NoReply: A servo has fallen silent (raised once), or all are.
+            ServoFault: A servo has restarted by itself (raised once).
+        """
+        with self._chain.watching():
+            bus = self._reach()
+            self._measure(bus)
+            if self._guide is not None:
+                self._yield(bus, self._guide)
+            elif (
+                self._aim.is_set and self._torque and self._clock.now() - self._goals.t >= _REWRITE
+            ):
+                self._send(bus)
+        q, qd = self._at.q, self._at.qd
+        unheard, unsure = self._presence.unanswering, self._at.unsure()
+        stray = self._strays.nearest(q) if self._strays else {}
+        return JointReading(
+            q=np.array(q[:5]),
+            qd=np.array(qd[:5]),
+            q_jaw=q[5],
+            qd_jaw=qd[5],
+            stray={JOINTS[i]: q_inside for i, q_inside in stray.items()},
+            unheard=frozenset(JOINTS[self._index[i]] for i in unheard) if unheard else _NOBODY,
+            unsure=frozenset(JOINTS[i] for i in unsure if self._maps[i].servo_id not in unheard)
+            if unsure
+            else _NOBODY,
+        )
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
+
+        Args:
+            q_cmd: Where the arm joints are wanted now.
+            q_jaw_cmd: Where the jaw is.
+            qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s]; None is at rest.
+
+        While the arm is guided only the jaw is sent anywhere.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+            CommandRefused: That is further than the caps allow (``goal_limiter.py``); the joints
+                are held where they were sent last.
+            NoReply: Where a joint is that is to be held there is not sure.
+        """
+        with self._chain.watching():
+            bus, now = self._chain.bus(), self._clock.now()
+            here, free = self._at.surely, self._strays.free
+            if self._guide is not None:
+                self._aim.point([*self._aim.q[:5], q_jaw_cmd], None, now, here, free)
+                return
+            q = [*q_cmd.tolist(), q_jaw_cmd]
+            if self._aim.is_set and self._torque:
+                if qd_cmd is None:  # whoever is sent elsewhere is to be held where it is
+                    self._refuse_unsure(bus, [i for i in self._maps if q[i] != self._aim.q[i]])
+                qd = None if qd_cmd is None else qd_cmd.tolist()
+                self._aim.point(q, qd, now, here, free)
+            else:
+                self._refuse_unsure(bus, self._maps)
+                self._aim.begin(q, self._at.q, now, free)
+            if self._torque:
+                if self._strays:
+                    goals = self._aim.goals(now, self._presence.silent)
+                    for i in self._strays.lead(bus, self._aim.q, goals):
+                        self._aim.held[i] = self._at.ticks(i)
+                self._send(bus)
+
+    def set_torque(self, on: bool) -> None:
+        """Hold the joints at the goal written last, or let go of them.
+
+        A joint outside its limits is left as it is, and so is a silent jaw; without one of its
+        joints the arm is not switched on.
+
+        Raises:
+            BusError: A servo did not obey. Letting go is tried with all of them first.
+        """
+        with self._chain.watching():
+            bus = self._chain.bus()
+            self._end_guiding(bus)
+            if on:
+                self._switch_on(bus)
+            else:
+                self._switch_off(bus)
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the joints of the arm yield to a hand; the jaw holds on.
+
+        ``read`` has to be called a hundred times a second then. Only RAM registers are written.
+
+        Args:
+            how: How they yield. None ends it: they hold where they are.
+
+        Raises:
+            BusError: A servo did not obey.
+            RuntimeError: The joints are not held.
+        """
+        with self._chain.watching():
+            bus = self._chain.bus()
+            if how is None:
+                self._end_guiding(bus)
+            elif not (self._torque and self._aim.is_set):
+                raise RuntimeError("hold the joints before they are guided")
+            else:
+                self._refuse_unsure(bus, self._maps)
+                self._guide = Guide(how, self._aim.trim, self._at.q)
+                self._guided = self._clock.now()
+
+    def close(self) -> None:
+        """Let go of the port; the servos stay as they are."""
+        self._chain.connection.close()
+
+    # What else can be asked of this arm, on the I/O thread
+
+    @property
+    def bus(self) -> Bus:
+        """The bus, for jobs that talk to the servos themselves.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+        """
+        return self._chain.bus()
+
+    def set_torque_limit(self, joint: str, share: float) -> None:
+        """Let ``joint`` use at most ``share``, 0 to 1, of its motor's drive, also after a restart.
+
+        Raises:
+            BusError: The servo did not take it.
+        """
+        servo_id = self._maps[JOINTS.index(joint)].servo_id
+        with self._chain.watching():
+            self._chain.bus()
+            limit = round(1000.0 * min(max(share, 0.0), 1.0))
+            self._chain.put(servo_id, reg.TORQUE_LIMIT, limit)
+
+    @property
+    def on_command(self) -> CommandListener | None:
+        """Called on the I/O thread with every command as it is sent; None for nobody."""
+        return self._goals.on_command
+
+    @on_command.setter
+    def on_command(self, listener: CommandListener | None) -> None:
+        self._goals.on_command = listener
+
+    # What any thread may ask
+
+    @property
+    def health(self) -> tuple[JointHealth, ...]:
+        """How each servo was when it was last looked at, base to jaw; newest tenth of a second."""
+        names = {servo_id: JOINTS[i] for servo_id, i in self._index.items()}
+        silent = self._presence.silent if self.is_connected else names
+        return self._vitals.health(names, self._chain.connection.tallies, silent)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the port is open and the servos have been found."""
+        return self._chain.is_met
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether a servo drives its joint."""
+        return any(held is not None for held in self._aim.held)
+
+    @property
+    def limp(self) -> tuple[str, ...]:
+        """The joints that no servo drives, base to jaw."""
+        return tuple(JOINTS[i] for i in self._index.values() if self._aim.held[i] is None)
+
+    @property
+    def port_losses(self) -> int:
+        """How often the port went away since the start."""
+        return self._chain.connection.losses
+
+    # Connecting
+
+    def _reach(self) -> Bus:
+        if not self._chain.is_met:
+            self._aim.is_set, self._guide = False, None
+            self._torque = self._chain.meet()
+            self._at.forget()
+        return self._chain.bus()
+
+    def _take_over(self, i: int, servo: ServoCondition) -> None:
+        """Joint ``i``'s servo has been set up; learn how it stands."""
+        joint = self._maps[i]
+        self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
+        self._at.found(i, servo.present_ticks, self._clock.now())
+        self._aim.found(i, servo)
+        self._strays.found(i, crawls=servo.crawls)
+
+    def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
+        """Servos that were silent answer again; all are seen to before anything is raised."""
+        limp, refusals = self._chain.meet_again(servo_ids)
+        restarted = limp if self._torque else []
+        for servo_id in restarted:
+            self._aim.is_set = False
+            try:
+                self._catch(bus, servo_id)
+            except ServoFault as error:
+                refusals.append(error)
+        if refusals:
+            raise refusals[0]
+        if restarted:
+            names = ", ".join(bus.label(servo_id) for servo_id in restarted)
+            raise ServoFault(
+                f"{names} restarted and holds where it is now; its power must have failed: check"
+                " its cable and the supply, then let the arm hold again",
+                servo_id=restarted[0],
+            )
+
+    def _catch(self, bus: Bus, servo_id: int) -> None:
+        """Hold a limp joint where it is."""
+        i = self._index[servo_id]
+        here = self._at.ticks(i)
+        if self._strays.may_be_driven(bus, i, here):
+            self._goals.engage(bus, servo_id, self._maps[i].to_goal(self._at.q[i]))
+
+    # Measuring
+
+    def _measure(self, bus: Bus) -> None:
+        now = self._clock.now()
+        count, missed = self._vitals.count(now), self._presence.unanswering
+        found, doubted = self._at.ask(bus, count, missed, self._clock)
+        self._at.look(found, self._wanted(), now)
+        for servo_id, answer in found.items():
+            self._aim.heard(self._index[servo_id], answer.faults)
+        if self._aim.is_set and self._torque and self._guide is None:
+            if self._strays:
+                self._strays.arrive(bus, self._at.q)
+            fresh = {self._index[servo_id] for servo_id in found} - self._strays.left
+            self._aim.trim.measure(self._at.q, self._at.qd, fresh, now)
+        self._vitals.take(now, found)
+        change = self._presence.judge(found, now)
+        if change.fallen or self._presence.all_silent:
+            self._aim.is_set = False
+            raise not_there(bus, change.fallen or tuple(self._index), found, doubted)
+        if change.back:
+            self._take_back(bus, change.back)
+
+    def _wanted(self) -> Sequence[float | None]:
+        """Where each joint has been sent [rad]; None if it is limp or a hand leads it."""
+        if not (self._aim.is_set and self._torque):
+            return _NOWHERE
+        if self._guide is None:
+            return self._aim.q
+        return [*_NOWHERE[:5], self._aim.q[5]]
+
+    # Commanding
+
+    def _send(self, bus: Bus) -> None:
+        self._goals.send(bus, self._presence.silent, self._strays.left)
+
+    def _yield(self, bus: Bus, guide: Guide) -> None:
+        """Send guided joints goals and torque limits, and the jaw its own."""
+        now = self._clock.now()
+        q_goal, shares = guide.step(self._at.q, self._at.qd, now - self._guided)
+        self._guided = now
+        self._goals.lead(bus, q_goal, shares, self._presence.silent, self._strays.left)
+
+    def _end_guiding(self, bus: Bus) -> None:
+        """The joints hold where they are, pulling no harder than before, and then may again."""
+        guide, self._guide = self._guide, None
+        if guide is None:
+            return
+        here = [*self._at.q[:5], self._aim.q[5]]
+        self._aim.begin(here, here, self._clock.now(), ())
+        self._send(bus)
+        limits = {servo_id: ram[reg.TORQUE_LIMIT] for servo_id, ram in self._chain.ram.items()}
+        self._chain.put_all(reg.TORQUE_LIMIT, limits)
+
+    def _switch_on(self, bus: Bus) -> None:
+        if not self._aim.is_set:
+            raise RuntimeError("write a goal before torque is switched on")
+        lost = sorted(i for i in self._presence.silent if self._index[i] < 5)
+        if lost:
+            raise not_there(bus, lost, set(self._index) - self._presence.silent)
+        self._refuse_unsure(bus, self._maps)
+        goals = self._aim.goals(self._clock.now(), self._presence.silent)
+        for servo_id, goal in goals.items():
+            i = self._index[servo_id]
+            held = self._aim.held[i]
+            here = self._at.ticks(i) if held is None else held
+            if self._strays.may_be_driven(bus, i, here):
+                self._goals.engage(bus, servo_id, goal)
+        self._torque = True
+
+    def _refuse_unsure(self, bus: Bus, joints: Collection[int]) -> None:
+        """See that two readings agree on where each of ``joints`` is before it is held there."""
+        for i in self._at.unsure(self._clock.now() - _FRESH):
+            servo_id = self._maps[i].servo_id
+            if i in joints and servo_id not in self._presence.silent:
+                raise not_sure(bus, servo_id)
+
+    def _switch_off(self, bus: Bus) -> None:
+        self._torque = self._aim.is_set = False
+        self._aim.held = [None] * 6
+        try:
+            self._chain.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self._index, 0))
+        finally:
+            self._strays.let_go(bus)

@@ -1,0 +1,141 @@
+"""From where the six joints are wanted to the goals of their servos.
+
+A goal is not the place where a joint is wanted. It lies beyond, by what the joint's weight makes
+its servo give way (``gravity_compensation.py``) and by what the servo would lag behind at speed
+(``lag_compensation.py``), and it is a whole number of ticks within the servo's limits. How far the
+command may move and how much may be added to it is bounded in one place, the last before the bus:
+``goal_limiter.py``.
+
+What is sent is remembered, because it is what the servo pulls towards from then on: the joint
+stands a little off it under its load, and has to keep that distance when it is told to stay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+from so101_motion.drivers.bus.registers import Fault
+from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
+from so101_motion.drivers.feetech.lag_compensation import BRAKING, braking, stopping_distance
+from so101_motion.drivers.feetech.servo_setup import ServoCondition
+from so101_motion.drivers.goal_limiter import GoalLimiter
+
+
+class Aim:
+    """Six numbers each, in plain lists: for so few they beat numpy in every cycle.
+
+    Args:
+        maps: The servo of each joint there is, by index.
+        gravity: The torque that holds a pose.
+        limiter: What bounds commands and goals.
+
+    Attributes:
+        trim: What is added for the weight.
+        q: Where the joints are wanted [rad].
+        held: The servos' goals; None for one that is limp, or whose goal is not known.
+        is_set: Whether somebody has said where the joints are wanted since they were found.
+    """
+
+    def __init__(
+        self, maps: Mapping[int, JointMap], gravity: Gravity, limiter: GoalLimiter
+    ) -> None:
+        self.trim, self._limiter = Trim(gravity), limiter
+        self.q = [0.0] * 6
+        self.held: list[Ticks | None] = [None] * 6
+        self.is_set = False
+        self._overloaded: set[int] = set()
+        self._maps = maps
+        self._qd: Sequence[float] | None = None
+        self._braking = [BRAKING] * 6
+
+    def found(self, i: int, servo: ServoCondition) -> None:
+        """Joint ``i``'s servo has been set up and was found like this."""
+        self.held[i] = servo.goal_ticks if servo.torque else None
+        self._overloaded.discard(i)
+        self.trim.set_gain(i, servo.p_gain)
+        self._braking[i] = braking(servo.max_acceleration)
+
+    def heard(self, i: int, faults: int) -> None:
+        """What the status byte of joint ``i``'s servo was.
+
+        One that has given up on its load does not take it up again before its goal is where it
+        stands. So nothing is added to that goal, and what weighs on the joint has to wait a moment.
+        """
+        if faults & Fault.OVERLOAD:
+            self._overloaded.add(i)
+        elif self._overloaded:
+            self._overloaded.discard(i)
+
+    def begin(
+        self, q: list[float], here: Sequence[float], now: float, free: Collection[int]
+    ) -> None:
+        """The joints are held at ``q`` [rad] from now on, which is where they are.
+
+        Args:
+            q: Where.
+            here: Where they are known to be [rad].
+            now: Since when [s].
+            free: Joints that no goal keeps in place.
+
+        Raises:
+            CommandRefused: They are elsewhere.
+        """
+        self._limiter.begin(q, here, now, free)
+        self.q, self._qd, self.is_set = q, None, True
+        self.trim.start(q, now, [self._sag(i) for i in range(6)])
+
+    def point(
+        self,
+        q: list[float],
+        qd: Sequence[float] | None,
+        now: float,
+        here: Callable[[int], float],
+        free: Collection[int],
+    ) -> None:
+        """The joints are wanted at ``q`` [rad].
+
+        Args:
+            q: Where.
+            qd: How fast the arm joints are wanted there [rad/s]; None or NaN is not known.
+            now: Since when [s].
+            here: Where a joint is surely known to be [rad], else NaN.
+            free: Joints that no goal keeps in place.
+
+        Raises:
+            CommandRefused: That is further from where they were wanted than the caps allow.
+        """
+        self._limiter.follow(q, qd, now, here, free)
+        self.q = q
+        self._qd = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
+        self.trim.command(q, now)
+
+    def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
+        """What to send to whom, by servo; ``absent`` ones are left out."""
+        offset, lead = self.trim.offset, [0.0] * 6
+        if self._qd is not None:
+            for i, qd in enumerate(self._qd):
+                lead[i] = stopping_distance(qd, self._braking[i])
+        for i in self._overloaded:
+            offset[i] = lead[i] = 0.0
+        goals = self._limiter.goals(offset, self.trim.largest, lead, now)
+        return self._in_ticks(goals, absent)
+
+    def yielded(
+        self, q_goal: Sequence[float], now: float, absent: Collection[int]
+    ) -> dict[int, Ticks]:
+        """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
+        return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
+
+    def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
+        return {
+            joint.servo_id: joint.to_goal(goals[i])
+            for i, joint in self._maps.items()
+            if joint.servo_id not in absent
+        }
+
+    def _sag(self, i: int) -> float | None:
+        """How far the goal of joint ``i``'s servo is from where it is wanted [rad]."""
+        held = self.held[i]
+        return None if held is None else self._maps[i].to_rad(held) - self.q[i]

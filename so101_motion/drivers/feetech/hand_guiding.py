@@ -1,0 +1,94 @@
+"""Joints that keep themselves up and yield to a hand.
+
+How it works. A joint holds a place, its *anchor*, softly: like a spring of the P gain asked for.
+Pushed beyond the dead band it takes the anchor along, so it stays where it is left. Its weight is
+carried by the goal being so much wrong in advance, as when it holds (``gravity_compensation.py``).
+
+The servo's own spring is stiffer than that, and its gain lives in EEPROM, which is left alone. So
+the goal is not the anchor but a point between the joint and the anchor; it moves with the joint, a
+hundred times a second. The torque limit, in RAM, is what carries the weight and a little more: so
+much and no more can the joint put up against a hand, whatever else goes wrong.
+
+What the model does not know of the weight would let a joint sink once it is let go. As long as it
+is slow, the joint therefore learns what it takes to stay at its anchor, a little; against a slow
+hand it learns the same, hence the bound. Forgetting is always allowed, so a joint that a hand has
+led slowly catches itself when it is let go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.feetech.gravity_compensation import Trim, yielding
+
+LEARNING = 5.0
+"""How fast it learns [1/s], as when it holds."""
+
+UNSURE = 0.3
+"""Share of a joint's modelled weight that may be learnt: something in the hand, another supply
+voltage. Chosen: 50 g in the jaws are that to the shoulder."""
+
+UNSURE_DRIVE = 0.01
+"""Share of full drive that any joint may learn beyond that. Chosen."""
+
+SLOW = to_rad(6.0)
+"""Slower than this it learns [rad/s]; chosen, nobody guides an arm so slowly for long."""
+
+CONTENT = 0.6
+"""Share of the dead band within which it learns nothing. Chosen: with play and friction it would
+otherwise swing about its anchor for ever, once in 14 s."""
+
+N = 5
+"""The joints of the arm; the jaw is not guided."""
+
+
+class Guide:
+    """Makes the goals of the arm joints while they are guided.
+
+    Args:
+        how: How they yield.
+        trim: What carries them while they hold, and has carried them until now.
+        q: Where they are [rad].
+    """
+
+    def __init__(self, how: Compliance, trim: Trim, q: Sequence[float]) -> None:
+        self._how, self._trim = how, trim
+        self._anchor = list(q[:N])
+        self._known, self._learnt = trim.rest, [0.0] * N
+        self._softness = [min(give / yielding(1) * how.p_gain, 1.0) for give in trim.yielding]
+
+    def step(
+        self, q: Sequence[float], qd: Sequence[float], dt: float
+    ) -> tuple[list[float], list[float]]:
+        """Where to send the joints now, and what they may use.
+
+        Args:
+            q: Where all six joints are [rad].
+            qd: How fast they are [rad/s].
+            dt: Time since the last step [s].
+
+        Returns:
+            Goals [rad] and shares of full drive of the arm joints.
+        """
+        band = self._how.dead_band
+        goals, shares = [], []
+        weights = self._trim.explain(q)
+        for i in range(N):
+            away = self._anchor[i] - q[i]
+            if abs(away) > band:
+                away = band if away > 0.0 else -band
+                self._anchor[i] = q[i] + away
+            self._learn(i, away, qd[i], dt, weights[i])
+            carried = weights[i] + self._known[i] + self._learnt[i]
+            goals.append(q[i] + self._softness[i] * away + carried)
+            shares.append(abs(carried) / self._trim.yielding[i] + self._how.resistance)
+        return goals, shares
+
+    def _learn(self, i: int, away: float, qd: float, dt: float, weight: float) -> None:
+        learnt = self._learnt[i]
+        if abs(away) < CONTENT * self._how.dead_band or (abs(qd) > SLOW and away * learnt >= 0.0):
+            return
+        bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
+        self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)

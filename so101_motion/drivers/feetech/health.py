@@ -1,0 +1,144 @@
+"""How the servos are: what they measured of themselves, and how well they can be heard."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.protocol import Answer
+from so101_motion.drivers.bus.registers import Fault
+from so101_motion.drivers.bus.reply_counters import Tally
+
+VITALS_START = reg.PRESENT_POSITION.address
+VITALS_COUNT = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size - VITALS_START
+"""The measured block: position, velocity, load, voltage, temperature, status, moving, current."""
+
+
+VITALS_PERIOD = 0.1
+"""How often that block is read [s]; makes the average cycle 1.07 times the shortest one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointHealth:
+    """One servo at one instant.
+
+    Attributes:
+        joint: Which joint.
+        servo_id: Its servo.
+        t: When the figures were measured, on the rig's clock [s].
+        is_silent: Whether it does not answer at present; the figures are then its last ones.
+        volts: Supply voltage at the servo [V].
+        amps: Motor current [A].
+        temperature_c: [degC].
+        load: Drive, -1 to 1; not a torque.
+        faults: The conditions it reports now: ``voltage``, ``encoder``, ``overheated``,
+            ``overcurrent``, ``overload``.
+        latched: All conditions it has reported since the start.
+        answers: Right answers since the start.
+        lost: Questions without an answer.
+        corrupt: Questions with a garbled answer.
+        retries: Questions that were repeated.
+    """
+
+    joint: str
+    servo_id: int
+    t: float
+    is_silent: bool
+    volts: float
+    amps: float
+    temperature_c: int
+    load: float
+    faults: tuple[str, ...]
+    latched: tuple[str, ...]
+    answers: int
+    lost: int
+    corrupt: int
+    retries: int
+
+
+def joint_health(
+    joint: str, servo_id: int, t: float, block: bytes, tally: Tally, *, is_silent: bool
+) -> JointHealth:
+    """The snapshot that the measured block of a servo and its counters make."""
+    volts, amps, temperature_c, load = _figures(block)
+    return JointHealth(
+        joint=joint,
+        servo_id=servo_id,
+        t=t,
+        is_silent=is_silent,
+        volts=volts,
+        amps=amps,
+        temperature_c=temperature_c,
+        load=load,
+        faults=_words(tally.faults),
+        latched=_words(tally.latched),
+        answers=tally.answers,
+        lost=tally.lost,
+        corrupt=tally.corrupt,
+        retries=tally.retries,
+    )
+
+
+# Both are asked in every cycle, and the answer changes ten times a second at most.
+
+
+@lru_cache(maxsize=256)
+def _figures(block: bytes) -> tuple[float, float, int, float]:
+    """Volts, amperes, degrees Celsius and drive in a measured block."""
+
+    def si(register: reg.Register) -> float:
+        return register.scale * register.cut(block, VITALS_START)
+
+    return (
+        si(reg.PRESENT_VOLTAGE),
+        si(reg.PRESENT_CURRENT),
+        reg.PRESENT_TEMPERATURE.cut(block, VITALS_START),
+        si(reg.PRESENT_LOAD),
+    )
+
+
+@lru_cache(maxsize=256)
+def _words(status: int) -> tuple[str, ...]:
+    """What the bits of a status byte mean."""
+    return Fault(status).names
+
+
+class Vitals:
+    """The measured blocks of the servos, a tenth of a second old at most.
+
+    Args:
+        now: The time [s].
+    """
+
+    def __init__(self, now: float) -> None:
+        self._due = now
+        self._blocks: dict[int, tuple[float, bytes]] = {}
+
+    def count(self, now: float) -> int:
+        """How many bytes to read now: the position, or the whole block when it is due."""
+        return VITALS_COUNT if now >= self._due else reg.PRESENT_POSITION.size
+
+    def take(self, now: float, found: Mapping[int, Answer]) -> None:
+        """Keep what was read, by servo, if it was the whole block."""
+        if now >= self._due:
+            self._due = now + VITALS_PERIOD
+            self._blocks = self._blocks | {i: (now, answer.data) for i, answer in found.items()}
+
+    def health(
+        self, names: Mapping[int, str], tallies: Mapping[int, Tally], silent: Collection[int]
+    ) -> tuple[JointHealth, ...]:
+        """How each servo was last; from any thread.
+
+        Args:
+            names: The joints, by servo, base to jaw.
+            tallies: How well each is heard.
+            silent: Who does not answer at present.
+        """
+        blocks = self._blocks
+        return tuple(
+            joint_health(joint, i, *blocks[i], tallies[i], is_silent=i in silent)
+            for i, joint in names.items()
+            if i in blocks
+        )

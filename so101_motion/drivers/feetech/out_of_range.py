@@ -1,0 +1,155 @@
+"""Joints that stand outside their limits, where no goal can keep them.
+
+A servo clamps every goal into its limits. So a joint outside cannot be told to stay there: whatever
+goal it gets, it sets off for its limit, as fast as its caps let it. Until somebody wants it inside
+it therefore gets no goal at all, and stays as it was found: limp, or held by a goal from before
+these limits were there.
+
+The first goal inside the limits brings it in: its caps are lowered to a crawl, then it is driven.
+When it has come in it gets its caps back and is a joint like any other. If a goal outside comes
+before that, it is stopped where it is: its torque is switched off and on again, and a servo that is
+switched on holds what it finds. (LeRobot relies on that on many arms. Should a firmware know
+better, the joint crawls on to its limit.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import Register
+from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.feetech.servo_setup import CRAWL, engage, is_outside
+
+_MARGIN = to_rad(0.3)  # how far inside its limit a joint is brought; more than the trim leaves
+
+_Ram = Mapping[int, Mapping[Register, int]]
+
+
+class Strays:
+    """Which joints are outside, and which of those are on their way in.
+
+    Args:
+        maps: The servo of each joint, by index.
+        ram: What RAM registers must hold, by servo.
+
+    Attributes:
+        left: Joints that get no goal.
+    """
+
+    def __init__(self, maps: Mapping[int, JointMap], ram: _Ram) -> None:
+        self.left: set[int] = set()
+        self._maps, self._ram = maps, ram
+        self._coming: set[int] = set()
+        self._crawling: set[int] = set()  # whose caps are lowered
+
+    def __bool__(self) -> bool:
+        return bool(self.left or self._coming)
+
+    @property
+    def free(self) -> Collection[int]:
+        """All of them: no goal keeps them in place, and their servos keep them slow."""
+        return (*self.left, *self._coming)
+
+    def found(self, i: int, *, crawls: bool) -> None:
+        """Joint ``i`` has been set up; if its caps were lowered, it is held outside its limits."""
+        self._coming.discard(i)
+        for group in (self.left, self._crawling):
+            (group.add if crawls else group.discard)(i)
+
+    def may_be_driven(self, bus: Bus, i: int, here: Ticks) -> bool:
+        """Whether joint ``i`` may be told to stay where it is; if not, it is left alone.
+
+        Args:
+            bus: Where its servo is.
+            i: Which joint.
+            here: Where its servo pulls it, or where it is if that is limp.
+
+        Raises:
+            BusError: Its caps could not be put back.
+        """
+        if i in self._coming:
+            return True
+        if is_outside(self._maps[i], here):
+            self.left.add(i)
+            return False
+        self.left.discard(i)
+        self._put_back(bus, i)
+        return True
+
+    def lead(self, bus: Bus, goals: Sequence[float], ticks: Mapping[int, Ticks]) -> list[int]:
+        """Bring in those that are wanted inside, stop those that are not any more.
+
+        Args:
+            bus: Where they are.
+            goals: Where all six joints are wanted [rad].
+            ticks: The same as goals of the servos that answer, by servo, within their limits.
+
+        Returns:
+            Those that were stopped.
+
+        Raises:
+            BusError: A servo did not obey.
+        """
+        stopped = []
+        for i in [*self.left, *self._coming]:
+            servo_id = self._maps[i].servo_id
+            if servo_id not in ticks or (i in self._coming) == self._holds(i, goals[i]):
+                continue
+            if i in self._coming:
+                bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+                bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+                self._coming.discard(i)
+                self.left.add(i)
+                stopped.append(i)
+                continue
+            self._crawling.add(i)
+            for register, value in CRAWL.items():
+                bus.write(servo_id, register, value)
+            engage(bus, servo_id, ticks[servo_id])
+            self.left.discard(i)
+            self._coming.add(i)
+        return stopped
+
+    def arrive(self, bus: Bus, q: Sequence[float]) -> None:
+        """Give those their caps back that have come in to ``q`` [rad].
+
+        Raises:
+            BusError: A servo did not take them.
+        """
+        for i in [i for i in self._coming if self._holds(i, q[i])]:
+            self._put_back(bus, i)
+            self._coming.discard(i)
+
+    def let_go(self, bus: Bus) -> None:
+        """All are limp now; it is decided anew when they are driven again.
+
+        Raises:
+            BusError: The caps of one could not be put back.
+        """
+        self.left.clear()
+        self._coming.clear()
+        for i in list(self._crawling):
+            self._put_back(bus, i)
+
+    def nearest(self, q: Sequence[float]) -> dict[int, float]:
+        """Where each of them would be taken in [rad], by index."""
+        found = {}
+        for i in (*self.left, *self._coming):
+            joint = self._maps[i]
+            margin = min(_MARGIN, (joint.upper - joint.lower) / 2.0)
+            found[i] = min(max(q[i], joint.lower + margin), joint.upper - margin)
+        return found
+
+    def _holds(self, i: int, q: float) -> bool:
+        joint = self._maps[i]
+        return joint.lower - 1e-6 <= q <= joint.upper + 1e-6
+
+    def _put_back(self, bus: Bus, i: int) -> None:
+        if i in self._crawling:
+            servo_id = self._maps[i].servo_id
+            for register in CRAWL:
+                bus.write(servo_id, register, self._ram[servo_id][register])
+            self._crawling.discard(i)

@@ -1,0 +1,141 @@
+"""Which servos are there: telling a lost answer from a servo that has fallen silent."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from so101_motion.common.errors import NoReply
+from so101_motion.drivers.bus.bus import Bus
+
+SILENT_AFTER = 0.25
+"""For how long a servo must not have answered to count as silent [s]. Chosen: meanwhile its joint
+goes on to its goals unseen."""
+
+ALL_SILENT_AFTER = 0.5
+"""The same while nobody answers [s]. A busy computer was seen to keep all answers from us for 0.3 s
+(its kernel hands over what a port has received when it finds the time), and that is no reason to
+end a motion; without power, which is the other cause, there is none to end. Chosen."""
+
+_FEWEST = 8
+"""And so many reads in a row. With 7 % of the answers spoiled, that happens by chance once in 2e9
+answers: to a resting arm, which is looked at every 50 ms, twice a year. Chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What one read has changed.
+
+    Attributes:
+        fallen: Servos that are silent from now on.
+        back: Servos that are not any more.
+    """
+
+    fallen: tuple[int, ...]
+    back: tuple[int, ...]
+
+
+_NO_CHANGE = Change((), ())
+
+
+class Presence:
+    """Keeps track of who answers.
+
+    Args:
+        servo_ids: Who should.
+
+    Attributes:
+        silent: Who does not; replaced whole, so any thread may look.
+    """
+
+    def __init__(self, servo_ids: Sequence[int]) -> None:
+        self.silent: frozenset[int] = frozenset()
+        self._ids = tuple(servo_ids)
+        # Reads in a row without an answer and the time of the first, where there are any.
+        self._misses: dict[int, tuple[int, float]] = {}
+
+    @property
+    def unanswering(self) -> Collection[int]:
+        """Who did not answer the last time, silent or not: not worth waiting for in a cycle."""
+        return self._misses.keys() | self.silent if self._misses or self.silent else ()
+
+    @property
+    def all_silent(self) -> bool:
+        """Whether nobody answers."""
+        return len(self.silent) == len(self._ids)
+
+    def judge(self, found: Collection[int], now: float) -> Change:
+        """Take in who answered a read at ``now`` [s]."""
+        if len(found) == len(self._ids) and not self._misses and not self.silent:
+            return _NO_CHANGE
+        before, self._misses = self._misses, {}
+        for servo_id in self._ids:
+            if servo_id not in found:
+                count, since = before.get(servo_id, (0, now))
+                self._misses[servo_id] = (count + 1, since)
+        enough = SILENT_AFTER if found else ALL_SILENT_AFTER
+        lost = {
+            servo_id
+            for servo_id, (count, since) in self._misses.items()
+            if count >= _FEWEST and now - since >= enough - 1e-9
+        }
+        change = Change(
+            fallen=tuple(sorted(lost - self.silent)), back=tuple(sorted(self.silent & set(found)))
+        )
+        self.silent = (self.silent | lost) - set(change.back)
+        return change
+
+    def dismiss(self, servo_id: int) -> None:
+        """Take a servo for silent that has just answered but cannot be talked to."""
+        self.silent |= {servo_id}
+
+    def restart(self, found: Collection[int]) -> None:
+        """After connecting: only ``found`` are there."""
+        self._misses = {}
+        self.silent = frozenset(self._ids) - set(found)
+
+
+def not_sure(bus: Bus, servo_id: int) -> NoReply:
+    """What to tell about a servo of which no two answers agree on where it is."""
+    return NoReply(
+        f"{bus.label(servo_id)} is not known to be anywhere for sure, because no two of its answers"
+        " agree; nothing was switched on. Keep the joint still, check the plugs of its cable, then"
+        " try again",
+        servo_id=servo_id,
+        register="present_position",
+    )
+
+
+def not_there(
+    bus: Bus, missing: Sequence[int], others: Collection[int], doubted: Collection[int] = ()
+) -> NoReply:
+    """What to tell somebody under the table about servos that do not answer.
+
+    Args:
+        bus: Where they are missed.
+        missing: Who does not answer, in order.
+        others: Who does.
+        doubted: Who answers, but says to be where no joint can have got to.
+    """
+    first = missing[0]
+    if first in doubted:
+        return NoReply(
+            f"{bus.label(first)} says to be where its joint cannot have got to, again and again;"
+            " check the plugs of its cable, switch its power off and on, and if that does not help"
+            " replace the servo",
+            servo_id=first,
+            register="present_position",
+        )
+    if not others:
+        message = (
+            f"{bus.port.name} is there but no servo answers; check that the arm's power supply is"
+            " on and that the first cable is plugged into the adapter"
+        )
+    else:
+        names = ", ".join(bus.label(servo_id) for servo_id in missing)
+        if first - 1 in others and not any(servo_id > first for servo_id in others):
+            where = f"the cable between servos {first - 1} and {first}"
+        else:
+            where = "its cable and that it has the right id"
+        message = f"no reply from {names}; the others answer. Check {where}"
+    return NoReply(message, servo_id=first, register="present_position")

@@ -1,0 +1,212 @@
+"""Judge a servo by its supply, temperature, load and faults: one table of thresholds for everybody.
+
+The executor ends motions for what must ``stop`` them, the motor setup refuses a wrong supply, and
+``diagnose``, ``so101 doctor`` and the page report the same findings in the same words. A status
+bit alone never is an error, because the reading that came with it is good; it is judged here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from so101_motion.drivers.feetech.health import JointHealth
+
+HOT_C = 65
+"""From here on a joint is not moved any more [degC]; the servo itself gives up at 70 (FT)."""
+
+WARM_C = 55
+"""From here on motions get slower [degC]. Chosen."""
+
+TOO_LOW_V, TOO_LOW_7V4 = 5.5, 4.5
+"""Below this a joint is not moved, and below this a 7.4 V servo does not fit its supply [V]. The
+first is for servos of either type: on the power of a USB port alone they have no strength and
+restart. Chosen; many 7.4 V arms are fed with 5 V, and 4 V is the servo's own limit (WS)."""
+
+LOW_V = 6.0
+"""Below this a 7.4 V servo works, but has little strength [V]. Chosen; an empty battery of two
+cells has 6 V."""
+
+LOW_12_V = 9.0
+"""The same for a 12 V servo [V], and what tells the two types apart: their own upper limits are 8.0
+and 14.0 V (WS, FW)."""
+
+SAG_V = 0.7
+"""The voltage may drop this much from the first servo to the last [V]. Chosen."""
+
+LOSSY, BROKEN = 0.005, 0.1
+"""Shares of lost or garbled answers that are worth a warning and that make a bus unusable. Chosen:
+a good bus has none, and retries make up for 7 % (``bus.RETRIES``)."""
+
+ENOUGH = 1000
+"""A share is judged from so many answers on; fewer do not tell half a percent."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoTrouble:
+    """One thing that is wrong with a servo.
+
+    Attributes:
+        kind: What it is about; ``"fault"`` is what only a status bit tells.
+        level: ``"stop"`` if its joint must not be moved, ``"warn"`` if the servo does not fit its
+            supply, ``"note"`` if it works, but not as well as it could.
+        sentence: What is wrong, with its figure.
+        fix: What to do about it.
+    """
+
+    kind: Literal["temperature", "load", "supply", "fault"]
+    level: Literal["stop", "warn", "note"]
+    sentence: str
+    fix: str
+
+    def __str__(self) -> str:
+        return f"{self.sentence}; {self.fix}"
+
+
+def judge(
+    *,
+    volts: float,
+    lowest_volts: float = 0.0,
+    highest_volts: float | None = None,
+    celsius: int,
+    load: float,
+    amps: float,
+    faults: Iterable[str],
+) -> tuple[ServoTrouble, ...]:
+    """Everything that is wrong with a servo, worst first; empty when all is well.
+
+    Args:
+        volts: Its supply [V].
+        lowest_volts: The lower limit that it is set for [V].
+        highest_volts: The upper one; None if that is not known.
+        celsius: Its temperature [degC].
+        load: Its drive, -1 to 1.
+        amps: Its current [A].
+        faults: The status bits it shows, as ``Fault.names``.
+    """
+    reported = frozenset(faults)
+    found = []
+    if "overheated" in reported or celsius >= WARM_C:
+        found.append(
+            ServoTrouble(
+                kind="temperature",
+                level="stop" if "overheated" in reported or celsius >= HOT_C else "note",
+                sentence=f"its servo is too hot ({celsius} degC, it gives up at 70)",
+                fix=f"let it cool below {WARM_C} degC, and do not let it press or hold up a load"
+                " for long",
+            )
+        )
+    if reported & {"overload", "overcurrent"}:
+        found.append(
+            ServoTrouble(
+                kind="load",
+                level="stop",
+                sentence=f"its servo is overloaded ({100 * abs(load):.0f} % drive,"
+                f" {abs(amps):.2f} A)",
+                fix="free the joint or take weight off it, then move again",
+            )
+        )
+    supply = judge_supply(volts, lowest_volts, highest_volts)
+    if supply is None and "voltage" in reported:
+        supply = ServoTrouble(
+            kind="fault",
+            level="stop",
+            sentence=f"its supply of {volts:.1f} V is outside the limits it is set for, or sags"
+            " under load",
+            fix="check the power supply and, with 7.4 V servos, that it is not a 12 V one",
+        )
+    found += [] if supply is None else [supply]
+    if "encoder" in reported:
+        found.append(
+            ServoTrouble(
+                kind="fault",
+                level="stop",
+                sentence="its servo reports a broken encoder",
+                fix="replace the servo",
+            )
+        )
+    return tuple(found)
+
+
+def judge_supply(
+    volts: float, lowest_volts: float, highest_volts: float | None
+) -> ServoTrouble | None:
+    """What is wrong with a servo's supply; None if nothing is. Arguments as for ``judge``."""
+    if highest_volts is not None and volts > highest_volts:
+        nominal = nominal_volts(highest_volts)
+        mixed_up = ": a 7.4 V servo on a 12 V supply" if nominal < LOW_12_V < volts else ""
+        return ServoTrouble(
+            kind="supply",
+            level="stop",
+            sentence=f"it gets {volts:.1f} V but is made for at most {highest_volts:.1f} V"
+            f"{mixed_up}",
+            fix=f"switch the power off now and use a supply of {nominal:g} V",
+        )
+    is_7v4 = highest_volts is not None and highest_volts < LOW_12_V
+    if volts < max(lowest_volts, TOO_LOW_7V4 if is_7v4 else TOO_LOW_V):
+        return ServoTrouble(
+            kind="supply",
+            level="stop",
+            sentence=f"it gets only {volts:.1f} V",
+            fix="switch the arm's power supply on (a USB port cannot feed servos), or check its"
+            " plugs",
+        )
+    if highest_volts is not None and highest_volts >= LOW_12_V > volts:
+        return ServoTrouble(
+            kind="supply",
+            level="warn",
+            sentence=f"it gets only {volts:.1f} V but is a 12 V servo, so it will be weak and slow",
+            fix="use a supply of 12 V, if the other servos are made for it as well",
+        )
+    if volts < LOW_V:
+        return ServoTrouble(
+            kind="supply",
+            level="note",
+            sentence=f"it gets only {volts:.1f} V, so it is weak and slow and may restart when"
+            " several joints move",
+            fix="use a stronger supply, or check its plugs",
+        )
+    return None
+
+
+def nominal_volts(highest_volts: float) -> float:
+    """The supply a servo is sold for [V], 7.4 or 12, by its own upper limit [V]."""
+    return 7.4 if highest_volts < LOW_12_V else 12.0
+
+
+def sag(volts: Sequence[float]) -> ServoTrouble | None:
+    """What the voltages along the cable, base to jaw [V], say of it; None if all is well."""
+    if volts[0] - volts[-1] <= SAG_V:
+        return None
+    return ServoTrouble(
+        kind="supply",
+        level="note",
+        sentence=f"{volts[0]:.1f} V at the base but {volts[-1]:.1f} V at the end: the thin cables"
+        " carry too much",
+        fix="check their plugs, or feed the far end as well",
+    )
+
+
+def alarms(health: Iterable[JointHealth]) -> dict[str, str]:
+    """Why joints must not be moved, by joint; silent servos are the driver's to report."""
+    found: dict[str, str] = {}
+    for joint in health:
+        if joint.is_silent:
+            continue
+        for trouble in judge(
+            volts=joint.volts,
+            celsius=joint.temperature_c,
+            load=joint.load,
+            amps=joint.amps,
+            faults=joint.faults,
+        ):
+            if trouble.level == "stop":
+                found.setdefault(joint.joint, str(trouble))
+    return found
+
+
+def lossy_share(count: int, asked: int) -> float:
+    """The share of answers that were lost or garbled, if it is worth a word; else 0."""
+    share = count / asked if asked >= ENOUGH else 0.0
+    return share if share > LOSSY else 0.0

@@ -1,0 +1,219 @@
+"""Bringing a servo into the state the driver relies on, by changing only what differs.
+
+EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
+given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A
+servo that restarts forgets its RAM and comes up limp, with no cap at all, so this runs again
+whenever one was silent.
+
+A servo that is driven stays driven, and its joint stays where it is, whatever is changed:
+
+* A goal is counted from the homing offset, so a new offset would take the joint along. The servo is
+  let go of for the 10 ms that this takes and then given the same place under its new number. (It
+  builds up its pull anew then: a loaded joint dips and comes back, by 1.6 deg on the emulated arm.)
+* A goal outside new limits is left as it is, and the caps are set to a crawl before the limits are
+  written, in case a firmware takes that for a reason to move. See ``out_of_range.py``.
+* A servo that cannot reach its goal for lack of torque (a program died that had turned it down)
+  would leap there once it is allowed to. Its goal is first brought to where it pulls as hard as
+  before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import eq
+from typing import TypeVar
+
+from so101_motion.common.errors import CorruptReply
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Register
+from so101_motion.drivers.bus.ticks import JointMap, Ticks, to_speed_ticks
+from so101_motion.drivers.position_check import ENOUGH
+
+T = TypeVar("T")
+
+CRAWL_SPEED = to_rad(8.0)
+"""How fast a joint comes in from outside its limits [rad/s]. Chosen: slow enough to look what it
+does and to take a hand away; the servo itself turns no slower than 4 to 9 deg/s."""
+
+CRAWL: Mapping[Register, int] = {
+    reg.ACCELERATION: 1,
+    reg.GOAL_VELOCITY: to_speed_ticks(CRAWL_SPEED),
+}
+"""The caps of such a joint."""
+
+OUTSIDE_TICKS = 4
+"""A joint so little beyond its limits counts as inside [tick]: 0.35 deg, half of what the gears
+have of play. Chosen."""
+
+NEAR_TICKS = 16
+"""Two positions read one after the other agree if they are no farther apart: 1.4 deg, what the
+fastest joint does in 2 ms. Chosen."""
+
+_READINGS = 12  # after so many that do not agree it is given up
+
+_START = reg.TORQUE_ENABLE.address
+_COUNT = reg.TORQUE_LIMIT.address + reg.TORQUE_LIMIT.size - _START
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoCondition:
+    """How a servo was found, under its present homing offset.
+
+    Attributes:
+        torque: Whether it drives its joint.
+        goal_ticks: What its position loop pulls towards. None if its goal register is no clue: it
+            is so far off that the servo would pull as hard as it can.
+        present_ticks: Where it is.
+        p_gain: Proportional gain of its position loop.
+        max_acceleration: What its acceleration is cut at, in units of register 41.
+        torque_limit: What its torque limit is now, in thousandths of full drive.
+        crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
+        changed: Names of the registers that had to be changed.
+    """
+
+    torque: bool
+    goal_ticks: Ticks | None
+    present_ticks: Ticks
+    p_gain: int
+    max_acceleration: int
+    torque_limit: int
+    crawls: bool
+    changed: tuple[str, ...]
+
+
+def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCondition:
+    """Make a servo ready; whether it is driven, and where to, stays as it is.
+
+    Args:
+        bus: Where it is.
+        joint: Which one, and what its calibration is.
+        ram: What RAM registers must hold. Without a torque limit among them it becomes what the
+            servo starts with.
+
+    Raises:
+        BusError: It cannot be reached or does not take a value.
+    """
+    servo_id = joint.servo_id
+    full = agreed(lambda: bus.read(servo_id, reg.MAX_TORQUE))
+    p_gain = agreed(lambda: bus.read(servo_id, reg.P_GAIN))
+    block = agreed(lambda: bus.read_block(servo_id, _START, _COUNT, what="its settings"))
+    torque, limit = reg.TORQUE_ENABLE.cut(block, _START) == 1, reg.TORQUE_LIMIT.cut(block, _START)
+    goal = _pull(bus, servo_id, block, p_gain=p_gain, may_do_more=limit < full)
+    if torque and goal is not None and limit < full:
+        bus.write(servo_id, reg.GOAL_POSITION, goal)
+    shift = 0
+    if joint.homing_offset is not None:
+        shift = agreed(lambda: bus.read(servo_id, reg.HOMING_OFFSET)) - joint.homing_offset
+    here = read_position(bus, servo_id) if goal is None else goal
+    here = (here + shift) % TICKS_PER_TURN if shift else here
+    crawls = torque and is_outside(joint, Ticks(here))
+    changed = _fill(bus, servo_id, CRAWL) if crawls else ()
+    if torque and shift:
+        bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+    changed += bus.store(servo_id, _eeprom(bus, joint))
+    if torque and shift:
+        if not crawls:
+            bus.write(servo_id, reg.GOAL_POSITION, here)
+        bus.write(servo_id, reg.TORQUE_ENABLE, 1)  # without a goal it holds what it finds
+    ram = {reg.TORQUE_LIMIT: full, **ram, **(CRAWL if crawls else {})}
+    changed += _fill(bus, servo_id, ram)
+    return ServoCondition(
+        torque=torque,
+        goal_ticks=None if goal is None else Ticks(here),
+        present_ticks=Ticks(read_position(bus, servo_id)),
+        p_gain=p_gain,
+        max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
+        torque_limit=ram[reg.TORQUE_LIMIT],
+        crawls=crawls,
+        changed=changed,
+    )
+
+
+def read_position(bus: Bus, servo_id: int) -> int:
+    """Where a servo is [tick], as three answers in a row have it.
+
+    Raises:
+        BusError: It cannot be reached, or its answers do not agree.
+    """
+
+    def near(one: int, other: int) -> bool:
+        away = (one - other) % TICKS_PER_TURN
+        return min(away, TICKS_PER_TURN - away) <= NEAR_TICKS
+
+    return agreed(lambda: bus.read(servo_id, reg.PRESENT_POSITION), near, ENOUGH)
+
+
+def agreed(read: Callable[[], T], alike: Callable[[T, T], bool] = eq, times: int = 2) -> T:
+    """What ``read`` returns as soon as so many in a row are alike.
+
+    Raises:
+        BusError: It cannot be read, or is something else each time.
+    """
+    seen = [read()]
+    in_a_row = 1
+    while in_a_row < times:
+        if len(seen) > _READINGS:
+            raise CorruptReply(
+                f"the answers of a servo do not agree: {', '.join(map(str, seen))}; keep its joint"
+                " still and check the plugs of its cable",
+                raw=b"",
+            )
+        seen.append(read())
+        in_a_row = in_a_row + 1 if alike(*seen[-2:]) else 1
+    return seen[-1]
+
+
+def engage(bus: Bus, servo_id: int, goal: int) -> None:
+    """Drive a joint to ``goal`` [tick].
+
+    Raises:
+        BusError: The servo did not obey.
+    """
+    bus.write(servo_id, reg.GOAL_POSITION, goal)
+    bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+
+
+def is_outside(joint: JointMap, ticks: Ticks) -> bool:
+    """Whether a position is so far outside the joint's limits that no goal can keep it there."""
+    where = joint.unrolled(ticks)
+    return not joint.lower_ticks - OUTSIDE_TICKS <= where <= joint.upper_ticks + OUTSIDE_TICKS
+
+
+def _pull(bus: Bus, servo_id: int, block: bytes, *, p_gain: int, may_do_more: bool) -> int | None:
+    """What a servo pulls towards as hard as it does now [tick]; None if that cannot be told."""
+    goal, limit = reg.GOAL_POSITION.cut(block, _START), reg.TORQUE_LIMIT.cut(block, _START)
+    present = read_position(bus, servo_id)
+    most = 4 * limit // max(p_gain, 1)  # its drive is p_gain / 4 thousandths a tick
+    if abs(goal - present) <= most:
+        return goal
+    if may_do_more:
+        return present + (most if goal > present else -most)
+    return None  # no arm's weight takes all it can: the joint is held fast, or the goal is old
+
+
+def _fill(bus: Bus, servo_id: int, ram: Mapping[Register, int]) -> tuple[str, ...]:
+    """See that RAM registers hold what they must; the names of those that did not."""
+    block = bus.read_block(servo_id, _START, _COUNT, what="its settings")
+    differing = {row: value for row, value in ram.items() if row.cut(block, _START) != value}
+    for register, value in differing.items():
+        bus.write(servo_id, register, value)
+    return tuple(register.name for register in differing)
+
+
+def _eeprom(bus: Bus, joint: JointMap) -> dict[Register, int]:
+    phase = bus.read(joint.servo_id, reg.PHASE)
+    wanted = {
+        reg.STATUS_LEVEL: 1,
+        reg.OPERATING_MODE: 0,
+        reg.PHASE: phase & ~reg.MULTI_TURN,
+    }
+    if joint.homing_offset is not None:
+        wanted |= {
+            reg.HOMING_OFFSET: joint.homing_offset,
+            reg.MIN_POSITION: joint.lower_ticks,
+            reg.MAX_POSITION: joint.upper_ticks,
+        }
+    return wanted

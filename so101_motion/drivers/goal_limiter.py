@@ -1,0 +1,231 @@
+"""The last step before the bus: every command and goal stays in bounds, whatever was read.
+
+Every goal that a running arm is sent passes through here, in every mode. The limiter knows the last
+command that was sent and when, and keeps these promises for each joint:
+
+1. *The command moves no faster than its caps.* Over any span it moves by at most
+   ``v * (span + CATCH_UP)`` and what ``acceleration`` adds in between, where ``v`` is the
+   larger of the two velocities that came with two commands. Time that a command did not need
+   is kept for a later one, up to ``CATCH_UP``. Those velocities themselves stay below
+   ``speed`` and change by no more than ``acceleration`` allows. So a motion with a cap of 30 deg/s
+   is held to 30 deg/s, because that is what its setpoints say; and whatever says nothing is held to
+   ``speed``. ``speed`` and ``acceleration`` are the hard caps, which the servos keep as well.
+2. *A command begins where its joint is.* The first one after torque was off, after a fault or after
+   a hand has led the arm must be where the joint is known to be. So must one that breaks promise 1
+   because a joint that did not follow is told to stay where it is; it comes without a velocity.
+3. *What is added to a command stays below its own bound*, ``largest_offset``, and changes by no
+   more than ``OFFSET_SPEED``; what makes up for the lag at speed, v^2 / 2a, changes by
+   no more than ``LEAD_SPEED``.
+4. *The goals of an arm that a hand leads* follow the hand no faster than ``speed``.
+
+A command that breaks 1 or 2 is a mistake of this program or the work of a wrong reading, so it is
+not brought into bounds but refused: nothing is sent, the joint stays at the last command, and
+``CommandRefused`` says which joint, how far and what was allowed. Whoever drives the arm takes that
+as a fault. What 3 and 4 bound comes from measurements and is held back without a word, as the
+controllers that ask for it expect.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+
+from so101_motion.common.errors import CommandRefused
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.drivers.position_check import CLOSE
+
+SLACK = 0.01
+"""How much nearer two goals may follow each other than their setpoints are apart [s]: a period,
+because a tick that came late is followed by one in time."""
+
+CATCH_UP = 0.03
+"""How much time a command may make up for [s]: three periods, because a tick that a busy machine
+delays by up to three leaves out two, and the one after that is in time. Seen under load: a command
+14 ms late, and the next but one 6 ms after it."""
+
+OFFSET_SPEED = to_rad(60.0)
+"""How fast what is added for the weight may change [rad/s]. Chosen: twice what the weight asks for
+at 180 deg/s, and more than the integral in ``gravity_compensation.py`` ever learns."""
+
+LEAD_SPEED = 2.0
+"""How fast what is added for the lag may change, in shares of ``speed``: it does by v times the
+acceleration over the servo's own braking, 1000 / 600 at most."""
+
+SEED = CLOSE * RAD_PER_TICK
+"""How far from its joint a command may begin [rad]: two readings that agree are no nearer."""
+
+_ROUNDING = 1e-6  # [rad] and [rad/s]
+
+
+class GoalLimiter:
+    """Bounds for the six joints; plain lists, for it is asked in every cycle.
+
+    Args:
+        names: What the joints are called.
+        speed: Hard cap of every joint [rad/s].
+        acceleration: Hard cap of every joint [rad/s^2].
+    """
+
+    def __init__(self, names: Sequence[str], *, speed: float, acceleration: float) -> None:
+        n = len(names)
+        self._names, self._speed, self._acceleration = names, speed, acceleration
+        self._q, self._qd = [0.0] * n, [0.0] * n
+        self._goal, self._offset, self._lead = [0.0] * n, [0.0] * n, [0.0] * n
+        self._at_rest = [0.0] * n
+        self._t = self._t_goal = 0.0
+        self._spare = SLACK
+        self._kept = [CATCH_UP] * n
+        self._begins = True
+
+    def begin(
+        self, q_cmd: Sequence[float], q: Sequence[float], now: float, free: Collection[int] = ()
+    ) -> None:
+        """Take the first command.
+
+        Args:
+            q_cmd: Where the joints are sent [rad].
+            q: Where they are known to be [rad].
+            now: The time [s].
+            free: Joints that their servos keep slow by themselves, see ``out_of_range.py``.
+
+        Raises:
+            CommandRefused: It is not where the joints are.
+        """
+        for i, (there, here) in enumerate(zip(q_cmd, q, strict=True)):
+            if not abs(there - here) <= SEED and i not in free:
+                raise CommandRefused(
+                    f"{self._names[i]} is at {to_deg(here):.1f} deg and was to be held at"
+                    f" {to_deg(there):.1f} deg, {to_deg(SEED):.1f} deg are allowed; nothing was"
+                    " sent. Let the arm hold again",
+                    joint=self._names[i],
+                )
+        self._q, self._qd, self._t = list(q_cmd), [0.0] * len(self._q), now
+        self._kept = [CATCH_UP] * len(self._q)
+        self._begins = True
+
+    def follow(
+        self,
+        q_cmd: Sequence[float],
+        qd_cmd: Sequence[float] | None,
+        now: float,
+        here: Callable[[int], float],
+        free: Collection[int] = (),
+    ) -> None:
+        """Take the next command.
+
+        Args:
+            q_cmd: Where the joints are sent [rad].
+            qd_cmd: How fast the first of them are wanted there [rad/s]; None or NaN if nobody says.
+            now: The time [s].
+            here: Where a joint is surely known to be [rad], else NaN.
+            free: As for ``begin``.
+
+        Raises:
+            CommandRefused: It moves more than the caps allow; the last command is still the last.
+        """
+        elapsed = max(now - self._t, 0.0)
+        change = self._acceleration * (elapsed + CATCH_UP)
+        bend = 0.25 * self._acceleration * (elapsed + SLACK) ** 2
+        given = () if qd_cmd is None else qd_cmd
+        known, kept = len(given), [CATCH_UP] * len(q_cmd)
+        for i, q in enumerate(q_cmd):
+            step = abs(q - self._q[i])
+            time, v, more = elapsed + self._kept[i], self._speed, 0.0
+            if i < known and given[i] == given[i]:
+                qd, before = given[i], self._qd[i]
+                if not abs(qd) <= self._speed + _ROUNDING or not abs(qd - before) <= change:
+                    self._refuse_velocity(i, before, qd, change, free)
+                v, more = min(max(abs(qd), abs(before)), v), bend
+            elif step > v * time and abs(q - here(i)) <= SEED:
+                continue
+            allowed = v * time + more
+            if not step <= allowed + _ROUNDING:
+                if i in free:
+                    continue
+                raise CommandRefused(
+                    f"{self._names[i]} was to move by {to_deg(q - self._q[i]):.1f} deg within"
+                    f" {1000.0 * elapsed:.0f} ms, {to_deg(allowed):.1f} deg are allowed;"
+                    " nothing was sent and the arm holds. Let it hold again, then move anew",
+                    joint=self._names[i],
+                )
+            used = (step - more) / v if v > 0.0 and step > more else 0.0
+            kept[i] = min(max(time - used, 0.0), CATCH_UP)
+        self._q[:], self._t, self._kept = q_cmd, now, kept
+        self._qd = [qd if qd == qd else 0.0 for qd in given] + self._at_rest[known:]
+
+    def goals(
+        self,
+        weight: Sequence[float],
+        largest: Sequence[float],
+        lead: Sequence[float],
+        now: float,
+    ) -> list[float]:
+        """What to send [rad]: the last command, and what is added to it, within its bounds.
+
+        What is added begins anew with the first command.
+
+        Args:
+            weight: What shall be added for the weight [rad].
+            largest: How much of that may be at most [rad].
+            lead: What is added for the lag at speed [rad].
+            now: The time [s].
+        """
+        dt = now - self._t_goal + SLACK
+        if self._begins:
+            self._offset, self._lead, dt = self._at_rest, self._at_rest, math.inf
+        self._offset = [
+            _bounded(_near(wanted, before, OFFSET_SPEED * dt), most)
+            for wanted, before, most in zip(weight, self._offset, largest, strict=True)
+        ]
+        change = LEAD_SPEED * self._speed * dt
+        self._lead = [_near(w, before, change) for w, before in zip(lead, self._lead, strict=True)]
+        self._t_goal, self._begins = now, False
+        parts = zip(self._q, self._offset, self._lead, strict=True)
+        self._goal = [q + offset + led for q, offset, led in parts]
+        return list(self._goal)
+
+    def yielded(self, goals: Sequence[float], now: float) -> list[float]:
+        """The goals [rad] of the first joints while a hand leads them: no faster than ``speed``.
+
+        ``SLACK`` is spent once and comes back with time that no joint needed, so over any span the
+        goals travel at most ``speed * (span + SLACK)``.
+        """
+        time = max(now - self._t_goal, 0.0) + self._spare
+        change, farthest = self._speed * time, 0.0
+        for i, goal in enumerate(goals):
+            before = self._goal[i]
+            self._goal[i] = _near(goal, before, change)
+            farthest = max(farthest, abs(self._goal[i] - before))
+        self._spare = min(SLACK, max(time - farthest / self._speed, 0.0))
+        self._t_goal = now
+        return self._goal[: len(goals)]
+
+    def _refuse_velocity(
+        self, i: int, before: float, qd: float, change: float, free: Collection[int]
+    ) -> None:
+        if i not in free:
+            raise CommandRefused(
+                f"{self._names[i]} was to change its speed from {to_deg(before):.0f} to"
+                f" {to_deg(qd):.0f} deg/s at once, up to {to_deg(self._speed):.0f} deg/s by steps"
+                f" of {to_deg(change):.0f} deg/s are allowed; nothing was sent and the arm holds."
+                " Let it hold again, then move anew",
+                joint=self._names[i],
+            )
+
+
+# Plain comparisons: a dozen of these run in every cycle.
+
+
+def _near(wanted: float, before: float, change: float) -> float:
+    """``wanted``, or what is nearest to it within ``change`` from ``before``."""
+    if wanted > before + change:
+        return before + change
+    return before - change if wanted < before - change else wanted
+
+
+def _bounded(value: float, most: float) -> float:
+    """``value``, or what is nearest to it and no larger than ``most``."""
+    if value > most:
+        return most
+    return -most if value < -most else value

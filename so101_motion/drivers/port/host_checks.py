@@ -1,0 +1,75 @@
+"""What on this computer gets between a program and a serial port. Linux; elsewhere nothing is seen.
+
+Nothing here opens a port.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from so101_motion.drivers.port.port_list import ADAPTERS
+
+RULES = Path("/etc/udev/rules.d/70-so101.rules")
+"""Where our udev rule lies. Its number comes before 73, where ``uaccess`` is acted on."""
+
+_PROCESSES = Path("/proc")
+_TTYS = Path("/sys/class/tty")
+
+_MEDDLERS = {
+    "ModemManager": (
+        "ModemManager asks every new serial port whether it is a modem, which servos answer with"
+        " silence or worse for half a minute after the adapter was plugged in"
+    ),
+    "brltty": (
+        "brltty, which drives Braille displays, may take adapters with a CH340 chip for one; then"
+        " there is no serial port for them"
+    ),
+}
+
+
+def udev_rules() -> str:
+    """A udev rule that lets everybody at the screen, and the group dialout, use servo adapters."""
+    lines = [
+        "# Servo adapters of the SO-101: usable without root, and no business of ModemManager.",
+        "# Written by: so101 install-udev",
+    ]
+    for (vendor, product), chip in ADAPTERS.items():
+        match = f'ATTRS{{idVendor}}=="{vendor:04x}", ATTRS{{idProduct}}=="{product:04x}"'
+        lines += [
+            f"# {chip}",
+            f'SUBSYSTEM=="tty", {match}, GROUP="dialout", MODE="0660", TAG+="uaccess",'
+            ' ENV{ID_MM_PORT_IGNORE}="1"',
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def is_rule_installed(rules: Path = RULES) -> bool:
+    """Whether our udev rule is in place, as it is now."""
+    try:
+        return rules.read_text(encoding="utf-8") == udev_rules()
+    except OSError:
+        return False
+
+
+def interfering_programs(processes: Path = _PROCESSES) -> dict[str, str]:
+    """Programs that are running and known for meddling with serial ports, and what they do."""
+    running = set()
+    for comm in processes.glob("[0-9]*/comm"):
+        try:
+            running.add(comm.read_text().strip())
+        except OSError:
+            continue  # it has ended
+    return {name: harm for name, harm in _MEDDLERS.items() if name in running}
+
+
+def latency_timer(port: str, ttys: Path = _TTYS) -> float | None:
+    """For how long an FTDI adapter holds bytes back [s]; None for others, which have no such timer.
+
+    Opening the port with this package sets it to 1 ms where that is allowed.
+    """
+    device = os.path.basename(os.path.realpath(port))
+    try:
+        return float((ttys / device / "device" / "latency_timer").read_text()) / 1000.0
+    except (OSError, ValueError):
+        return None

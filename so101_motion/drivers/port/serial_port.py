@@ -1,0 +1,211 @@
+"""The serial port: opened for us alone, read without spinning. The one door of pyserial.
+
+``SerialPort`` is opened exclusively twice over, because there are two kinds of neighbours:
+``flock`` refuses other programs that lock (pyserial does when asked), ``TIOCEXCL`` those that just
+open. Who holds a port is named in the error (``port_list.py``).
+
+Reading sleeps in ``poll`` until bytes arrive or a moment has passed, so waiting for a servo costs
+nothing. A port that goes away under us (USB unplugged) shows as a hang-up, an I/O error or an end
+of file; all become ``PortUnavailable``.
+
+``find_again`` answers where a port is after it was plugged out and in: under its name, or, for an
+adapter with a serial number, under whatever name that number has now.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import logging
+import os
+import select
+import termios
+import time
+from dataclasses import dataclass
+
+import serial
+from serial.tools import list_ports
+
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.port.port_list import why_not
+
+_log = logging.getLogger(__name__)
+
+_CHUNK = 4096
+_GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsbIdentity:
+    """Which adapter a port belongs to, whatever the port is called today.
+
+    Attributes:
+        vendor: USB vendor id.
+        product: USB product id.
+        serial_number: The adapter's own; cheap CH340 adapters have none.
+    """
+
+    vendor: int
+    product: int
+    serial_number: str
+
+
+class SerialPort:
+    """An open serial port that nobody else has.
+
+    Args:
+        name: What to open: a device or a link to one.
+        baud: Bits per second.
+
+    Attributes:
+        name: As given.
+        baud: As given.
+
+    Raises:
+        PortUnavailable: It is not there, not allowed, or in use, and by whom.
+    """
+
+    def __init__(self, name: str, baud: int = 1_000_000) -> None:
+        self.name, self.baud = name, baud
+        try:
+            self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
+        except (OSError, ValueError) as error:
+            raise PortUnavailable(name, why_not(name, error)) from error
+        self._fd = int(self._serial.fileno())
+        try:
+            fcntl.ioctl(self._fd, termios.TIOCEXCL)
+        except OSError as error:
+            self._serial.close()
+            raise PortUnavailable(name, why_not(name, error)) from error
+        # FTDI adapters hold bytes back for 16 ms unless told not to; others do not know the call.
+        with contextlib.suppress(OSError, ValueError, NotImplementedError):
+            self._serial.set_low_latency_mode(True)
+        self._poll = select.poll()
+        self._poll.register(self._fd, select.POLLIN)
+        self.discard()
+
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``.
+
+        Raises:
+            PortUnavailable: The port is gone.
+        """
+        try:
+            sent = os.write(self._fd, data)
+            while sent < len(data):  # a full output buffer: rare, the driver sends 60 bytes
+                select.select([], [self._fd], [], 1.0)
+                sent += os.write(self._fd, data[sent:])
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def read(self, until: float) -> bytes:
+        """What has arrived, waiting for at least one byte.
+
+        Args:
+            until: When to give up, by ``time.monotonic`` [s].
+
+        Returns:
+            Nothing if nothing came.
+
+        Raises:
+            PortUnavailable: The port is gone.
+        """
+        # poll counts whole milliseconds; rounded up it never returns early to be asked again.
+        wait_ms = max(0.0, (until - time.monotonic()) * 1000.0)
+        try:
+            events = self._poll.poll(wait_ms if wait_ms == 0.0 else int(wait_ms) + 1)
+            if not events:
+                return b""
+            data = os.read(self._fd, _CHUNK) if events[0][1] & select.POLLIN else b""
+        except OSError as error:
+            raise self._gone(error) from error
+        if not data:
+            raise PortUnavailable(self.name, _UNPLUGGED)
+        return data
+
+    def discard(self) -> None:
+        """Forget what has arrived and was not read.
+
+        Raises:
+            PortUnavailable: The port is gone.
+        """
+        try:
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except (OSError, termios.error) as error:
+            raise self._gone(error) from error
+
+    def close(self) -> None:
+        """Let go of the port. May be called twice."""
+        if self._serial.is_open:
+            with contextlib.suppress(OSError):
+                fcntl.ioctl(self._fd, termios.TIOCNXCL)
+            with contextlib.suppress(OSError):
+                self._serial.close()
+
+    def _gone(self, error: Exception) -> PortUnavailable:
+        _log.debug("%s failed: %s", self.name, error)
+        return PortUnavailable(self.name, _UNPLUGGED)
+
+
+_UNPLUGGED = "the port went away; check the USB cable, the connection is taken up again by itself"
+
+
+class PortOpener:
+    """Opens one and the same adapter, again and again, wherever it is plugged in.
+
+    Args:
+        name: The port as configured.
+        baud: Bits per second.
+
+    Attributes:
+        baud: As given.
+    """
+
+    def __init__(self, name: str, baud: int = 1_000_000) -> None:
+        self.baud = baud
+        self._name = name
+        self._usb: UsbIdentity | None = None
+
+    def __call__(self, baud: int | None = None) -> SerialPort:
+        """The port, open.
+
+        Args:
+            baud: Another rate, this once.
+
+        Raises:
+            PortUnavailable: Why it cannot be had.
+        """
+        name = find_again(self._name, self._usb)
+        if name is None:
+            raise PortUnavailable(self._name, "its adapter is not plugged in; plug it in again")
+        port = SerialPort(name, self.baud if baud is None else baud)
+        self._usb = self._usb or identity(name)
+        return port
+
+
+def identity(name: str) -> UsbIdentity | None:
+    """The USB adapter behind a port, if it can be told from others."""
+    device = os.path.realpath(name)
+    for port in list_ports.comports():
+        if os.path.realpath(port.device) == device and port.serial_number and port.vid is not None:
+            return UsbIdentity(vendor=port.vid, product=port.pid, serial_number=port.serial_number)
+    return None
+
+
+def find_again(name: str, usb: UsbIdentity | None) -> str | None:
+    """What to open to get at a port that was known as ``name``.
+
+    Args:
+        name: As it was asked for.
+        usb: The adapter it was on, if known; then only that adapter will do, because after a
+            replug another one may have got the name.
+
+    Returns:
+        A name to open; None if that adapter is not plugged in.
+    """
+    if usb is None or identity(name) == usb:
+        return name
+    for port in list_ports.comports():
+        if (port.vid, port.pid, port.serial_number) == (usb.vendor, usb.product, usb.serial_number):
+            return str(port.device)
+    return None

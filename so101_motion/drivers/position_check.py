@@ -1,0 +1,171 @@
+"""Which positions to believe: those that a joint can have reached since it was last seen.
+
+A checksum of eight bits lets one wrong answer in 256 pass, and a servo may err. What it says is
+therefore held against what is surely known of its joint, and physics decides. With ``v`` the
+velocity when it was last surely known and ``dt`` the age of that, a joint can be
+
+* between where it was and where it would be at ``v``, for it may have been stopped on the way,
+* give or take ``PUSH * dt^2 / 2`` for what pushed it meanwhile, ``SCATTER`` and ``PLAY``,
+* but nowhere that it would have had to be faster than ``FASTEST`` to reach.
+
+A reading that does not fit is not believed, and is to be asked for again. One that fits is *sure*
+if it agrees with the past, which means within ``CLOSE`` of the first of these, or if it is the last
+of ``ENOUGH`` readings in a row that agree with each other. Those count even where each for itself
+does not fit, but never where the joint is too far away for ``FASTEST``. So however many wrong
+answers come, nothing is believed that the joint cannot have reached. A joint that truly is
+elsewhere, for example because an encoder slipped, is believed a quarter of a second later.
+
+Whoever is about to make a goal out of a position asks for one that is sure.
+
+Everything is in ticks and goes round the circle of 4096, so the seam is a place like any other.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
+
+FASTEST = to_rad(900.0) * TICKS_PER_RAD
+"""Faster than this no joint turns [tick/s]. The fastest motor does 312 deg/s without load (7.4 V
+type, datasheet), an arm dragged by hand was measured at 223 deg/s, a joint of the emulated arm,
+which has less friction than a real one, falls and is flung at up to 674 deg/s. Chosen: a third
+more."""
+
+PUSH = to_rad(15000.0) * TICKS_PER_RAD
+"""Harder than this nothing pushes a joint [tick/s^2]: stall torque of 2.94 N m on the rotor alone,
+0.0218 kg m^2 at the output (fit to recordings of an STS3215), is 7,700 deg/s^2; twice that, for a
+hand. What hits it harder costs one more question."""
+
+SCATTER = 6.0
+"""How far two readings of a joint at rest are apart at most [tick]: each was seen to scatter by
+3 ticks."""
+
+PLAY = 15.0
+"""How far a joint may flick through the play of its gears at once [tick]: 14.8 were measured on an
+SO-101 (robonine), 0.5 deg is promised. A moving joint whose load changes sides does it in 10 ms."""
+
+CLOSE = SCATTER + 0.5 * PUSH * 0.01**2
+"""Two readings agree if they are no farther apart than this [tick]: what physics lets happen in one
+period of 10 ms, 1.3 deg. Chosen."""
+
+ENOUGH = 3
+"""So many readings in a row that agree are sure without the past. Two forged ones agree by chance
+once in a hundred times: with half of all answers spoiled, joints were thrown by such pairs."""
+
+_HANDS = 0.5 * FASTEST  # readings that agree with each other show no joint faster than that
+_RECENT = 0.1  # a velocity says nothing of a joint that was last surely seen longer ago [s]
+_SPACING = 0.004  # velocities come from readings at least so far apart [s]; chosen
+_HALF = TICKS_PER_TURN // 2
+
+
+class Belief:
+    """What is known of each servo's position, in ticks; plain numbers, for it is asked every cycle.
+
+    Args:
+        n: How many joints.
+    """
+
+    def __init__(self, n: int = 6) -> None:
+        self._known: list[_Known | None] = [None] * n
+
+    def begin(self, i: int, ticks: int, now: float) -> None:
+        """Joint ``i`` is at ``ticks``; agreeing readings have shown it just ``now`` [s]."""
+        self._known[i] = _Known(ticks % TICKS_PER_TURN, now, is_sure=True)
+
+    def is_sure(self, i: int) -> bool:
+        """Whether the newest position of joint ``i`` is borne out by another."""
+        known = self._known[i]
+        return known is not None and known.is_sure
+
+    def unsure(self, joints: Iterable[int], since: float = -math.inf) -> list[int]:
+        """Those of ``joints`` of which that is not true.
+
+        Args:
+            joints: Which ones.
+            since: An older position does not count [s].
+        """
+        known = self._known
+        return [i for i in joints if not ((k := known[i]) and k.is_sure and k.t >= since)]
+
+    def judge(self, i: int, ticks: int, asked: float, answered: float) -> bool:
+        """Whether joint ``i`` can be at ``ticks``; if so, that is what is known from now on.
+
+        Args:
+            i: Which joint.
+            ticks: What its servo answered.
+            asked: When it was asked [s].
+            answered: When the answer was there [s]. The servo looked sometime in between.
+        """
+        if not 0 <= ticks < TICKS_PER_TURN:
+            return False
+        known = self._known[i]
+        if known is None:
+            self._known[i] = _Known(ticks, asked, is_sure=False)
+            return True
+        return known.judge(ticks, asked, answered)
+
+
+class _Known:
+    """What is known of one joint."""
+
+    __slots__ = ("_count", "_last", "_last_t", "_last_v", "_sure", "_sure_t", "_v", "is_sure", "t")
+
+    def __init__(self, ticks: int, t: float, *, is_sure: bool) -> None:
+        self.is_sure, self.t = is_sure, t  # the newest that was believed
+        self._sure, self._v = ticks, 0.0
+        self._sure_t = t if is_sure else -math.inf
+        self._last, self._last_t, self._last_v, self._count = ticks, t, 0.0, 0
+
+    def judge(self, ticks: int, asked: float, answered: float) -> bool:
+        # Plain comparisons: six of these run in every cycle.
+        way = (ticks - self._sure + _HALF) % TICKS_PER_TURN - _HALF
+        dt = answered - self._sure_t
+        on = self._v * dt if dt <= _RECENT else 0.0
+        above, below = (way - on, -way) if on > 0.0 else (way, on - way)
+        beyond = above if above > below else below
+        is_possible = abs(way) <= SCATTER + FASTEST * dt
+        if is_possible and beyond <= CLOSE:
+            self._trust(ticks, asked, way)
+            return True
+        self._count_in(ticks, asked)
+        if not is_possible:
+            return False
+        if self._count >= ENOUGH:
+            self._sure, self._sure_t, self._v = ticks, asked, self._last_v
+            self.t, self.is_sure = asked, True
+            return True
+        if beyond <= SCATTER + PLAY + 0.5 * PUSH * dt * dt:
+            self.t, self.is_sure = asked, False
+            return True
+        return False
+
+    def _trust(self, ticks: int, asked: float, way: int) -> None:
+        """It agrees with the past."""
+        since = asked - self._sure_t
+        if since >= _SPACING:
+            self._v = way / since
+            self._sure, self._sure_t = ticks, asked
+        self.t, self.is_sure, self._count = asked, True, 0
+
+    def _count_in(self, ticks: int, asked: float) -> None:
+        """How many readings in a row agree by now that do not agree with the past."""
+        way, dt = _way(self._last, ticks), asked - self._last_t
+        on = self._last_v * dt
+        if self._count == 1 and abs(way) <= CLOSE + _HANDS * dt and dt <= _RECENT:
+            self._count = 2
+        elif self._count > 1 and min(on, 0.0) - CLOSE <= way <= max(on, 0.0) + CLOSE:
+            self._count += 1
+        else:
+            self._count = 1
+        if self._count == 1 or dt >= _SPACING:
+            self._last_v = way / dt if self._count > 1 else 0.0
+            self._last, self._last_t = ticks, asked
+
+
+def _way(start: int, end: int) -> int:
+    """From one position to another the shorter way round [tick]."""
+    return (end - start + _HALF) % TICKS_PER_TURN - _HALF

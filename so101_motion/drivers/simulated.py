@@ -1,0 +1,246 @@
+"""A simulated arm: six servos as an equation, in radians.
+
+Each joint behaves like a position servo with its own speed cap. An inner setpoint runs towards the
+last goal at no more than that cap (the servo's speed register does the same), and the joint follows
+the inner setpoint as a critically damped second-order system::
+
+    q'' = w^2 (s - q) - 2 w q',      w = 1 / TIME_CONSTANT
+
+Between two calls the goal is constant, so the inner setpoint is one ramp and one rest, and on each
+of them the equation has a closed solution. The joint is therefore exact at any instant and does not
+depend on how often it is asked; only floating point rounds. The response to an inner setpoint is an
+average of its past, so the joint never moves faster than the cap and never overshoots a goal.
+
+Not modelled: gravity, friction, backlash, ticks, and contact with anything. With torque off a joint
+stays where it is until somebody pushes it.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
+from so101_motion.drivers.command_record import CommandListener, SentCommand
+from so101_motion.drivers.goal_limiter import GoalLimiter
+
+TIME_CONSTANT = 0.02
+"""How slowly a joint follows [s]. Chosen: the servo's derivative term looks back 20 ms, so it
+cannot answer much faster; a moving joint is then 40 ms behind its setpoints."""
+
+MAX_SPEED = 2700.0 / 4096.0 * 2.0 * np.pi
+"""The joints' own speed cap [rad/s]: 2700 ticks/s is where a builder measured a loaded STS3215 to
+level off at 12.3 V."""
+
+MAX_ACCELERATION = np.radians(1000.0)
+"""Commands that change their speed faster than this are refused [rad/s^2]: as on a real arm."""
+
+_JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+
+
+class SimArm:
+    """Six simulated joints; fits ``JointDriver``.
+
+    The methods beyond a driver's are what a person at the bench can do to an arm: push it, hold a
+    joint fast, break the connection. They may be called from any thread.
+
+    Args:
+        clock: What time it is.
+        q: Where the arm joints stand, shape (5,), [rad]; zeros by default.
+        q_jaw: Where the jaw stands [rad].
+        max_speed: Speed cap of every joint [rad/s].
+
+    Attributes:
+        on_command: Called with every command as it is taken, on the caller's thread; None for
+            nobody.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        q: ArrayLike | None = None,
+        q_jaw: float = 0.0,
+        *,
+        max_speed: float = MAX_SPEED,
+    ) -> None:
+        q = frozen_array(np.zeros(5) if q is None else q, (5,))
+        self.on_command: CommandListener | None = None
+        self._clock = clock
+        self._max_speed = max_speed
+        self._lock = threading.Lock()
+        self._t = clock.now()
+        self._q = np.append(q, q_jaw)
+        self._qd = np.zeros(6)
+        self._inner = self._q.copy()
+        self._goal = self._q.copy()
+        self._jammed = np.zeros(6, dtype=bool)
+        self._torque = self._yields = False
+        self._limiter = GoalLimiter(_JOINTS, speed=max_speed, acceleration=MAX_ACCELERATION)
+        self._failure: Exception | None = None
+
+    # What a driver does
+
+    def read(self) -> JointReading:
+        """Where the joints are now and how fast they move."""
+        with self._lock:
+            self._follow()
+            return JointReading(
+                q=self._q[:5], qd=self._qd[:5], q_jaw=float(self._q[5]), qd_jaw=float(self._qd[5])
+            )
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Give the joints a goal: arm joints, shape (5,), and jaw [rad].
+
+        Args:
+            q_cmd: Where the arm joints are wanted.
+            q_jaw_cmd: Where the jaw is.
+            qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s].
+
+        Raises:
+            CommandRefused: That is further than the caps of driven joints allow, as for a real arm.
+        """
+        with self._lock:
+            self._follow()
+            self._check(q_cmd, q_jaw_cmd, qd_cmd)
+            self._goal = np.append(self._goal[:5] if self._yields else q_cmd, q_jaw_cmd)
+            if self.on_command is not None:
+                self.on_command(
+                    SentCommand(
+                        t=self._t,
+                        q_cmd=tuple(self._goal[:5].tolist()),
+                        q_jaw_cmd=q_jaw_cmd,
+                        goals={},
+                        is_guided=self._yields,
+                        is_seed=not self._torque,
+                    )
+                )
+
+    def set_torque(self, on: bool) -> None:
+        """Let go of the joints, or drive them from where they are to the goal written last."""
+        with self._lock:
+            self._follow()
+            self._yields = False
+            if on != self._torque:
+                self._torque = on
+                self._inner, self._qd = self._q.copy(), np.zeros(6)
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints be pushed by hand; they stay where they are left. How makes no odds.
+
+        Raises:
+            RuntimeError: The joints are not driven.
+        """
+        with self._lock:
+            self._follow()
+            if how is not None and not self._torque:
+                raise RuntimeError("hold the joints before they are guided")
+            self._yields = how is not None
+            self._leave_where_they_are()
+
+    def close(self) -> None:
+        """The arm stays as it is, but cannot be talked to any more."""
+        with self._lock:
+            self._failure = self._failure or ConnectionError("the simulated arm has been closed")
+
+    # What happens to an arm
+
+    @property
+    def torque(self) -> bool:
+        """Whether the joints are driven."""
+        return self._torque
+
+    def push(self, q: ArrayLike, q_jaw: float | None = None) -> None:
+        """Move limp or guided joints by hand to ``q``, shape (5,), and the jaw to ``q_jaw`` [rad].
+
+        Raises:
+            RuntimeError: They are held; nobody turns these gears against the motor.
+        """
+        with self._lock:
+            self._catch_up()
+            if self._torque and (not self._yields or q_jaw is not None):
+                raise RuntimeError("the joints are driven; let go of them before pushing them")
+            self._q[:5] = frozen_array(q, (5,))
+            if q_jaw is not None:
+                self._q[5] = q_jaw
+            if self._yields:
+                self._leave_where_they_are()
+
+    def jam(self, joint: str) -> None:
+        """Hold ``joint`` fast where it is, whatever its goal."""
+        with self._lock:
+            self._catch_up()
+            self._jammed[_JOINTS.index(joint)] = True
+
+    def unjam(self, joint: str) -> None:
+        """Let ``joint`` go again."""
+        with self._lock:
+            self._catch_up()
+            i = _JOINTS.index(joint)
+            self._jammed[i] = False
+            self._inner[i] = self._q[i]  # the servo sets off from here, at its capped speed
+
+    def disconnect(self, failure: Exception) -> None:
+        """From now on every exchange raises ``failure``; the joints go on to their goals."""
+        with self._lock:
+            self._failure = failure
+
+    def reconnect(self) -> None:
+        """Exchanges work again."""
+        with self._lock:
+            self._failure = None
+
+    # How
+
+    def _check(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None) -> None:
+        q = [*np.asarray(q_cmd, dtype=float).tolist(), q_jaw_cmd]
+        if self._torque and not self._yields:
+            qd = None if qd_cmd is None else qd_cmd.tolist()
+            self._limiter.follow(q, qd, self._t, lambda i: float(self._q[i]))
+        else:
+            self._limiter.begin(q, q, self._t)
+
+    def _follow(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        self._catch_up()
+
+    def _leave_where_they_are(self) -> None:
+        self._inner[:5] = self._goal[:5] = self._q[:5]
+        self._limiter.begin(goal := self._goal.tolist(), goal, self._t)
+        self._qd[:5] = 0.0
+
+    def _catch_up(self) -> None:
+        """Bring the joints from the last instant they were looked at to now."""
+        now = self._clock.now()
+        dt, self._t = now - self._t, now
+        if not self._torque or dt <= 0.0:
+            return
+        jammed_at = self._q[self._jammed]
+        away = self._goal - self._inner
+        ramp = np.minimum(np.abs(away) / self._max_speed, dt)
+        self._respond(np.sign(away) * self._max_speed, ramp)
+        arrived = ramp < dt
+        self._inner[arrived] = self._goal[arrived]
+        self._respond(np.zeros(6), dt - ramp)
+        self._q[self._jammed], self._qd[self._jammed] = jammed_at, 0.0
+
+    def _respond(self, speed: Array, dt: Array) -> None:
+        """Move on by ``dt``, shape (6,), while the inner setpoint runs at ``speed``, shape (6,).
+
+        With the lag of a steady ramp, 2 speed / w, taken out, the equation is the homogeneous one:
+        ``y = (y0 + (y0' + w y0) t) exp(-w t)``.
+        """
+        w = 1.0 / TIME_CONSTANT
+        lag = 2.0 * speed / w
+        y, yd = self._q - self._inner + lag, self._qd - speed
+        slope = yd + w * y
+        decay = np.exp(-w * dt)
+        y_after = (y + slope * dt) * decay
+        self._inner = self._inner + speed * dt
+        self._q = self._inner - lag + y_after
+        self._qd = speed + slope * decay - w * y_after

@@ -1,0 +1,128 @@
+"""Files that change in one step, and one writer at a time.
+
+A reader sees what was there before or what is there now, never half of it, whenever the computer
+or the process stops. Writers that first read (to keep what others wrote) take the folder's lock;
+it belongs to the process that holds it and is free again when that dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import os
+import re
+import stat
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+_WAIT = 10.0
+"""For how long to wait for another writer [s]; writing takes milliseconds. Chosen."""
+
+
+_ABANDONED = 60.0
+"""A file beside another that is older than this was left by a writer that was killed [s]. Chosen;
+writing takes milliseconds."""
+
+
+def write(path: Path, data: bytes) -> None:
+    """Let ``path`` hold ``data``, in one step and for good.
+
+    What a link points to is written, with the permissions it has. What is no file, such as
+    ``/dev/stdout``, is written to as it is.
+
+    Raises:
+        OSError: It cannot be written; it is as it was.
+    """
+    path = Path(os.path.realpath(path))
+    mode = path.stat().st_mode if path.exists() else None
+    if mode is not None and not stat.S_ISREG(mode):
+        path.write_bytes(data)
+        return
+    tidy(path.parent)
+    beside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
+    try:
+        with beside.open("wb") as file:
+            if mode is not None and sys.platform != "win32":
+                os.fchmod(file.fileno(), stat.S_IMODE(mode))
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+    flush(path.parent)
+
+
+def flush(folder: Path) -> None:
+    """Let new and removed names in ``folder`` survive a power cut as well."""
+    if sys.platform == "win32":
+        return  # folders cannot be opened there; the file system sees to it by itself
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
+
+
+def tidy(folder: Path) -> None:
+    """Remove what writers left behind in ``folder`` when they were killed a while ago."""
+    now = time.time()  # as the file system has it
+    for left in folder.glob(".*.tmp"):
+        with contextlib.suppress(OSError):  # somebody else's, or gone already
+            if _OURS.search(left.name) and now - left.stat().st_mtime > _ABANDONED:
+                left.unlink()
+
+
+_OURS = re.compile(r"\.\d+-\d+\.tmp$")
+
+
+def sweep(folder: Path, *names: str) -> None:
+    """Remove what writers of these files left behind when they were killed; with the lock held."""
+    for name in names:
+        for left in folder.glob(f".{glob.escape(name)}.*.tmp"):
+            left.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other writers out of ``folder``, those of other processes too.
+
+    Raises:
+        OSError: The folder cannot be opened.
+        TimeoutError: Somebody else holds the lock for too long.
+    """
+    if sys.platform == "win32":
+        opened = os.open(folder / ".so101.lock", os.O_RDWR | os.O_CREAT)
+    else:
+        opened = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(opened, folder)
+        yield
+    finally:
+        os.close(opened)  # which lets go of the lock
+
+
+def _lock(opened: int, folder: Path) -> None:
+    pause = threading.Event()
+    until = time.monotonic() + _WAIT
+    while True:
+        try:
+            if sys.platform == "win32":
+                msvcrt.locking(opened, msvcrt.LK_NBLCK, 1)
+            else:
+                fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            if time.monotonic() > until:
+                raise TimeoutError(f"another program keeps writing in {folder}") from None
+            pause.wait(0.002)
+        else:
+            return

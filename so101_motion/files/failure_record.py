@@ -1,0 +1,131 @@
+"""The last second before a failure, kept as a file that somebody can look at or send on.
+
+A motion that fails tells in one sentence why; how it came about is in the states of the second
+before, one for each cycle. They go into a folder of the user's own files, the newest ``KEPT``:
+
+    ~/.local/share/so101_motion/failures/20260511T101112Z-1-FollowingError.json
+
+The port's thread only chooses the name and says it in the error. Turning states into text and
+writing them takes milliseconds, which that thread does not have; another one does it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_deg
+from so101_motion.files import atomic, user_storage
+
+_log = logging.getLogger(__name__)
+
+SCHEMA = "so101/failure/1"
+
+KEPT = 20
+"""How many failures are kept; one has about 60 kB at 100 Hz. Chosen."""
+
+_numbers = itertools.count(1)
+
+
+def folder() -> Path:
+    """Where the records are.
+
+    Raises:
+        ConfigError: This user has no home.
+    """
+    return user_storage.folder() / "failures"
+
+
+def newest() -> tuple[Path, ...]:
+    """The records there are, the newest first."""
+    try:
+        found = folder().glob("*.json")
+    except ConfigError:
+        return ()
+    return tuple(sorted((path for path in found if path.name[:1] != "."), reverse=True))
+
+
+class FailureRecorder:
+    """Writes down what came before failures. Used by the I/O thread, but for ``latest``.
+
+    Args:
+        source: Whose failures, such as the name of the port.
+
+    Attributes:
+        latest: The newest record; None as long as nothing failed.
+    """
+
+    def __init__(self, source: str) -> None:
+        self.latest: Path | None = None
+        self._source = source
+        self._writing: threading.Thread | None = None
+
+    def record(self, error: Exception, states: tuple[JointState, ...]) -> None:
+        """Have ``states`` written by another thread, and say in ``error`` where they are."""
+        if not states:
+            return
+        now = datetime.now(UTC)
+        name = f"{now:%Y%m%dT%H%M%SZ}-{next(_numbers)}-{type(error).__name__}.json"
+        try:
+            path = folder() / name
+        except ConfigError:
+            return
+        content = {"written": now.isoformat(), "source": self._source, "error": str(error)}
+        error.args = (f"{error}. The second before is in {path}",)
+        self.latest = path
+        before = self._writing
+        self._writing = threading.Thread(
+            target=_write, args=(path, content, states, before), name="so101-record"
+        )
+        self._writing.start()
+
+    def close(self) -> None:
+        """Wait until everything is written."""
+        if self._writing is not None:
+            self._writing.join()
+
+
+def _write(
+    path: Path,
+    content: Mapping[str, object],
+    states: tuple[JointState, ...],
+    before: threading.Thread | None,
+) -> None:
+    if before is not None:
+        before.join()
+    rows = [_row(state, states[-1].t) for state in states]
+    try:
+        user_storage.write(path, {**content, "states": rows}, schema=SCHEMA)
+        with atomic.locked(path.parent):
+            for old in newest()[KEPT:]:
+                old.unlink(missing_ok=True)
+    except (ConfigError, OSError) as error:
+        _log.warning("the second before a failure could not be kept: %s", error)
+
+
+def _row(state: JointState, end: float) -> dict[str, object]:
+    reading = state.reading
+    return {
+        "t_s": round(state.t - end, 4),
+        "state": state.mode.value,
+        "q_deg": _degrees(reading.q),
+        "q_ref_deg": _degrees(state.q_ref),
+        "qd_degs_per_sec": _degrees(reading.qd),
+        "qd_ref_degs_per_sec": _degrees(state.qd_ref),
+        "jaw_deg": round(to_deg(reading.q_jaw), 3),
+        "jaw_ref_deg": round(to_deg(state.q_jaw_ref), 3),
+        "late_ticks": state.late_ticks,
+        "alarms": dict(reading.alarms),
+        "unheard": sorted(reading.unheard),
+    }
+
+
+def _degrees(angles: Array) -> list[float]:
+    return [round(float(angle), 3) for angle in to_deg(angles)]

@@ -1,0 +1,95 @@
+"""Reading small JSON files that anybody may have written.
+
+What the standard parser lets through is not let through here: a name given twice (the first would
+be lost without a word), files of any size or depth, things that only look like files. Numbers that
+are none (``NaN``, ``Infinity``) do come through, as what they are: whoever reads the field knows
+its name and says so.
+"""
+
+from __future__ import annotations
+
+import json
+import stat
+from pathlib import Path
+
+from so101_motion.common.errors import CalibrationError, quoted
+
+LARGEST = 65_536
+"""Largest file that is read [byte]; a calibration has about a thousand. Chosen."""
+
+
+class Object(dict[str, object]):
+    """A JSON object that remembers which of its names were given more than once.
+
+    Attributes:
+        repeated: Those names.
+    """
+
+    repeated: tuple[str, ...] = ()
+
+    @classmethod
+    def of_pairs(cls, pairs: list[tuple[str, object]]) -> Object:
+        """The object that these names and values make, in the order of the file."""
+        made = cls(pairs)
+        if len(made) < len(pairs):
+            names = [name for name, _ in pairs]
+            made.repeated = tuple(name for name in made if names.count(name) > 1)
+        return made
+
+
+def read(path: Path) -> object:
+    """What the JSON file at ``path`` holds.
+
+    Raises:
+        CalibrationError: It cannot be read, or is no JSON.
+    """
+    return parse(read_bytes(path), str(path))
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a small file.
+
+    Raises:
+        CalibrationError: It cannot be read, or is no small file.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise CalibrationError(None, f"{path} is not a file", "name a calibration file")
+        with path.open("rb") as file:
+            data = file.read(LARGEST + 1)
+    except OSError as error:
+        reason = f"{path} cannot be read: {error.strerror or error}"
+        raise CalibrationError(None, reason, "check the path and its permissions") from error
+    except ValueError as error:  # a zero byte in the name
+        raise CalibrationError(
+            None, f"{quoted(path)} is no file name: {error}", "check it"
+        ) from error
+    if len(data) > LARGEST:
+        raise CalibrationError(
+            None, f"{path} is larger than a calibration can be ({LARGEST} byte)", "check the path"
+        )
+    return data
+
+
+def parse(data: bytes, name: str) -> object:
+    """What JSON in ``data`` says.
+
+    Raises:
+        CalibrationError: It is no JSON; the message calls it ``name``.
+    """
+    try:
+        content: object = json.loads(data.decode("utf-8-sig"), object_pairs_hook=Object.of_pairs)
+    except RecursionError as error:
+        raise CalibrationError(
+            None, f"{name} is nested deeper than a calibration can be", "check the path"
+        ) from error
+    except ValueError as error:
+        raise CalibrationError(
+            None, f"{name} is not JSON: {error}", "restore it, or calibrate the arm again"
+        ) from error
+    return content
+
+
+def shown(value: object) -> str:
+    """``value`` as it is shown in a message: one line, not long, printable everywhere."""
+    return quoted(value)

@@ -1,0 +1,145 @@
+"""All poses with a name: those that come with the arm, and the user's own in a file.
+
+The user's own lie in ``poses.json`` in the user's data directory::
+
+    {"schema": "so101/poses/1", "poses": [{"name": "over the mug", "q_deg": [10, -40, 35, 60, 0]}]}
+
+Every change reads the file, changes it and writes it while others are kept out, so two programs
+that save a pose at the same time both keep theirs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.named_poses import POSES, NamedPose
+from so101_motion.files import user_storage
+
+SCHEMA = "so101/poses/1"
+
+MOST = 200
+"""How many poses somebody may have. Chosen; a list of more is of no use to anybody."""
+
+
+class PoseBook:
+    """The poses that can be gone to by name.
+
+    Args:
+        path: The file of the user's own; the one in the user's data directory if not given.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._path = path
+
+    def own(self) -> tuple[NamedPose, ...]:
+        """The user's own poses, in the order in which they were saved.
+
+        Raises:
+            ConfigError: Their file cannot be read.
+        """
+        path = self._file()
+        if not path.exists():
+            return ()
+        given = user_storage.read(path, schema=SCHEMA).get("poses")
+        if not isinstance(given, list) or len(given) > MOST:
+            raise ConfigError("poses", str(path), f"must be a list of {MOST} poses at most")
+        return tuple(_pose(number, each) for number, each in enumerate(given, 1))
+
+    def find(self, name: str) -> NamedPose:
+        """The pose called ``name``, be it the arm's or the user's own.
+
+        Raises:
+            ConfigError: There is none; the message names the nearest.
+        """
+        known = {pose.name: pose for pose in (*POSES, *self.own())}
+        if name not in known:
+            raise ConfigError("pose", name, f"is no pose; {suggest(name, known)}")
+        return known[name]
+
+    def save(self, name: str, q: Array) -> NamedPose:
+        """Keep joint angles ``q``, shape (5,), [rad], as ``name``; a pose of that name is replaced.
+
+        Raises:
+            ConfigError: The name cannot be used, or the file cannot be written.
+        """
+        pose = NamedPose(name=_free_name(name), q=q)
+
+        def add(poses: list[NamedPose]) -> list[NamedPose]:
+            if not _has(poses, pose.name):
+                return [*poses, pose]
+            return [pose if each.name == pose.name else each for each in poses]
+
+        self._change(add)
+        return pose
+
+    def rename(self, name: str, new: str) -> None:
+        """Call the user's own pose ``name`` by another name.
+
+        Raises:
+            ConfigError: There is no such pose, or the new name is taken or cannot be used.
+        """
+        new = _free_name(new)
+
+        def change(poses: list[NamedPose]) -> list[NamedPose]:
+            _refuse_missing(poses, name)
+            if new != name and _has(poses, new):
+                raise ConfigError("pose name", new, "is taken; choose another")
+            return [NamedPose(name=new, q=pose.q) if pose.name == name else pose for pose in poses]
+
+        self._change(change)
+
+    def delete(self, name: str) -> None:
+        """Forget the user's own pose ``name``.
+
+        Raises:
+            ConfigError: There is no such pose, or the file cannot be written.
+        """
+
+        def remove(poses: list[NamedPose]) -> list[NamedPose]:
+            _refuse_missing(poses, name)
+            return [pose for pose in poses if pose.name != name]
+
+        self._change(remove)
+
+    def _file(self) -> Path:
+        return self._path or user_storage.folder() / "poses.json"
+
+    def _change(self, change: Callable[[list[NamedPose]], list[NamedPose]]) -> None:
+        path = self._file()
+        with user_storage.locked(path):
+            poses = change(list(self.own()))
+            if len(poses) > MOST:
+                raise ConfigError("poses", len(poses), f"are more than {MOST}; delete some first")
+            listed = [
+                {"name": pose.name, "q_deg": user_storage.joints_to_deg(pose.q)} for pose in poses
+            ]
+            user_storage.write(path, {"poses": listed}, schema=SCHEMA)
+
+
+def _pose(number: int, given: object) -> NamedPose:
+    if not isinstance(given, dict):
+        raise ConfigError(f"pose {number}", given, 'must be {"name": ..., "q_deg": [...]}')
+    return NamedPose(
+        name=user_storage.checked_name(given.get("name"), what="pose"),
+        q=user_storage.joints_from_deg(given.get("q_deg"), key=f"q_deg of pose {number}"),
+    )
+
+
+def _free_name(name: str) -> str:
+    name = user_storage.checked_name(name, what="pose")
+    if name.casefold() in (pose.name for pose in POSES):
+        raise ConfigError("pose name", name, "is built in; choose another name")
+    return name
+
+
+def _has(poses: Iterable[NamedPose], name: str) -> bool:
+    return any(pose.name == name for pose in poses)
+
+
+def _refuse_missing(poses: Iterable[NamedPose], name: str) -> None:
+    if not _has(poses, name):
+        raise ConfigError("pose", name, "is none of your own poses")

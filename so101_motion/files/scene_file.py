@@ -1,0 +1,378 @@
+"""A scene as people write it: a JSON file, or the ``obstacles`` of a component's configuration.
+
+Millimetres and degrees, with the unit in every name, in the arm's base frame::
+
+    {
+      "floor_z_mm": -2.4,
+      "obstacles": [
+        {"name": "mug", "box_mm": [80, 80, 95], "position_mm": [250, 60, 45]},
+        {"name": "ball", "sphere_radius_mm": 30, "position_mm": [180, -90, 30]},
+        {"name": "post", "capsule_radius_mm": 10, "capsule_length_mm": 200,
+         "position_mm": [0, 200, 100], "rpy_deg": [0, 90, 0]},
+        {"name": "part", "mesh_file": "part.stl", "position_mm": [200, 0, 0]},
+        {"name": "seen", "points_mm": [[310, 20, 5]], "resolution_mm": 10},
+        {"name": "lamp zone", "box_mm": [300, 300, 200], "position_mm": [0, 0, 500],
+         "keep_out": true}
+      ],
+      "attached": [
+        {"name": "cube", "box_mm": [20, 20, 20], "position_mm": [0, 0, 100], "mass_kg": 0.02,
+         "may_touch": ["floor"]}
+      ]
+    }
+
+What is attached lies in the tool frame. An unknown name is refused with the nearest known one, and
+a message names the entry it is about.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from so101_motion.common.attributes import HEAVIEST, Attributes, checked_number
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.files import atomic
+from so101_motion.planning.collision.scene import (
+    FLOOR_Z,
+    LARGEST,
+    MARGIN,
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Shape,
+    Sphere,
+)
+from so101_motion.planning.collision.shape_files import LARGEST_FILE, read_mesh, read_shape, welded
+
+_LARGEST_MM = LARGEST * 1000.0
+_SHAPES = (
+    "box_mm",
+    "sphere_radius_mm",
+    "capsule_radius_mm",
+    "mesh_file",
+    "vertices_mm",
+    "points_mm",
+)
+_THING = (
+    "name",
+    "position_mm",
+    "rpy_deg",
+    *_SHAPES,
+    "capsule_length_mm",
+    "triangles",
+    "resolution_mm",
+)
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene in a file.
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            reason = f"has {size} bytes, {LARGEST_FILE} are read"
+            raise ConfigError("scene", str(path), reason)
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError("scene", str(path), f"cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError("scene", str(path), f"is not JSON: {error}") from error
+    return scene_from(content, folder=path.parent)
+
+
+def write_scene(scene: Scene, path: Path) -> None:
+    """Save a scene; meshes are written out as vertices and triangles.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    try:
+        atomic.write(path, (json.dumps(scene_to(scene), indent=2) + "\n").encode())
+    except OSError as error:
+        raise ConfigError("scene", str(path), f"cannot be written: {error.strerror}") from error
+
+
+def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
+    """The scene in what a file holds.
+
+    Args:
+        content: As ``json`` reads it.
+        folder: What mesh files are named from; None to read none.
+
+    Raises:
+        ConfigError: Something in it cannot be meant.
+    """
+    if not isinstance(content, Mapping):
+        raise ConfigError("scene", content, 'must be an object such as {"obstacles": [...]}')
+    known = ("floor_z_mm", "margin_mm", "obstacles", "attached", "may_touch")
+    given = Attributes(content, known, kind="key of a scene")
+    floor_z: float | None = FLOOR_Z
+    if "floor_z_mm" in content:
+        floor_z = content["floor_z_mm"]
+        if floor_z is not None:
+            floor_z = to_m(checked_number("floor_z_mm", floor_z, unit="mm"))
+    pairs = content.get("may_touch", [])
+    if not isinstance(pairs, list) or not all(
+        isinstance(pair, list) and len(pair) == 2 and all(isinstance(n, str) for n in pair)
+        for pair in pairs
+    ):
+        raise ConfigError("may_touch", pairs, 'must be a list of pairs, [["cube", "floor"]]')
+    return Scene(
+        floor_z=floor_z,
+        margin=_margin(given),
+        obstacles=obstacles_from(content.get("obstacles", []), folder=folder),
+        attached=tuple(
+            _attached(entry, folder) for entry in _entries("attached", content.get("attached", []))
+        ),
+        may_touch=frozenset(frozenset(pair) for pair in pairs),
+    )
+
+
+def _margin(given: Attributes) -> float:
+    margin_mm = given.number("margin_mm", to_mm(MARGIN), lower=0.0, upper=100.0, unit="mm")
+    if margin_mm == 0.0:
+        raise ConfigError("margin_mm", margin_mm, "must be more than 0 mm")
+    return to_m(margin_mm)
+
+
+def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obstacle, ...]:
+    """A list of obstacles.
+
+    Args:
+        value: The entries as ``json`` reads them.
+        folder: What mesh files are named from; None to read none.
+
+    Raises:
+        ConfigError: An entry cannot be meant.
+    """
+    return tuple(_obstacle(entry, folder) for entry in _entries("obstacles", value))
+
+
+def scene_to(scene: Scene) -> dict[str, object]:
+    """A scene as a file holds it; ``scene_from`` reads it back."""
+    content: dict[str, object] = {
+        "floor_z_mm": None if scene.floor_z is None else _rounded(to_mm(scene.floor_z)),
+        "margin_mm": _rounded(to_mm(scene.margin)),
+        "obstacles": [
+            {
+                **_thing(o.name, read_shape(o.shape), o.T_base_obstacle),
+                **({"keep_out": True} if o.keep_out else {}),
+            }
+            for o in scene.obstacles
+        ],
+    }
+    if scene.attached:
+        content["attached"] = [
+            {
+                **_thing(a.name, read_shape(a.shape), a.T_tool_object),
+                "mass_kg": a.mass,
+                "may_touch": sorted(a.may_touch),
+            }
+            for a in scene.attached
+        ]
+    if scene.may_touch:
+        content["may_touch"] = sorted(sorted(pair) for pair in scene.may_touch)
+    return content
+
+
+# Reading
+
+Entry = Mapping[str, Any]
+
+
+def _entries(key: str, value: object) -> Iterator[Entry]:
+    """The entries of a list, one by one; what is wrong with one is said with its place."""
+    if not isinstance(value, (list, tuple)):
+        raise ConfigError(key, value, "must be a list of objects")
+    for i, entry in enumerate(value):
+        if not isinstance(entry, Mapping):
+            raise ConfigError(
+                f"{key}[{i}]", entry, 'must be an object such as {"name": "mug", ...}'
+            )
+        yield entry
+
+
+@contextmanager
+def _about(entry: Entry) -> Iterator[None]:
+    """Say in errors which thing they are about."""
+    try:
+        yield
+    except ConfigError as error:
+        name = entry.get("name")
+        of = f'of "{name}"' if name else "of one without a name"
+        raise ConfigError(f"{error.key}", error.value, f"({of}) {error.reason}") from None
+
+
+def _obstacle(entry: Entry, folder: Path | None) -> Obstacle:
+    with _about(entry):
+        given = Attributes(entry, (*_THING, "keep_out"), kind="key of an obstacle")
+        return Obstacle(
+            name=given.text("name", ""),
+            shape=_shape(given, entry, folder),
+            T_base_obstacle=_pose(given),
+            keep_out=given.flag("keep_out", False),
+        )
+
+
+def _attached(entry: Entry, folder: Path | None) -> Attached:
+    with _about(entry):
+        known = (*_THING, "mass_kg", "may_touch")
+        given = Attributes(entry, known, kind="key of something attached")
+        touches = entry.get("may_touch", [])
+        if not isinstance(touches, (list, tuple)) or not all(isinstance(n, str) for n in touches):
+            raise ConfigError("may_touch", touches, "must be a list of names")
+        return Attached(
+            name=given.text("name", ""),
+            shape=_shape(given, entry, folder),
+            T_tool_object=_pose(given),
+            mass=given.number("mass_kg", 0.0, lower=0.0, upper=HEAVIEST, unit="kg"),
+            may_touch=frozenset(touches),
+        )
+
+
+def _pose(given: Attributes) -> SE3:
+    position_mm = _triple(given, "position_mm", _LARGEST_MM)
+    rpy_deg = _triple(given, "rpy_deg", 360.0)
+    return SE3.from_rpy(to_rad(rpy_deg), to_m(position_mm))
+
+
+def _triple(given: Attributes, key: str, most: float) -> Array:
+    if not given.given(key):
+        return np.zeros(3)
+    numbers = given.numbers(key, count=3, lower=-most, upper=most)
+    if len(numbers) != 3:
+        raise ConfigError(key, list(numbers), "must be three numbers")
+    return np.array(numbers)
+
+
+def _shape(given: Attributes, entry: Entry, folder: Path | None) -> Shape:
+    forms = [key for key in _SHAPES if given.given(key)]
+    if len(forms) != 1:
+        raise ConfigError(
+            "shape", forms or None, f"needs exactly one form, one of {', '.join(_SHAPES)}"
+        )
+    form = forms[0]
+    if form == "box_mm":
+        edges_mm = _triple(given, form, _LARGEST_MM)
+        if not np.all(edges_mm > 0.0):
+            raise ConfigError(form, edges_mm.tolist(), "must be three lengths of more than 0 mm")
+        return Box(size=to_m(edges_mm))
+    if form == "sphere_radius_mm":
+        return Sphere(radius=_length(given, form))
+    if form == "capsule_radius_mm":
+        radius, length = _length(given, form), _length(given, "capsule_length_mm")
+        if length < 2.0 * radius:
+            raise ConfigError(
+                "capsule_length_mm",
+                to_mm(length),
+                f"is from tip to tip, so at least twice its radius, {to_mm(2.0 * radius):g} mm",
+            )
+        return Capsule(radius=radius, length=length)
+    if form == "mesh_file":
+        if folder is None:
+            raise ConfigError(form, entry[form], "names a file, and none can be read from here")
+        return _mesh(folder / given.text(form, ""))
+    if form == "points_mm":
+        resolution = _length(given, "resolution_mm") if given.given("resolution_mm") else 0.01
+        return PointCloud(points=to_m(_table(form, entry[form])), resolution=resolution)
+    return Mesh(
+        vertices=to_m(_table(form, entry[form])),
+        triangles=_table("triangles", entry.get("triangles")),
+    )
+
+
+def _length(given: Attributes, key: str) -> float:
+    if not given.given(key):
+        raise ConfigError(key, None, "is missing")
+    length_mm = given.number(key, 0.0, lower=0.0, upper=_LARGEST_MM, unit="mm")
+    if length_mm == 0.0:
+        raise ConfigError(key, length_mm, "must be more than 0 mm")
+    return to_m(length_mm)
+
+
+def _table(key: str, value: object) -> Array:
+    try:
+        table = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        table = np.empty(0)
+    if table.ndim != 2 or table.shape[1] != 3 or not np.all(np.isfinite(table)):
+        raise ConfigError(key, "...", "must be a list of triples of finite numbers")
+    return table
+
+
+def _mesh(path: Path) -> Mesh:
+    """A mesh file, in millimetres as printers have it."""
+    kind = path.suffix.lower()[1:]
+    try:
+        if kind in ("ply", "stl"):
+            vertices, triangles = welded(*read_mesh(kind, _bytes(path)))
+        else:
+            import trimesh  # many formats, and slow to import
+
+            mesh = trimesh.load_mesh(path)
+            vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    except ConfigError as error:
+        raise ConfigError("mesh_file", str(path), f"({error.value}) {error.reason}") from error
+    except Exception as error:  # its readers raise whatever they trip over
+        raise ConfigError("mesh_file", str(path), f"cannot be read as a mesh: {error}") from error
+    if len(triangles) == 0:
+        raise ConfigError("mesh_file", str(path), "holds no triangles; is it a mesh?")
+    return Mesh(vertices=to_m(vertices), triangles=triangles)
+
+
+def _bytes(path: Path) -> bytes:
+    size = path.stat().st_size
+    if size > LARGEST_FILE:
+        raise ConfigError(
+            "mesh_file", f"{size} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
+        )
+    return path.read_bytes()
+
+
+# Writing
+
+
+def _thing(name: str, shape: Shape, pose: SE3) -> dict[str, object]:
+    entry: dict[str, object] = {"name": name, **_form(shape)}
+    entry["position_mm"] = [_rounded(x) for x in to_mm(pose.p)]
+    rpy = pose.rpy
+    if np.any(rpy != 0.0):
+        entry["rpy_deg"] = [float(a) for a in to_deg(rpy)]
+    return entry
+
+
+def _form(shape: Shape) -> dict[str, object]:
+    if isinstance(shape, Box):
+        return {"box_mm": [_rounded(x) for x in to_mm(shape.size)]}
+    if isinstance(shape, Sphere):
+        return {"sphere_radius_mm": _rounded(to_mm(shape.radius))}
+    if isinstance(shape, Capsule):
+        return {
+            "capsule_radius_mm": _rounded(to_mm(shape.radius)),
+            "capsule_length_mm": _rounded(to_mm(shape.length)),
+        }
+    if isinstance(shape, PointCloud):
+        return {
+            "points_mm": to_mm(shape.points).tolist(),
+            "resolution_mm": _rounded(to_mm(shape.resolution)),
+        }
+    return {"vertices_mm": to_mm(shape.vertices).tolist(), "triangles": shape.triangles.tolist()}
+
+
+def _rounded(length_mm: float) -> float:
+    """As one would write it; a nanometre is enough."""
+    return round(float(length_mm), 6)

@@ -1,0 +1,179 @@
+"""Small JSON files of the user's own: named poses, programs.
+
+They lie in the data directory of the user the program runs as, begin with a ``"schema"`` that says
+what they are and in which version, and are there whole or not at all, whenever the computer stops.
+What is in them is for people too: degrees, percent, seconds, with the unit in every name.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files import atomic
+from so101_motion.files.json_file import Object
+from so101_motion.files.user_folders import user_data
+
+LARGEST = 1_000_000
+"""Largest file that is read [byte]; the longest program has a tenth of that. Chosen."""
+
+LONGEST_NAME = 40
+"""Most characters of a name that somebody gives something; chosen, it fits on a button's line."""
+
+_WIDEST_DEG = 360.0
+"""Joint angles beyond this are none, whatever the arm [deg]."""
+
+
+def folder() -> Path:
+    """Where the user's files are.
+
+    Raises:
+        ConfigError: This user has no home.
+    """
+    try:
+        return user_data() / "so101_motion"
+    except OSError as error:
+        raise ConfigError("home", None, f"there is no place for files: {error}") from error
+
+
+def tidy() -> None:
+    """Remove what writers of the user's files left behind when they were killed."""
+    with suppress(ConfigError):  # no home, nothing to tidy
+        home = folder()
+        for each in (home, *(inner for inner in home.glob("*") if inner.is_dir())):
+            atomic.tidy(each)
+
+
+def checked_name(name: object, *, what: str) -> str:
+    """A name as it is kept: without blanks around it.
+
+    Args:
+        name: What somebody typed, or what a file says.
+        what: What is being named, such as ``"pose"``.
+
+    Raises:
+        ConfigError: Empty, too long, or not printable.
+    """
+    short = name.strip() if isinstance(name, str) else ""
+    if not short:
+        raise ConfigError(f"{what} name", name, "type a name first")
+    if len(short) > LONGEST_NAME:
+        raise ConfigError(f"{what} name", short, f"is longer than {LONGEST_NAME} characters")
+    if not short.isprintable():
+        raise ConfigError(f"{what} name", short, "has characters that cannot be shown")
+    return short
+
+
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\..*)?", re.IGNORECASE)
+
+
+def refuse_reserved(name: str, *, what: str) -> None:
+    """Refuse what Windows takes for a device or cuts short, so that files can be taken there.
+
+    Raises:
+        ConfigError: No file can be called that.
+    """
+    if _RESERVED.fullmatch(name) or name[-1:] in (" ", "."):
+        raise ConfigError(what, name, "cannot be the name of a file on Windows; choose another")
+
+
+def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, object]:
+    """What the file at ``path`` holds.
+
+    Args:
+        path: The file.
+        schema: What it must be, such as ``"so101/poses/1"``.
+        largest: Largest file that is read [byte].
+
+    Raises:
+        ConfigError: It is not there, cannot be read, or is something else.
+    """
+    what = _kind(schema)
+    try:
+        if path.stat().st_size > largest:
+            raise ConfigError(what, str(path), f"is larger than a file of {what} can be")
+        content = json.loads(path.read_bytes(), object_pairs_hook=Object.of_pairs)
+    except OSError as error:
+        raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(what, str(path), f"is not JSON: {error}") from error
+    said = content.get("schema") if isinstance(content, Mapping) else None
+    if said == schema:
+        if content.repeated:
+            raise ConfigError(what, str(path), f"has {', '.join(content.repeated)} twice")
+        return dict(content)
+    if isinstance(said, str) and said.startswith(schema.rpartition("/")[0]):
+        reason = f"is written as {said}, which this version cannot read; update it"
+    else:
+        reason = f'is no file of {what}; its "schema" must be "{schema}"'
+    raise ConfigError(what, str(path), reason)
+
+
+def write(
+    path: Path, content: Mapping[str, object], *, schema: str, indent: int | None = 1
+) -> None:
+    """Let the file at ``path`` hold ``content``; its folder is made if need be.
+
+    Raises:
+        ConfigError: It cannot be written; it is as it was.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"schema": schema, **content}, indent=indent, ensure_ascii=False)
+        atomic.write(path, f"{text}\n".encode())
+    except OSError as error:
+        reason = f"cannot be written: {error.strerror or error}"
+        raise ConfigError(_kind(schema), str(path), reason) from error
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """Keep others who change files beside ``path`` out, for reading it and writing it anew.
+
+    Raises:
+        ConfigError: The folder cannot be used.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic.locked(path.parent):
+            yield
+    except OSError as error:
+        raise ConfigError(
+            "folder", str(path.parent), f"cannot be used: {error.strerror or error}"
+        ) from error
+
+
+def joints_to_deg(q: Array) -> list[float]:
+    """Joint angles as they are written; a ten-thousandth of a degree is far below a servo's."""
+    return [round(float(angle), 4) + 0.0 for angle in to_deg(q)]
+
+
+def joints_from_deg(given: object, *, key: str) -> Array:
+    """Joint angles as a file says them, shape (5,), [rad].
+
+    Raises:
+        ConfigError: Not five angles.
+    """
+    if (
+        not isinstance(given, list)
+        or len(given) != 5
+        or not all(_is_number(each, _WIDEST_DEG) for each in given)
+    ):
+        raise ConfigError(key, given, "must be five joint angles in degrees")
+    return np.asarray(to_rad(np.array(given, dtype=np.float64)))
+
+
+def _is_number(value: object, largest: float) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= largest
+
+
+def _kind(schema: str) -> str:
+    return schema.split("/")[1].replace("-", " ")

@@ -1,1 +1,0 @@
-"""The Viam resources, one file a model, each thin: validate, convert, call, convert back."""

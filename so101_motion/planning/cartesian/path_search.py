@@ -1,0 +1,279 @@
+"""Search a tool path once, at one fineness: columns, the best sequence, a curve.
+
+See ``cartesian.py`` for how it works. How closely to look is given.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.cartesian.configuration_columns import (
+    Columns,
+    ConfigurationSource,
+    Criteria,
+    Fineness,
+)
+from so101_motion.planning.cartesian.curve_fit import SMOOTH, TRUE, CurveFitter, Misfit
+from so101_motion.planning.cartesian.ladder_graph import Indices, LadderGraph
+from so101_motion.planning.cartesian.tool_motion import ToolMotion
+from so101_motion.planning.cartesian.tool_path import ToolPath
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.goals import GoalMetric, ToolGoal
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure
+from so101_motion.planning.kinematics.batch_ik import angles_between, rotation_angles
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.timing.path_geometry import JointPath
+
+FEWEST = 8
+"""Fewest parts that a path between two rests is cut into."""
+
+TURN_SPACING = 0.15
+"""Largest turn of the tool between two columns [rad]. Chosen: 9 degrees."""
+
+ATTEMPTS = 20
+"""How many sequences are tried. Chosen: none of 684 random lines took more than 4 to be found."""
+
+MISFITS = 10
+"""After so many of them for which no curve could be laid, a look is given up."""
+
+PATIENCE = 3
+"""After so many in contact, all configurations that might still be used are looked at."""
+
+AT_ONCE = 16
+"""For so many places configurations are worked out between two checkpoints. Chosen: the closest
+look takes some milliseconds for as many."""
+
+_LOOKS = 8
+"""At how many points of each piece of a curve the tool is held against its path."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathTask:
+    """What is to be followed, and what is in the way.
+
+    Attributes:
+        goal: What counts, and how exactly.
+        tool_path: The path of the goal's frame.
+        q_start: Where the joints start, shape (5,), [rad].
+        collision: What is in the way.
+        q_jaw: Jaw angle during the motion [rad].
+    """
+
+    goal: ToolGoal
+    tool_path: ToolPath
+    q_start: Array
+    collision: CollisionModel
+    q_jaw: float
+
+    def is_free(self, q: Array) -> bool:
+        """Whether a configuration is free of contact."""
+        return self.collision.is_free(q, self.q_jaw)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tools:
+    """What a search works with.
+
+    Attributes:
+        ik: The arm's solver; its structure is known.
+        structure: That structure.
+        chain: Kinematics of the frame that follows the path.
+        tool_chain: Kinematics of the tool, whose orientation counts.
+    """
+
+    ik: IkSolver
+    structure: ArmStructure
+    chain: ArmChain
+    tool_chain: ArmChain
+
+
+class PathSearch:
+    """One look at a path.
+
+    Attributes:
+        task: What is searched.
+        s: Where the columns are, shape (n,), [m].
+        ladder: The columns; the first holds the start.
+        misfits: Where sequences were given up because no curve could be laid.
+    """
+
+    def __init__(self, tools: Tools, task: PathTask, fineness: Fineness) -> None:
+        self.task, self._tools, self._fineness = task, tools, fineness
+        self._source = ConfigurationSource(tools.structure, tools.tool_chain)
+        model, goal = tools.ik.model, task.goal
+        self._fitter = CurveFitter(tools.chain, model.lower, model.upper, goal.tolerance)
+        self._R_frame_tool = model.rotation_to_tool(goal.frame)
+        self._criteria = Criteria(
+            metric=goal.metric,
+            frame=goal.frame,
+            orientation_tolerance=goal.orientation_tolerance,
+            roll=float(task.q_start[4]),
+            pitch=float(task.q_start[1:4].sum()),
+        )
+        self.s, self._rests = _stations(task.tool_path, fineness.spacing)
+        parts = self._parts(self.s[1:])
+        columns = [each for part in parts for each in part.allowed()]
+        start, p_start = task.q_start[None], task.tool_path.places(self.s[:1])
+        self.ladder = LadderGraph(
+            [start, *(np.clip(each.q, model.lower, model.upper) for each in columns)],
+            [np.zeros(1), *(each.price for each in columns)],
+            [self._source.in_front(start, p_start), *(each.in_front for each in columns)],
+            task.collision.checkpoint,
+        )
+        self.misfits: list[Misfit] = []
+
+    def columns(self, s: Array) -> Columns:
+        """Configurations for places on the way, shape (n,), [m]."""
+        parts = zip(*self._parts(s), strict=True)
+        return Columns(*(np.concatenate(values) for values in parts))
+
+    def _parts(self, s: Array) -> Iterator[Columns]:
+        p, R = self.task.tool_path.places(s), self._R_base_tool(s)
+        for begin in range(0, len(s), AT_ONCE):
+            self.task.collision.checkpoint()
+            some = slice(begin, begin + AT_ONCE)
+            yield self._source.columns(self._criteria, p[some], R[some], self._fineness)
+
+    def run(self) -> ToolMotion | None:
+        """The motion; None if this look finds none."""
+        in_contact = 0
+        for _ in range(ATTEMPTS):
+            if len(self.misfits) == MISFITS:
+                return None
+            rows = self.ladder.best()
+            if rows is None:
+                return None
+            if self._is_blocked(rows):
+                in_contact += 1
+                self._forbid_blocked(rows, thorough=in_contact >= PATIENCE)
+                continue
+            found = self._curves(self.ladder.sequence(rows))
+            if isinstance(found, ToolMotion):
+                return found
+            self.misfits.append(found)
+            i = int(np.clip(np.searchsorted(self.s, found.s, "right"), 1, len(self.s) - 1))
+            self.ladder.forbid_step(i - 1, rows[i - 1], rows[i])
+        return None
+
+    def farthest(self) -> tuple[int, Array]:
+        """The last column reached free of contact, and its configurations (k, 5) [rad]."""
+        thorough = False
+        while True:
+            column = self.ladder.farthest()
+            rows = self.ladder.best(column)
+            assert rows is not None
+            if column == 0 or not self._is_blocked(rows):
+                q = self.ladder.q[column][self.ladder.reached(column)]
+                free = [each for each in q if self.task.is_free(each)]
+                return column, np.array(free or self.ladder.sequence(rows)[-1:])
+            self._forbid_blocked(rows, thorough=thorough)
+            thorough = True
+
+    def _is_blocked(self, rows: Indices) -> bool:
+        q = self.ladder.sequence(rows)
+        return self.task.collision.first_blocked(q, self.task.q_jaw) is not None
+
+    def _forbid_blocked(self, rows: Indices, *, thorough: bool) -> None:
+        """Take out what is in contact: of a sequence, or of all that might still be used."""
+        looked_at = self.ladder.useful() if thorough else [row[None] for row in rows]
+        found = False
+        for column, here in enumerate(looked_at[1:], 1):
+            q = self.ladder.q[column]
+            blocked = [row for row in here.tolist() if not self.task.is_free(q[row])]
+            if blocked:
+                self.ladder.forbid(column, np.array(blocked))
+                found = True
+        if not found:
+            self._forbid_blocked_steps(rows)
+
+    def _forbid_blocked_steps(self, rows: Indices) -> None:
+        q = self.ladder.sequence(rows)
+        for i, leg in enumerate(pairwise(q)):
+            if self.task.collision.first_blocked(np.array(leg), self.task.q_jaw) is not None:
+                self.ladder.forbid_step(i, rows[i], rows[i + 1])
+
+    def _curves(self, q: Array) -> ToolMotion | Misfit:
+        """Curves between the rests through configurations near those of a sequence."""
+        curves: list[JointPath] = []
+        off = turned = 0.0
+        free = self.task.goal.metric is GoalMetric.POSITION_ONLY
+        stiffnesses = SMOOTH if free else TRUE
+        for begin, end in pairwise(self._rests):
+            s = self.s[begin : end + 1]
+            judge = self._judge(float(s[0]))
+            found = self._fitter.fit(self.task.tool_path, s, q[begin : end + 1], stiffnesses, judge)
+            if isinstance(found, Misfit):
+                return found
+            curves.append(found)
+            off = max(off, self._off(found, float(s[0])))
+            turned = max(turned, float(self._turned(found, float(s[0]))[1].max()))
+        return ToolMotion(q_start=self.task.q_start, curves=tuple(curves), off=off, turned=turned)
+
+    def _judge(self, begin: float) -> Callable[[JointPath], Misfit | None]:
+        """What else a curve that starts at ``begin`` [m] must stand up to."""
+
+        def judge(curve: JointPath) -> Misfit | None:
+            s, angles = self._turned(curve, begin)
+            worst = int(np.argmax(angles))
+            if angles[worst] > self.task.goal.orientation_tolerance:
+                (q,) = curve.evaluate(s[worst : worst + 1] - begin).q
+                return Misfit(s=float(s[worst]), q=q, turned=float(angles[worst]))
+            knots = curve.evaluate(curve.knots).q
+            blocked = self.task.collision.first_blocked(knots, self.task.q_jaw)
+            if blocked is None:
+                return None
+            nearest = int(np.argmin(np.abs(knots - blocked).max(axis=1)))
+            return Misfit(s=begin + float(curve.knots[nearest]), q=blocked, in_contact=True)
+
+        return judge
+
+    def _off(self, curve: JointPath, begin: float) -> float:
+        """How far the tool is from its path at the most [m]."""
+        at = _looks(curve)
+        p = self._tools.chain.positions(curve.evaluate(at).q)
+        return float(np.linalg.norm(p - self.task.tool_path.places(begin + at), axis=1).max())
+
+    def _turned(self, curve: JointPath, begin: float) -> tuple[Array, Array]:
+        """Places on the way [m], and how far the tool is turned off there [rad]."""
+        metric = self.task.goal.metric
+        if metric is GoalMetric.POSITION_ONLY:
+            return np.array([begin]), np.zeros(1)
+        at = _looks(curve)
+        R = self._tools.tool_chain.rotations(curve.evaluate(at).q)
+        wanted = self._R_base_tool(begin + at)
+        if metric is GoalMetric.POSITION_AND_APPROACH:
+            return begin + at, angles_between(R[:, :, 2], wanted[:, :, 2])
+        return begin + at, rotation_angles(R.transpose(0, 2, 1) @ wanted)
+
+    def _R_base_tool(self, s: Array) -> Array:
+        """How the tool shall be turned; of no meaning where only the position counts."""
+        if self.task.goal.metric is GoalMetric.POSITION_ONLY:
+            return np.broadcast_to(np.eye(3), (len(s), 3, 3))
+        return self.task.tool_path.rotations(s) @ self._R_frame_tool
+
+
+def _looks(curve: JointPath) -> Array:
+    """Where a curve is held against its path."""
+    return np.linspace(0.0, curve.length, _LOOKS * (len(curve.knots) - 1) + 1)
+
+
+def _stations(tool_path: ToolPath, spacing: float) -> tuple[Array, list[int]]:
+    """Places for columns, evenly spaced between rests [m], and the indices of start, rests, end."""
+    places, rests = [np.zeros(1)], [0]
+    for begin, end in pairwise([0.0, *tool_path.rests, tool_path.length]):
+        share = (end - begin) / tool_path.length
+        count = max(
+            FEWEST,
+            math.ceil((end - begin) / spacing),
+            math.ceil(share * tool_path.turn / TURN_SPACING),
+        )
+        places.append(np.linspace(begin, end, count + 1)[1:])
+        rests.append(rests[-1] + count)
+    return np.concatenate(places), rests

@@ -1,0 +1,47 @@
+"""Curves of the joints along which the tool keeps to its path, and their timing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.timing.exact_retiming import time_exactly
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import point_to_point
+from so101_motion.planning.timing.path_geometry import JointPath
+from so101_motion.planning.timing.trajectory import Trajectory
+
+SAME = 1e-6
+"""Joints that all move by no more than this do not move [rad]. Chosen: a servo tick is 1.5e-3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolMotion:
+    """How the joints follow a path of the tool, without time.
+
+    Attributes:
+        q_start: Where they start, shape (5,), [rad].
+        curves: One after the other; the arm rests between them. None if it is there already.
+        off: How far the tool is from its path at the most [m].
+        turned: How far it is turned off at the most, as far as that counts [rad].
+    """
+
+    q_start: Array
+    curves: tuple[JointPath, ...]
+    off: float
+    turned: float
+
+    @property
+    def waypoints(self) -> Array:
+        """The configurations the curves were laid through, shape (m, 5), [rad]."""
+        knots = [curve.evaluate(curve.knots).q[1:] for curve in self.curves]
+        return np.concatenate([self.q_start[None], *(knots or [self.q_start[None]])])
+
+    def timed(self, limits: MotionLimits, dt: float, tool: ArmChain) -> list[Trajectory]:
+        """The motion on these curves, from rest to rest, as fast as the limits allow."""
+        if float(np.ptp(self.waypoints, axis=0).max()) <= SAME:
+            return [point_to_point(self.q_start, self.q_start, limits, dt)]
+        return [time_exactly(curve, limits, dt, tool_speed_fn=tool.speeds) for curve in self.curves]

@@ -1,0 +1,259 @@
+"""The path of a frame of the gripper: lines and arcs, with rounded corners.
+
+How it works. A path is a chain of parts, run through by one number ``s`` in metres. On a line or an
+arc the frame turns steadily from the orientation at one end to that at the other. Within ``blend``
+metres of a corner the path follows a rounding instead (``path_segments.py``), so the arm need not
+stop; and the frame's turning goes over from one steady turn to the other: each goes on beyond the
+corner, and a smooth weight leads across. Without blending the arm rests at each corner.
+
+``s`` is the distance the frame travels, nearly so on roundings. A turn on the spot has no length;
+it counts as long as its angle times ``LEVER``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array, rotation_vector
+from so101_motion.planning.cartesian.path_segments import (
+    SHORTEST,
+    Line,
+    Rounding,
+    Stretch,
+    polynomial,
+    quintic,
+    rounded,
+    stretch_to,
+)
+from so101_motion.planning.goals import ArcTo, LineTo
+
+Indices = NDArray[np.intp]
+
+LEVER = 0.1
+"""How long a turn on the spot counts [m/rad]: about the lever from wrist to jaw. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Leg:
+    """A segment, without what is cut off for roundings.
+
+    Attributes:
+        number: Which segment, from 0.
+        stretch: All of the segment.
+        R_start: How the frame is turned at its start, shape (3, 3).
+        turn: By what it turns until its end, as a rotation vector [rad].
+        begin: Where on the segment the leg begins [m].
+        end: Where it ends [m].
+    """
+
+    number: int
+    stretch: Stretch
+    R_start: Array
+    turn: Array
+    begin: float
+    end: float
+
+    @property
+    def length(self) -> float:
+        return self.end - self.begin
+
+    def places(self, s: Array) -> Array:
+        return self.stretch.at(self.begin + s).p
+
+    def rotations(self, s: Array) -> Array:
+        return self.turned(self.begin + s)
+
+    def turned(self, along: Array) -> Array:
+        """Rotations ``along`` the whole segment (n,), beyond its ends too."""
+        return np.asarray(
+            self.R_start @ _rotations((along / self.stretch.length)[:, None] * self.turn)
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Corner:
+    """A rounded corner between two segments.
+
+    Attributes:
+        number: Of the segment after it.
+        before: The leg before it.
+        after: The leg after it.
+        rounding: Its curve.
+    """
+
+    number: int
+    before: _Leg
+    after: _Leg
+    rounding: Rounding
+
+    @property
+    def length(self) -> float:
+        return self.rounding.length
+
+    def places(self, s: Array) -> Array:
+        return self.rounding.at(s)[:, :3]
+
+    def rotations(self, s: Array) -> Array:
+        off = self.rounding.at(s)[:, 3]
+        R_before = self.before.turned(self.before.stretch.length + off)
+        R_after = self.after.turned(off)
+        weight = polynomial(_SMOOTH_STEP, 0.5 * (off / self.rounding.reach + 1.0))
+        turns = R_before.transpose(0, 2, 1) @ R_after
+        apart = np.array([rotation_vector(R) for R in turns]).reshape(-1, 3)
+        return np.asarray(R_before @ _rotations(weight * apart))
+
+
+_SMOOTH_STEP = quintic(*(np.array([value]) for value in (0.0, 0.0, 0.0, 1.0, 0.0, 0.0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolPath:
+    """A path of the tool, from the start on.
+
+    Attributes:
+        parts: Legs and roundings.
+        spin: Whether it is a turn on the spot.
+        begins: Where each part begins, shape (k,), [m].
+        length: How long the path is [m].
+        turn: How far the frame turns along it, all in all [rad].
+    """
+
+    parts: tuple[_Leg | _Corner, ...]
+    spin: bool = False
+    begins: Array = field(init=False)
+    length: float = field(init=False)
+    turn: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        ends = np.cumsum([part.length for part in self.parts])
+        legs = [part for part in self.parts if isinstance(part, _Leg)]
+        object.__setattr__(self, "begins", np.concatenate([[0.0], ends[:-1]]))
+        object.__setattr__(self, "length", float(ends[-1]))
+        object.__setattr__(self, "turn", sum(float(np.linalg.norm(leg.turn)) for leg in legs))
+
+    @property
+    def segments(self) -> int:
+        """How many segments the path has."""
+        return self.parts[-1].number + 1
+
+    @property
+    def rests(self) -> list[float]:
+        """Where the arm has to stop between its start and its end [m]."""
+        meetings = zip(pairwise(self.parts), self.begins[1:].tolist(), strict=True)
+        return [at for (a, b), at in meetings if isinstance(a, _Leg) and isinstance(b, _Leg)]
+
+    def segment_at(self, s: float) -> int:
+        """Which segment a place on the way belongs to, from 0; a corner to the one it leads to."""
+        return self.parts[int(self._part_at(np.array([s]))[0])].number
+
+    def places(self, s: Array) -> Array:
+        """Where the frame shall be after ``s`` (n,) metres, shape (n, 3), [m]."""
+        p = np.empty((len(s), 3))
+        for part, here, along in self._split(s):
+            p[here] = part.places(along)
+        return p
+
+    def rotations(self, s: Array) -> Array:
+        """How it shall be turned after ``s`` (n,) metres, shape (n, 3, 3)."""
+        R = np.empty((len(s), 3, 3))
+        for part, here, along in self._split(s):
+            R[here] = part.rotations(along)
+        return R
+
+    def _part_at(self, s: Array) -> Indices:
+        return np.asarray(np.searchsorted(self.begins, s, "right") - 1)
+
+    def _split(self, s: Array) -> list[tuple[_Leg | _Corner, Indices, Array]]:
+        """Parts that hold places, the indices of those, and how far along the part they are."""
+        if len(self.parts) == 1:
+            return [(self.parts[0], np.arange(len(s)), s)]
+        at = self._part_at(s)
+        split = []
+        for i in np.unique(at):
+            here = np.flatnonzero(at == i)
+            split.append((self.parts[i], here, s[here] - self.begins[i]))
+        return split
+
+
+def straight_path(T_start: SE3, T_end: SE3) -> ToolPath:
+    """One line, or a turn on the spot."""
+    turn = rotation_vector(T_start.R.T @ T_end.R)
+    length = float(np.linalg.norm(T_end.p - T_start.p))
+    spin = length < SHORTEST
+    if spin:
+        length = max(LEVER * float(np.linalg.norm(turn)), SHORTEST)
+    line = Line(p_start=T_start.p, p_end=T_end.p, length=length)
+    leg = _Leg(number=0, stretch=line, R_start=T_start.R, turn=turn, begin=0.0, end=length)
+    return ToolPath(parts=(leg,), spin=spin)
+
+
+def path_through(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float) -> ToolPath:
+    """Lines and arcs one after the other.
+
+    Args:
+        T_start: Where the frame is.
+        segments: Where it shall go.
+        blend: How far from a corner the path may leave the segments [m]; half a segment where that
+            is less. 0 for corners at which the arm rests.
+
+    Raises:
+        ConfigError: There is no segment, one has no length or is no arc, or ``blend`` is negative
+            or not finite.
+    """
+    if not segments:
+        raise ConfigError("segments", (), "a path of the tool needs at least one line or arc")
+    if not 0.0 <= blend < math.inf:
+        raise ConfigError("blend", blend, "must be 0 or more and finite [m]")
+    legs = _legs(T_start, segments, blend)
+    parts: list[_Leg | _Corner] = [legs[0]]
+    for before, after in pairwise(legs):
+        if blend > 0.0:
+            rounding = rounded(before.stretch, after.stretch, after.begin)
+            parts.append(
+                _Corner(number=after.number, before=before, after=after, rounding=rounding)
+            )
+        parts.append(after)
+    return ToolPath(parts=tuple(parts))
+
+
+def _legs(T_start: SE3, segments: Sequence[LineTo | ArcTo], blend: float) -> list[_Leg]:
+    """The segments, shortened where a corner is to be rounded."""
+    starts = [T_start, *(segment.T_base_tool for segment in segments)]
+    stretches = [
+        stretch_to(T.p, segment, number)
+        for number, (T, segment) in enumerate(zip(starts[:-1], segments, strict=True), 1)
+    ]
+    cuts = [
+        min(blend, 0.5 * before.length, 0.5 * after.length) for before, after in pairwise(stretches)
+    ]
+    return [
+        _Leg(
+            number=number,
+            stretch=stretch,
+            R_start=starts[number].R,
+            turn=rotation_vector(starts[number].R.T @ starts[number + 1].R),
+            begin=begin,
+            end=stretch.length - cut,
+        )
+        for number, (stretch, begin, cut) in enumerate(
+            zip(stretches, [0.0, *cuts], [*cuts, 0.0], strict=True)
+        )
+    ]
+
+
+def _rotations(vectors: Array) -> Array:
+    """Rotations (n, 3, 3) by rotation vectors (n, 3) [rad]; Rodrigues' formula."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    K = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -z, y, -x
+    K -= K.transpose(0, 2, 1)
+    half = np.sinc(0.5 * angle / np.pi)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half**2 * (K @ K))

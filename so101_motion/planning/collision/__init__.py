@@ -1,0 +1,5 @@
+"""What is around the arm, and whether a configuration or a motion touches it.
+
+``scene.py`` is the scene as plain values, ``collision.py`` checks one configuration with coal,
+``continuous_check.py`` proves a whole joint motion free. It may import ``planning.kinematics``.
+"""

@@ -1,0 +1,265 @@
+"""What can touch what: links, things held, floor and obstacles, as Pinocchio and coal take them.
+
+*Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``). A
+box, a sphere, a capsule is itself; a mesh is its triangles; a point cloud an octree of full cubes;
+the floor a half-space. What the gripper holds rides on the gripper's link; a mesh or a cloud that
+is held is taken as its convex hull, which is cheap and on the safe side.
+
+*Pairs.* Links that hinge on each other always touch and some others never can; the table of
+``so101_description`` says which and how that was found out. Base and shoulder cannot move towards
+the floor, nor the base towards anything, so these are not checked. What is held may touch the
+gripper and the jaw, and whatever the scene allows. An obstacle is held only against the links that
+can come near it: a link stays in a ball around the pan's axis whatever the joints do.
+
+*Margins.* A scene's margin says how well its obstacles are known. How far the links must stay apart
+from each other does not depend on that, so a margin wider than the usual one does not count there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+import so101_description
+
+from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.coal_shapes import (
+    convex_hull,
+    full_cubes,
+    held_shape,
+    octree,
+    standing_shape,
+)
+from so101_motion.planning.collision.motion_bounds import MotionBounds
+from so101_motion.planning.collision.scene import (
+    FLOOR,
+    HOLDERS,
+    LINKS,
+    MARGIN,
+    Attached,
+    Obstacle,
+    PointCloud,
+    Scene,
+)
+from so101_motion.planning.collision.shape_files import read_shape
+
+NEAR = 0.1
+"""Obstacles that a link can never come nearer than this are not held against it [m]. Chosen: more
+than the widest clearance that a proof asks for."""
+
+_LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
+"""The links that can move towards the floor."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bodies:
+    """Everything that can touch, in the form of Pinocchio.
+
+    Attributes:
+        geometry: The bodies and the pairs of them that are checked, Pinocchio's.
+        pairs: Those pairs by name.
+        margins: How far each pair must stay apart, shape (len(pairs),), [m].
+        moved_by: How many of the arm's joints move the first and the second body of each pair,
+            integers, shape (len(pairs), 2).
+        swapped: Whether coal answers for a pair as if its second body had been named first.
+        levers: How far from each arm joint's axis anything it moves can be.
+    """
+
+    geometry: Any
+    pairs: tuple[tuple[str, str], ...]
+    margins: Array
+    moved_by: Any
+    swapped: tuple[bool, ...]
+    levers: MotionBounds
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "margins", frozen_array(self.margins, (len(self.pairs),)))
+
+
+class _Mover(NamedTuple):
+    """A body that joints may move: a link or something held.
+
+    Attributes:
+        name: What messages call it.
+        joint: The joint it hangs on, 0 for none.
+        placement: Where it is in that joint's frame, Pinocchio's.
+        shape: coal's.
+        points: It lies inside their hull; in the joint's frame, shape (n, 3), [m].
+    """
+
+    name: str
+    joint: int
+    placement: Any
+    shape: Any
+    points: Array
+
+
+def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodies:
+    """The bodies of an arm (a Pinocchio model with six joints) and of a scene."""
+    # The outermost first: they are hit most often, and bodies are looked at in this order.
+    movers = [*_held(model, scene.attached), *reversed(list(_links(model)))]
+    gathered = _Gathered(model, movers)
+    gathered.pair_movers(scene.attached)
+    if scene.floor_z is not None:
+        gathered.add_floor(scene.floor_z)
+    for obstacle in scene.obstacles:
+        checkpoint()
+        gathered.add_obstacle(obstacle, checkpoint)
+    allowed = set(scene.may_touch)
+    allowed |= {
+        frozenset((held.name, other)) for held in scene.attached for other in held.may_touch
+    }
+    return gathered.bodies(allowed, scene.margin)
+
+
+class _Gathered:
+    """Bodies and pairs as they come together."""
+
+    def __init__(self, model: Any, movers: list[_Mover]) -> None:
+        self._geometry = pin.GeometryModel()
+        self._movers = movers
+        self._pairs: list[tuple[int, int]] = []
+        for each in movers:
+            self._add(each.name, each.joint, each.placement, each.shape)
+        self._levers = _levers(model, movers)
+        self._centre = np.array(model.jointPlacements[1].translation)
+        steps = [float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(2, 7)]
+        # Until where each body can be from the pan's joint: the links between, then itself.
+        self._spans = [
+            sum(steps[: max(0, each.joint - 1)]) + float(np.linalg.norm(each.points, axis=1).max())
+            for each in movers
+        ]
+
+    def pair_movers(self, attached: tuple[Attached, ...]) -> None:
+        """Pairs of links that can meet, and things held with the links that do not hold them."""
+        index = {each.name: i for i, each in enumerate(self._movers)}
+        free_to_meet = _link_pairs()
+        for held in attached:
+            for link in LINKS:
+                if link not in HOLDERS:
+                    self._pairs.append((index[held.name], index[link]))
+        self._pairs += [(index[outer], index[inner]) for inner, outer in free_to_meet]
+
+    def add_floor(self, floor_z: float) -> None:
+        """Everything below ``floor_z`` [m]."""
+        plane = coal.Halfspace(np.array([0.0, 0.0, 1.0]), floor_z)
+        floor = self._add(FLOOR, 0, pin.SE3.Identity(), plane)
+        for i, each in enumerate(self._movers):
+            if each.name in _LOWERING or each.name not in LINKS:
+                self._pairs.append((i, floor))
+
+    def add_obstacle(self, obstacle: Obstacle, checkpoint: Checkpoint) -> None:
+        """Something that stands, unless nothing can come near it."""
+        given, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
+        if isinstance(given, PointCloud):
+            cubes = self._in_reach(given, T, checkpoint)
+            if len(cubes) == 0:
+                return
+            checkpoint()
+            shape = octree(cubes, given.resolution)
+        else:
+            shape = standing_shape(given)
+        shape.computeLocalAABB()
+        away = float(np.linalg.norm(T @ shape.aabb_center - self._centre)) - shape.aabb_radius
+        near = [
+            i
+            for i, (each, span) in enumerate(zip(self._movers, self._spans, strict=True))
+            if each.joint > 0 and span + NEAR > away
+        ]
+        if near:
+            this = self._add(obstacle.name, 0, _placement(T), shape)
+            self._pairs += [(i, this) for i in near]
+
+    def _in_reach(self, cloud: PointCloud, T: SE3, checkpoint: Checkpoint) -> Array:
+        """The cubes of a cloud at ``T`` that the arm can come near: often a small part of it."""
+        cubes = full_cubes(cloud, checkpoint)
+        away = np.linalg.norm(cubes @ T.R.T + (T.p - self._centre), axis=1)
+        diagonal = math.sqrt(3.0) * cloud.resolution
+        return np.asarray(cubes[away < max(self._spans) + NEAR + diagonal])
+
+    def bodies(self, allowed: set[frozenset[str]], margin: float) -> Bodies:
+        """What has come together, without the pairs that may touch."""
+        objects = list(self._geometry.geometryObjects)
+        names = [each.name for each in objects]
+        movable = [min(each.parentJoint, 5) for each in objects]
+        kept = [(a, b) for a, b in self._pairs if frozenset((names[a], names[b])) not in allowed]
+        for pair in kept:
+            self._geometry.addCollisionPair(pin.CollisionPair(*pair))
+        own = min(margin, MARGIN)
+        links = {i for i, name in enumerate(names) if name in LINKS}
+        return Bodies(
+            geometry=self._geometry,
+            pairs=tuple((names[a], names[b]) for a, b in kept),
+            margins=np.array([own if links.issuperset(pair) else margin for pair in kept]),
+            moved_by=np.array([(movable[a], movable[b]) for a, b in kept], int).reshape(-1, 2),
+            # Octrees come first, whatever was asked (observed in coal 3.0.3).
+            swapped=tuple(isinstance(objects[b].geometry, coal.OcTree) for _, b in kept),
+            levers=self._levers,
+        )
+
+    def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:
+        return int(
+            self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape))
+        )
+
+
+def _links(model: Any) -> Iterator[_Mover]:
+    for link, (part, hull) in _hulls().items():
+        frame = model.frames[model.getFrameId(link)]
+        yield _mover(part.replace("_", " "), frame, SE3.identity(), hull, hull.points())
+
+
+def _held(model: Any, attached: tuple[Attached, ...]) -> Iterator[_Mover]:
+    frame = model.frames[model.getFrameId("tool")]
+    for held in attached:
+        shape, points = held_shape(read_shape(held.shape))
+        yield _mover(held.name, frame, held.T_tool_object, shape, points)
+
+
+def _mover(name: str, frame: Any, T_frame_body: SE3, shape: Any, points: Array) -> _Mover:
+    placement = frame.placement * _placement(T_frame_body)
+    in_joint = np.asarray(points) @ placement.rotation.T + placement.translation
+    return _Mover(name, int(frame.parentJoint), placement, shape, in_joint)
+
+
+def _placement(T: SE3) -> Any:
+    return pin.SE3(np.array(T.R), np.array(T.p))
+
+
+@cache
+def _hulls() -> dict[str, tuple[str, Any]]:
+    """The hull of each link with the name of its part; read once, for they never change."""
+    return {
+        link: (part, convex_hull(so101_description.load_hull(part).vertices))
+        for link, part in so101_description.PARTS.items()
+    }
+
+
+@cache
+def _link_pairs() -> tuple[tuple[str, str], ...]:
+    """The pairs of links that can meet, the inner one first."""
+    allowed = so101_description.load_allowed_pairs()
+    human = {link: part.replace("_", " ") for link, part in so101_description.PARTS.items()}
+    links = list(human)
+    return tuple(
+        (human[inner], human[outer])
+        for i, inner in enumerate(links)
+        for outer in links[i + 1 :]
+        if frozenset((inner, outer)) not in allowed
+    )
+
+
+def _levers(model: Any, movers: list[_Mover]) -> MotionBounds:
+    joints = range(1, model.njoints)
+    offsets = [model.jointPlacements[joint] for joint in joints]
+    return MotionBounds(
+        [SE3(each.rotation, each.translation) for each in offsets],
+        [np.concatenate([each.points for each in movers if each.joint == j]) for j in joints],
+    )

@@ -1,0 +1,117 @@
+"""The shapes of a scene as coal's, one for what stands and one for what is held.
+
+coal knows boxes, spheres, capsules and octrees itself. A mesh that stands becomes a tree of
+bounding volumes over its triangles, exact and searched in microseconds. Such trees are slow to
+hold against each other; so what is held is convex.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import coal
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.scene import Box, Capsule, Mesh, PointCloud, Shape, Sphere
+
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+"""Of a cube of edge 1."""
+
+_THICKNESS = 5e-4
+"""What is held and flat is taken as so thick [m], because a hull needs a volume. Chosen."""
+
+
+def standing_shape(shape: Box | Sphere | Capsule | Mesh) -> Any:
+    """The shape of an obstacle, in the obstacle's own frame; see ``octree`` for clouds."""
+    return _triangles(shape) if isinstance(shape, Mesh) else _simple(shape)
+
+
+def octree(points: Array, resolution: float) -> Any:
+    """The cubes of an edge ``resolution`` [m] around points, shape (n, 3), n >= 1, [m]."""
+    return coal.makeOctree(np.array(points), resolution)
+
+
+def full_cubes(cloud: PointCloud, checkpoint: Checkpoint = wanted) -> Array:
+    """The middles of the cubes that hold a point, each once, shape (n, 3), [m].
+
+    A camera sees thousands of points in each cube. coal takes a second for a million of them, and
+    nothing can interrupt it; this takes a tenth of that, a few milliseconds at a time.
+    """
+    found, merged, waiting = [np.zeros(0, dtype=np.int64)], 0, 0
+    for begin in range(0, len(cloud.points), _AT_ONCE):
+        checkpoint()
+        cubes = np.floor(cloud.points[begin : begin + _AT_ONCE] / cloud.resolution)
+        found.append(np.unique((cubes.astype(np.int64) + _MIDDLE) @ _PLACES))
+        waiting += len(found[-1])
+        if waiting > merged + 4 * _AT_ONCE:
+            checkpoint()
+            found = [np.unique(np.concatenate(found))]
+            merged, waiting = len(found[0]), 0
+    checkpoint()
+    keys = np.unique(np.concatenate(found))
+    cubes = keys[:, None] // _PLACES % (2 * _MIDDLE) - _MIDDLE
+    return np.asarray((cubes + 0.5) * cloud.resolution)
+
+
+_AT_ONCE = 16_384
+"""So many points are looked at between two checkpoints. Chosen: 3 ms."""
+
+_MIDDLE = 32_768
+"""Cubes are counted from here in each direction, so that none has a negative number; see
+``scene.CUBES``."""
+
+_PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
+"""What the three numbers of a cube count in the one that stands for it."""
+
+
+def held_shape(shape: Shape) -> tuple[Any, Array]:
+    """The shape of what is held, and points whose hull it lies in, shape (n, 3), [m]."""
+    if isinstance(shape, Mesh | PointCloud):
+        hull = convex_hull(shape.vertices if isinstance(shape, Mesh) else _full_corners(shape))
+        return hull, np.array(hull.points())
+    return _simple(shape), _CORNERS * _extent(shape)
+
+
+def convex_hull(points: Array) -> Any:
+    """The convex hull of points, shape (n, 3), [m]; of flat ones, a thin one."""
+    _, axes = np.linalg.eigh(np.cov(points.T, bias=True))
+    if np.ptp(points @ axes[:, 0]) < _THICKNESS:
+        # Without a volume, coal 3.0.3 ends the process (observed).
+        points = (points[:, None] + _THICKNESS * _CORNERS).reshape(-1, 3)
+    listed = coal.StdVec_Vec3s()
+    for point in points:
+        listed.append(point)
+    return coal.ConvexBase.convexHull(listed, False, "Qt")
+
+
+def _simple(shape: Box | Sphere | Capsule) -> Any:
+    if isinstance(shape, Box):
+        return coal.Box(*shape.size.tolist())
+    if isinstance(shape, Sphere):
+        return coal.Sphere(shape.radius)
+    return coal.Capsule(shape.radius, shape.length - 2.0 * shape.radius)
+
+
+def _extent(shape: Box | Sphere | Capsule) -> Array:
+    """Size along the axes, shape (3,), [m]."""
+    if isinstance(shape, Box):
+        return shape.size
+    length = shape.length if isinstance(shape, Capsule) else 2.0 * shape.radius
+    return np.array([2.0 * shape.radius, 2.0 * shape.radius, length])
+
+
+def _triangles(mesh: Mesh) -> Any:
+    tree = coal.BVHModelOBBRSS()
+    tree.beginModel(len(mesh.triangles), len(mesh.vertices))
+    tree.addVertices(np.array(mesh.vertices))
+    tree.addTriangles(np.array(mesh.triangles))
+    tree.endModel()
+    return tree
+
+
+def _full_corners(cloud: PointCloud) -> Array:
+    """Corners of the cubes that hold a point, shape (n, 3), [m]."""
+    return np.asarray((full_cubes(cloud)[:, None] + cloud.resolution * _CORNERS).reshape(-1, 3))

@@ -1,0 +1,294 @@
+"""Where the arm would touch itself or what is around it, and how far it stays away.
+
+Together with ``bodies.py``, which says what there is, one of the two doors of Pinocchio
+(``model.py`` is the other) and the only one of coal.
+
+One configuration is one call into coal: kinematics, bounding boxes, and exact checks of the pairs
+whose boxes meet. A configuration is free if every pair keeps more than its margin apart. The jaw is
+placed by its own angle: an open gripper is wider. How whole motions are checked is told in
+``continuous_check.py``.
+
+A model belongs to one thread, like everything that holds Pinocchio's data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.bodies import NEAR, bodies_in
+from so101_motion.planning.collision.continuous_check import (
+    WIDER,
+    Level,
+    SampledCheck,
+    Touches,
+    first_blocked,
+    travel,
+)
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+
+
+class Clearance(NamedTuple):
+    """How close two bodies are.
+
+    Attributes:
+        distance: Between them [m]; negative by the depth if they overlap.
+        first: A link by its human name, such as ``"upper arm"``, or something held.
+        second: Another link, ``"floor"`` or an obstacle.
+        margin: How far they must stay apart [m].
+        called: What messages call the two.
+    """
+
+    distance: float
+    first: str
+    second: str
+    margin: float
+    called: tuple[str, str]
+
+    @property
+    def room(self) -> float:
+        """What is left beyond the margin [m]; negative if the two are too close."""
+        return self.distance - self.margin
+
+    def message(self, verb: str = "would be") -> str:
+        """In words, such as ``"the jaw would be 2.0 mm into the floor"``."""
+        first, second = self.called
+        if self.distance > 0.0:
+            return f"{first} {verb} {self.distance * 1e3:.1f} mm from {second}"
+        return f"{first} {verb} {-self.distance * 1e3:.1f} mm into {second}"
+
+
+class Near(NamedTuple):
+    """Two bodies that are near each other, and how the joints bring them nearer.
+
+    Attributes:
+        distance: Between them [m]; negative by the depth if they overlap.
+        first: As in ``Clearance``.
+        second: As in ``Clearance``.
+        p_first: The point of the first that is nearest to the second, in base, shape (3,), [m].
+        p_second: The point of the second that is nearest to the first, in base, shape (3,), [m].
+        normal: Along which they are apart, from the first to the second, unit, shape (3,).
+        gradient: What each joint adds to the distance, shape (5,), [m/rad].
+        margin: How far they must stay apart [m].
+    """
+
+    distance: float
+    first: str
+    second: str
+    p_first: Array
+    p_second: Array
+    normal: Array
+    gradient: Array
+    margin: float
+
+
+class CollisionModel:
+    """Checks configurations and motions for contact. Belongs to one thread.
+
+    Args:
+        model: The arm.
+        scene: What is around it and in its hand; just the floor if not given.
+        checkpoint: Called every now and then while something takes long.
+
+    Attributes:
+        scene: The same.
+        margin: How far things in the scene must stay apart [m].
+        pairs: The pairs of bodies that are checked, by the names messages call them by.
+        margins: How far each of them must stay apart, shape (len(pairs),), [m].
+        checkpoint: As given; whoever works with this model calls it too.
+        reach: For each arm joint, a bound on how far a point moves per angle, shape (5,), [m/rad].
+    """
+
+    def __init__(
+        self, model: RobotModel, scene: Scene | None = None, checkpoint: Checkpoint = wanted
+    ) -> None:
+        self.scene = scene or Scene()
+        self.checkpoint = checkpoint
+        self.margin = self.scene.margin
+        self._model = model.pin_model
+        self._data = self._model.createData()
+        bodies = bodies_in(self._model, self.scene, checkpoint)
+        self._bodies, self.pairs, self.margins = bodies.geometry, bodies.pairs, bodies.margins
+        self._levers, self.reach = bodies.levers, bodies.levers.longest
+        self._moved_by, self._swapped = bodies.moved_by, bodies.swapped
+        self._distances = pin.GeometryData(self._bodies)
+        self._near_pairs = lru_cache(maxsize=2)(self._boxes_within)
+        self._kept: list[Any] = []  # what the checks need alive
+        self._wider = lru_cache(maxsize=2)(self._check)
+        self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
+        least = float(self.margins.min(initial=self.margin))
+        self._levels = (
+            Level(least, self._check()),
+            *(Level(each, self._check(clearance=each)) for each in WIDER if each > least),
+        )
+        self._touches = self._levels[0].touches
+        self._q = np.zeros(self._model.nq)
+
+    def is_free(self, q: ArrayLike, q_jaw: float = 0.0) -> bool:
+        """Whether every pair of bodies keeps more than its margin apart."""
+        self.checkpoint()
+        self._q[:5] = q
+        self._q[5] = q_jaw
+        return not self._touches(self._q)
+
+    def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
+        """The distance of each pair in ``pairs`` [m], negative where they overlap."""
+        self._q[:5] = q
+        self._q[5] = q_jaw
+        self.checkpoint()
+        pin.computeDistances(self._model, self._data, self._bodies, self._distances, self._q)
+        return np.array([result.min_distance for result in self._distances.distanceResults])
+
+    def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
+        """The pair of bodies that is closest for what it must keep."""
+        distances = self.distances(q, q_jaw)
+        closest = int(np.argmin(distances - self.margins))
+        first, second = self.pairs[closest]
+        return Clearance(
+            distance=float(distances[closest]),
+            first=first,
+            second=second,
+            margin=float(self.margins[closest]),
+            called=(self.scene.called(first), self.scene.called(second)),
+        )
+
+    def first_contact(self, q: ArrayLike, q_jaw: float = 0.0) -> tuple[str, str] | None:
+        """The two bodies that are too close, the closest if there are several, or None."""
+        if self.is_free(q, q_jaw):
+            return None
+        closest = self.clearance(q, q_jaw)
+        return closest.first, closest.second
+
+    def nearest(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> list[Near]:
+        """The pairs of bodies that are near each other, the nearest first.
+
+        Args:
+            within: How near [m], at most ``NEAR``; meant to be the same from call to call.
+
+        Raises:
+            ValueError: ``within`` is out of range.
+        """
+        if not 0.0 < within <= NEAR:
+            raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
+        self._q[:5] = q
+        self._q[5] = q_jaw
+        found: list[tuple[float, int, Any]] = []
+        for k in self._near_pairs(within)(self._q):
+            result = pin.computeDistance(self._bodies, self._distances, k)
+            if result.min_distance <= within:
+                found.append((result.min_distance, k, result))
+        found.sort(key=lambda each: each[:2])
+        return self._described(found) if found else []
+
+    def _described(self, found: list[tuple[float, int, Any]]) -> list[Near]:
+        """Distances, pairs by index and coal's results, as they leave this door."""
+        pairs = [k for _, k, _ in found]
+        sides = [
+            (each.getNearestPoint2(), each.getNearestPoint1(), -each.normal)
+            if self._swapped[k]
+            else (each.getNearestPoint1(), each.getNearestPoint2(), each.normal)
+            for _, k, each in found
+        ]
+        p_first, p_second, normal = (np.array(each) for each in zip(*sides, strict=True))
+        J = pin.computeJointJacobians(self._model, self._data, self._q)
+        moved_by = self._moved_by[pairs]
+        gradient = _rates(J, moved_by[:, 1], p_second, normal)
+        gradient -= _rates(J, moved_by[:, 0], p_first, normal)
+        margins = self.margins[pairs].tolist()
+        return [
+            Near(distance, *self.pairs[k], p_first[i], p_second[i], normal[i], gradient[i], margin)
+            for i, ((distance, k, _), margin) in enumerate(zip(found, margins, strict=True))
+        ]
+
+    def travel(self, points: Array) -> Array:
+        """A bound on how far any point of the arm has moved along (n, 5), shape (n,), [m]."""
+        return travel(self.reach, points)
+
+    def first_blocked(
+        self, points: Array, q_jaw: float = 0.0, *, tolerance: float = 0.0
+    ) -> Array | None:
+        """A configuration on the straight lines through ``points`` that is too close, or None.
+
+        None is a proof that the whole motion, ends included, is free of contact, and that the
+        margins are kept at configurations a few millimetres of travel apart, but not just at the
+        ends. The same motion gives the same answer.
+
+        Args:
+            points: Joint angles, shape (n, 5), n >= 1, [rad].
+            tolerance: Share of its margin that a pair may lack.
+        """
+        levels = self._lenient(tolerance) if tolerance else self._levels
+        return first_blocked(levels, self._levers.at(q_jaw), points, q_jaw, self.checkpoint)
+
+    def sampled_check(
+        self, q_jaw: float = 0.0, *, spacing: float, extra: float = 0.0
+    ) -> SampledCheck:
+        """A quicker look at motions, which proves nothing.
+
+        Args:
+            spacing: Travel between the configurations that are looked at, at most [m].
+            extra: What pairs must keep beyond their margins [m].
+        """
+        touches = self._wider(extra) if extra else self._levels[0].touches
+        return SampledCheck(
+            touches,
+            self._levers.at(q_jaw),
+            q_jaw=q_jaw,
+            spacing=spacing,
+            checkpoint=self.checkpoint,
+        )
+
+    def _check(self, extra: Array | float = 0.0, *, clearance: float = 0.0) -> Touches:
+        """Check one configuration for pairs within their margins and more, or a clearance."""
+        margins = np.asarray(self.margins + extra)
+        results, manager = self._broad_phase(np.maximum(margins, clearance))
+        self.checkpoint()
+        stop_at_first = pin.CollisionCallBackDefault(self._bodies, results, True)
+        self._kept.append(results)
+        return partial(pin.computeCollisions, self._model, self._data, manager, stop_at_first)
+
+    def _with_tolerance(self, tolerance: float) -> tuple[Level, ...]:
+        """The levels, and below them a check of what remains of the margins."""
+        kept = 1.0 - tolerance
+        below = Level(kept * self._levels[0].clearance, self._check(-tolerance * self.margins))
+        return (below, *self._levels)
+
+    def _boxes_within(self, distance: float) -> Callable[[Array], list[int]]:
+        """The pairs whose bounding boxes are within a distance; ``q`` has all six joints."""
+        results, manager = self._broad_phase(np.full(len(self.pairs), distance))
+        self._kept.append(results)
+        collect = pin.CollisionCallBackCollect(self._bodies, results)
+        model, data, bodies, distances = self._model, self._data, self._bodies, self._distances
+
+        def near(q_full: Array) -> list[int]:
+            pin.computeCollisions(model, data, manager, collect, q_full)
+            pin.updateGeometryPlacements(model, data, bodies, distances)
+            return list(collect.pair_indexes)
+
+        return near
+
+    def _broad_phase(self, margins: Array) -> tuple[Any, Any]:
+        results = pin.GeometryData(self._bodies)
+        for request, margin in zip(results.collisionRequests, margins.tolist(), strict=True):
+            request.security_margin = margin
+        # The naive manager tests every bounding box against every other; for some dozens of bodies
+        # that beats keeping a tree up to date.
+        manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._bodies, results)
+        return results, manager
+
+
+def _rates(J: Array, joints: Array, p: Array, normal: Array) -> Array:
+    """How fast points (k, 3) [m] move along normals with the arm joints, shape (k, 5), [m/rad]."""
+    (px, py, pz), (nx, ny, nz) = p.T, normal.T
+    # Written out: np.cross takes longer than all the rest.
+    moment = np.array((py * nz - pz * ny, pz * nx - px * nz, px * ny - py * nx))
+    rates = normal @ J[:3, :5] + moment.T @ J[3:, :5]
+    return np.asarray(np.where(np.arange(5) < joints[:, None], rates, 0.0))

@@ -1,0 +1,67 @@
+"""Upper bound on the distance of any moved point from each joint's axis.
+
+From the hand back to the base: what the next joint carries stays in a ball around that joint,
+whatever its angle, and the ball is offset from this joint's axis by the link between. The jaw does
+not move during a motion, so for the hand its angle is known. See ``continuous_check.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import SE3, Array, frozen_array, rot_z
+
+
+class _Extent(NamedTuple):
+    """How far points are from a joint: from its axis, and from its origin [m]."""
+
+    across: float
+    around: float
+
+
+class MotionBounds:
+    """Bounds for one arm with what it holds.
+
+    Args:
+        offsets: Where each joint of the arm is in the frame of the one before, ``T_before_joint``,
+            and the jaw's in the last.
+        points: For each joint of the arm and for the jaw, points whose hull holds what hangs on
+            it, in its frame, shape (n, 3), [m].
+
+    Attributes:
+        longest: For each joint of the arm, the bound whatever the jaw does, shape (5,), [m].
+    """
+
+    def __init__(self, offsets: Sequence[SE3], points: Sequence[Array]) -> None:
+        self._offsets = [offset.p for offset in offsets]
+        self._own = [_extent(each) for each in points[:-1]]
+        self._hand, self._jaw, self._T_hand_jaw = points[-2], points[-1], offsets[-1]
+        around_jaw = float(np.linalg.norm(self._T_hand_jaw.p)) + _extent(self._jaw).around
+        self.longest = self._chained(_Extent(around_jaw, around_jaw))
+        self.at = lru_cache(maxsize=8)(self._at)
+
+    def _at(self, q_jaw: float) -> Array:
+        """The bound for each joint of the arm with the jaw at ``q_jaw`` [rad], shape (5,), [m]."""
+        return self._chained(_extent(self._T_hand_jaw @ (self._jaw @ rot_z(q_jaw).T)))
+
+    def _chained(self, jaw: _Extent) -> Array:
+        last = len(self._own) - 1
+        hand = self._own[last]
+        levers = np.zeros(len(self._own))
+        levers[last], ball = max(hand.across, jaw.across), max(hand.around, jaw.around)
+        for joint in range(last - 1, -1, -1):
+            own, offset = self._own[joint], self._offsets[joint + 1]
+            levers[joint] = max(own.across, float(np.linalg.norm(offset[:2])) + ball)
+            ball = max(own.around, float(np.linalg.norm(offset)) + ball)
+        return frozen_array(levers)
+
+
+def _extent(points: Array) -> _Extent:
+    return _Extent(
+        float(np.linalg.norm(points[:, :2], axis=1).max()),
+        float(np.linalg.norm(points, axis=1).max()),
+    )

@@ -1,0 +1,363 @@
+"""What is around the arm and in its hand, as plain values.
+
+A ``Scene`` is part of a request for a plan. It holds no clever state: it can be compared,
+pickled and written to a file, and ``collision.py`` turns it into what is checked.
+Metres and radians, in the base frame of the arm or, for what the gripper holds, in the tool frame.
+
+Everything in a scene has a name of its own, the links of the arm included, so that a message can
+say what would touch what, and a scene what may.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+import so101_description
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array, frozen_array
+
+FLOOR = "floor"
+"""The name of the floor in messages."""
+
+LINKS = tuple(part.replace("_", " ") for part in so101_description.PARTS.values())
+"""What messages call the links of the arm, from the base outwards."""
+
+HOLDERS = frozenset({"gripper", "jaw"})
+"""The links that hold what is attached, and so may touch it."""
+
+FLOOR_Z = -0.0024
+"""Height of the table in the base frame [m]: the underside of the base plate, from the official
+model's lowest point."""
+
+MARGIN = 0.003
+"""How far bodies must stay apart at every configuration looked at [m]. Chosen: what the printed
+parts, their backlash (about 1 deg) and cables may add near the body, and small enough for tight
+poses."""
+
+LARGEST = 100.0
+"""Largest size and distance of anything [m]; more was meant as millimetres."""
+
+
+CUBES = 32_000
+"""So many cubes of a point cloud fit between its origin and any point: octrees are 16 deep."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Box:
+    """A box around its own origin.
+
+    Attributes:
+        size: Edge lengths along x, y, z, shape (3,), [m].
+    """
+
+    size: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "size", _lengths("size", self.size, (3,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sphere:
+    """A ball around its own origin.
+
+    Attributes:
+        radius: [m].
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _length("radius", self.radius))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Capsule:
+    """A cylinder along z with round ends, around its own origin.
+
+    Attributes:
+        radius: Of the cylinder and the ends [m].
+        length: From tip to tip [m], at least twice the radius.
+    """
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        for key in ("radius", "length"):
+            object.__setattr__(self, key, _length(key, getattr(self, key)))
+        if self.length < 2.0 * self.radius:
+            raise ConfigError(
+                "length", self.length, f"a capsule is at least {2.0 * self.radius:g} m from tip to"
+                " tip, twice its radius; give a longer one, or a sphere"
+            )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mesh:
+    """A surface of triangles; which way they face does not matter.
+
+    What lies inside a closed surface is out of reach of an arm that stands outside, and the other
+    way round. What is held is taken as the convex hull of its mesh.
+
+    Attributes:
+        vertices: Shape (n, 3), [m].
+        triangles: Indices of vertices, shape (m, 3).
+    """
+
+    vertices: Array
+    triangles: Array
+
+    def __post_init__(self) -> None:
+        vertices = _points("vertices", self.vertices)
+        try:
+            with np.errstate(invalid="ignore"):  # compared below
+                triangles = np.array(self.triangles, dtype=np.int64)
+            if not np.array_equal(triangles, self.triangles):
+                raise ValueError("not whole numbers")
+        except (TypeError, ValueError, OverflowError) as error:
+            raise ConfigError("triangles", self.triangles, "must be numbers of vertices") from error
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
+            raise ConfigError("triangles", triangles.shape, "must have shape (m, 3), m >= 1")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            outside = int(triangles.max() if triangles.min() >= 0 else triangles.min())
+            raise ConfigError(
+                "triangles", outside, f"is no vertex; there are {len(vertices)}, counted from 0"
+            )
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PointCloud:
+    """Points that were seen. Space is cut into cubes; those that hold a point are full.
+
+    What is held is taken as the convex hull of its cubes.
+
+    Attributes:
+        points: Shape (n, 3), [m].
+        resolution: Edge of the cubes [m].
+    """
+
+    points: Array
+    resolution: float = 0.01
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", _points("points", self.points))
+        object.__setattr__(self, "resolution", _length("resolution", self.resolution))
+        finest = float(np.abs(self.points).max()) / CUBES
+        if self.resolution < finest:
+            raise ConfigError(
+                "resolution",
+                self.resolution,
+                f"is too fine for points so far from their origin; make it {finest:.2g} m or more",
+            )
+
+
+Shape = Box | Sphere | Capsule | Mesh | PointCloud
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ShapeFile:
+    """A mesh or a point cloud as the file it came in; whoever needs the shape reads it.
+
+    See ``shape_files.py``, which makes these and reads them.
+
+    Attributes:
+        kind: ``"ply"``, ``"stl"`` or ``"pcd"``.
+        data: What the file holds, bytes; lengths in it are metres.
+        name: What messages call it.
+        centre: If the middle of a cloud's points is here, shape (3,), [m], they are taken as lying
+            around it; None to take them as they are.
+    """
+
+    kind: str
+    data: NDArray[np.uint8]
+    name: str
+    centre: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Obstacle:
+    """Something the arm must not touch, or a zone it must keep out of.
+
+    Attributes:
+        name: What messages call it; different for each in a scene.
+        shape: Its form.
+        T_base_obstacle: Where it is.
+        keep_out: Whether it is a zone of air. Nothing is different for planning; messages and
+            pictures tell the two apart.
+    """
+
+    name: str
+    shape: Shape | ShapeFile
+    T_base_obstacle: SE3
+    keep_out: bool = False
+
+    def __post_init__(self) -> None:
+        _named(self.name)
+        _placed(self.name, self.T_base_obstacle)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Attached:
+    """Something the gripper holds, which moves with the tool.
+
+    Attributes:
+        name: What messages call it; different for each in a scene.
+        shape: Its form.
+        T_tool_object: Where it is in the hand.
+        mass: [kg].
+        may_touch: Names of bodies (links by their human names, obstacles, ``"floor"``) it may be
+            in contact with, beside the gripper and the jaw that hold it.
+    """
+
+    name: str
+    shape: Shape | ShapeFile
+    T_tool_object: SE3
+    mass: float = 0.0
+    may_touch: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        _named(self.name)
+        _placed(self.name, self.T_tool_object)
+        if not 0.0 <= self.mass < LARGEST:
+            raise ConfigError("mass", self.mass, f'of "{self.name}" must be 0 to {LARGEST:g} kg')
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """Everything an arm may meet.
+
+    Attributes:
+        obstacles: What stands around it.
+        attached: What it holds.
+        floor_z: Height of the floor in the base frame [m]; None for no floor.
+        margin: How far everything must stay apart [m].
+        may_touch: Pairs of names that may be in contact.
+        digest: Equal for scenes that are equal, and different for others.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    attached: tuple[Attached, ...] = ()
+    floor_z: float | None = FLOOR_Z
+    margin: float = MARGIN
+    may_touch: frozenset[frozenset[str]] = frozenset()
+    digest: bytes = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.floor_z is not None and not abs(self.floor_z) <= LARGEST:
+            raise ConfigError("floor_z", self.floor_z, "must be a finite height [m], or None")
+        if not 0.0 < self.margin <= 0.1:
+            raise ConfigError("margin", self.margin, "must be more than 0 and at most 0.1 m")
+        self._check_names()
+        object.__setattr__(self, "digest", _digest(self))
+
+    def _check_names(self) -> None:
+        names = {FLOOR, *LINKS}
+        for name in (*(each.name for each in self.obstacles), *(e.name for e in self.attached)):
+            if name in names:
+                own = ", as part of the arm or its floor" if name in (FLOOR, *LINKS) else ""
+                why = f"is there twice{own}; each thing needs its own name"
+                raise ConfigError("name", name, why)
+            names.add(name)
+        for pair in self.may_touch:
+            if len(pair) != 2:
+                raise ConfigError("may_touch", sorted(pair), "must be the names of two things")
+        wanted = {name for pair in self.may_touch for name in pair}
+        wanted.update(name for held in self.attached for name in held.may_touch)
+        unknown = sorted(wanted - names)
+        if unknown:
+            raise ConfigError(
+                "may_touch",
+                unknown[0],
+                f"is not in this scene; there are {', '.join(sorted(names))}",
+            )
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Scene) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def called(self, name: str) -> str:
+        """What a sentence calls the thing of that name, such as ``"the wrist"``."""
+        if name == FLOOR or name in LINKS:
+            return f"the {name}"
+        zone = any(each.keep_out and each.name == name for each in self.obstacles)
+        return f"the keep-out zone '{name}'" if zone else f"'{name}'"
+
+    def with_obstacles(self, obstacles: Iterable[Obstacle]) -> Scene:
+        """The same with further obstacles."""
+        return replace(self, obstacles=(*self.obstacles, *obstacles))
+
+
+def _named(name: str) -> None:
+    if not isinstance(name, str) or not name:
+        raise ConfigError("name", name, "each thing needs a name, for messages to call it by")
+
+
+def _placed(name: str, pose: SE3) -> None:
+    if not (np.all(np.isfinite(pose.R)) and np.all(np.abs(pose.p) <= LARGEST)):
+        raise ConfigError(
+            "pose", pose.p.tolist(), f'"{name}" must be within {LARGEST:g} m; values are metres'
+        )
+
+
+def _length(key: str, value: object) -> float:
+    return float(_lengths(key, value, ()))
+
+
+def _lengths(key: str, value: object, shape: tuple[int, ...]) -> Array:
+    lengths = _numbers(key, value, shape)
+    if not np.all((lengths > 0.0) & (lengths <= LARGEST)):
+        raise ConfigError(key, lengths.tolist(), f"must be more than 0 and at most {LARGEST:g} m")
+    return lengths
+
+
+def _numbers(key: str, value: object, shape: tuple[int, ...]) -> Array:
+    try:
+        return frozen_array(value, shape)  # type: ignore[arg-type]  # whatever numpy can read
+    except (TypeError, ValueError, OverflowError) as error:
+        wanted = f"an array of shape {shape}" if shape else "a number"
+        raise ConfigError(key, value, f"must be {wanted.replace('-1', 'n')} [m]") from error
+
+
+def _points(key: str, value: object) -> Array:
+    points = _numbers(key, value, (-1, 3))
+    if len(points) == 0 or not np.all(np.abs(points) <= LARGEST):
+        raise ConfigError(
+            key, points.shape, f"must be at least one finite point within {LARGEST:g} m"
+        )
+    return points
+
+
+def _digest(scene: Scene) -> bytes:
+    """A fingerprint of everything in a scene, in its order."""
+    known = hashlib.blake2b(digest_size=16)
+
+    def add(*values: object) -> None:
+        for value in values:
+            if isinstance(value, np.ndarray):
+                known.update(repr(value.shape).encode())
+                known.update(np.ascontiguousarray(value).data)
+            else:
+                known.update(repr(value).encode() + b";")
+
+    def add_shape(shape: Shape | ShapeFile) -> None:
+        add(type(shape).__name__, *(getattr(shape, each.name) for each in fields(shape)))
+
+    add(scene.floor_z, scene.margin, sorted(sorted(pair) for pair in scene.may_touch))
+    for each in scene.obstacles:
+        add("obstacle", each.name, each.keep_out, each.T_base_obstacle.R, each.T_base_obstacle.p)
+        add_shape(each.shape)
+    for held in scene.attached:
+        add("held", held.name, held.mass, sorted(held.may_touch))
+        add(held.T_tool_object.R, held.T_tool_object.p)
+        add_shape(held.shape)
+    return known.digest()

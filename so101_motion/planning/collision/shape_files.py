@@ -1,0 +1,294 @@
+"""Meshes and point clouds as files: STL, PLY and PCD, as programs and cameras write them.
+
+A file of a million triangles takes a second to read, so whoever takes one from a request looks at
+its head alone (``shape_file``) and hands its bytes on; they are read where they are needed, in the
+process that plans (``read_shape``). The head says how much there is, and too much is refused before
+anything is read. Binary files are read here with numpy; other forms of meshes by trimesh, which
+takes half a second to import.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError, clipped
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.scene import Mesh, PointCloud, Shape, ShapeFile
+
+MOST_TRIANGLES = 300_000
+"""Most triangles of a mesh. Chosen: the tree over them is made in half a second."""
+
+MOST_POINTS = 1_000_000
+"""Most points of a cloud, or vertices of a mesh; chosen, what a depth camera of 1280x720 sees."""
+
+LARGEST_FILE = 32 << 20
+"""Largest file that is looked at [byte]: what viam-server carries in one message."""
+
+SAME_POINT = 1e-6
+"""How near a cloud's centre must be to the middle of its points to be that middle [m], and the same
+as a share of the largest coordinate: viam-server computes it from floats of 32 bits."""
+
+_HEAD = 65_536
+"""The head of a file ends within so many bytes. Chosen; heads have some hundred."""
+
+
+def shape_file(kind: str, data: bytes, *, name: str, centre: Array | None = None) -> ShapeFile:
+    """A file for the planner, of which only the head has been read; lengths in it are metres.
+
+    Raises:
+        ConfigError: It is too large, or its head cannot be read.
+    """
+    try:
+        _refuse_large(kind, data)
+    except ConfigError as error:
+        raise ConfigError(error.key, error.value, f"(of {name}) {error.reason}") from error
+    return ShapeFile(kind=kind, data=np.frombuffer(data, np.uint8), name=name, centre=centre)
+
+
+def read_shape(shape: Shape | ShapeFile) -> Shape:
+    """The shape in a file; any other as it is.
+
+    Raises:
+        ConfigError: The file cannot be read; the message has its name.
+    """
+    if not isinstance(shape, ShapeFile):
+        return shape
+    data = shape.data.tobytes()
+    try:
+        if shape.kind == "pcd":
+            return PointCloud(points=_around(read_points(data), shape.centre))
+        vertices, triangles = read_mesh(shape.kind, data)
+        return Mesh(vertices=vertices, triangles=triangles)
+    except ConfigError as error:
+        raise ConfigError(error.key, error.value, f"(of {shape.name}) {error.reason}") from error
+
+
+def mesh_kind(data: bytes) -> str:
+    """What kind of mesh file it is, by its content: ``"ply"`` or ``"stl"``.
+
+    A binary STL file has any 80 bytes, the number of its triangles, and 50 bytes for each.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    words = data[:_HEAD].split(maxsplit=1)[:1]
+    if words == [b"ply"]:
+        return "ply"
+    if _is_binary_stl(data) or [word.lower() for word in words] == [b"solid"]:
+        return "stl"
+    raise ConfigError("mesh", f"{len(data)} bytes", "must be a PLY or STL file")
+
+
+def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Array, Any]:
+    """Vertices (n, 3) and triangles (m, 3) of at most ``most`` in a file, in the file's unit.
+
+    Raises:
+        ConfigError: It is too large, or no such file.
+    """
+    _refuse_large(kind, data, most)
+    try:
+        found = _binary_stl(data) if kind == "stl" else _binary_ply(data)
+        if found is None:
+            found = _any_mesh(kind, data)
+    except Exception as error:  # trimesh's readers raise whatever they trip over
+        raise ConfigError(
+            "mesh", f"{len(data)} bytes", f"is no {kind} file: {clipped(str(error), 200)}"
+        ) from error
+    if len(found[1]) == 0:
+        raise ConfigError("mesh", f"{len(data)} bytes", "holds no triangles; is it a mesh?")
+    return found
+
+
+def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
+    """The same mesh with each vertex once; STL files name one for each triangle it is part of."""
+    order = np.lexsort(vertices.T)  # ten times as fast as np.unique with rows
+    is_new = np.ones(len(vertices), dtype=bool)
+    is_new[1:] = np.any(np.diff(vertices[order], axis=0) != 0.0, axis=1)
+    place = np.empty(len(vertices), dtype=np.intp)
+    place[order] = np.cumsum(is_new) - 1
+    return vertices[order[is_new]], place[triangles]
+
+
+def read_points(data: bytes) -> Array:
+    """The points of a PCD file, as Viam's cameras send it: ascii or binary, shape (n, 3), [m].
+
+    Raises:
+        ConfigError: It is too large, or no such file.
+    """
+    _refuse_large("pcd", data)
+    try:
+        return _pcd(data)
+    except (KeyError, ValueError, IndexError, OverflowError) as error:
+        raise _no_cloud(data, error) from error
+
+
+def _refuse_large(kind: str, data: bytes, most_triangles: int = MOST_TRIANGLES) -> None:
+    what = "point_cloud" if kind == "pcd" else "mesh"
+    if len(data) > LARGEST_FILE:
+        raise ConfigError(
+            what, f"{len(data)} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
+        )
+    if kind == "stl":
+        counts = {"triangles": (_stl_count(data), most_triangles)}
+    elif kind == "ply":
+        head, _ = _ply_head(data)
+        counts = {
+            "triangles": (_count(head, rb"element face (\d+)"), most_triangles),
+            "vertices": (_count(head, rb"element vertex (\d+)"), MOST_POINTS),
+        }
+    else:
+        try:
+            counts = {"points": (_pcd_count(_pcd_head(data)[0]), MOST_POINTS)}
+        except (KeyError, ValueError, IndexError) as error:
+            raise _no_cloud(data, error) from error
+    for unit, (count, most) in counts.items():
+        if count > most:
+            raise ConfigError(
+                what,
+                f"{len(data)} bytes",
+                f"has {count:.7g} {unit}, {most} are read; send it simplified or cut to what the"
+                " arm can reach",
+            )
+
+
+# Meshes
+
+
+def _is_binary_stl(data: bytes) -> bool:
+    return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+
+
+def _stl_count(data: bytes) -> int:
+    if _is_binary_stl(data):
+        return int.from_bytes(data[80:84], "little")
+    return data.count(b"endfacet") + data.count(b"ENDFACET")
+
+
+def _binary_stl(data: bytes) -> tuple[Array, Any] | None:
+    if not _is_binary_stl(data):
+        return None
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    corners = np.frombuffer(data, record, offset=84)["corners"]
+    return corners.reshape(-1, 3).astype(np.float64), np.arange(3 * len(corners)).reshape(-1, 3)
+
+
+def _ply_head(data: bytes) -> tuple[bytes, int]:
+    """The head of a PLY file, and where what follows begins."""
+    end = re.search(rb"\nend_header\r?\n", data[:_HEAD])
+    if end is None:
+        raise ConfigError("mesh", f"{len(data)} bytes", "is no ply file: its head has no end")
+    return data[: end.start()].replace(b"\r", b""), end.end()
+
+
+def _count(head: bytes, pattern: bytes) -> int:
+    found = re.search(pattern, head)
+    return int(found[1][:18]) if found else 0
+
+
+_PLY_TYPES = {
+    "char": "<i1", "uchar": "<u1", "short": "<i2", "ushort": "<u2", "int": "<i4", "uint": "<u4",
+    "int8": "<i1", "uint8": "<u1", "int16": "<i2", "uint16": "<u2", "int32": "<i4",
+    "uint32": "<u4", "float": "<f4", "float32": "<f4", "double": "<f8", "float64": "<f8",
+}  # fmt: skip
+
+
+def _binary_ply(data: bytes) -> tuple[Array, Any] | None:
+    """The usual form alone: little-endian, vertices first, then nothing but triangles."""
+    head, begin = _ply_head(data)
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    lines = [words for words in lines if words and words[0] not in ("comment", "obj_info")]
+    elements = [words for words in lines if words[0] == "element"]
+    if lines[1][1:2] != ["binary_little_endian"] or [e[1] for e in elements] != ["vertex", "face"]:
+        return None
+    at = lines.index(elements[1])
+    columns, faces = lines[lines.index(elements[0]) + 1 : at], lines[at + 1 :]
+    if len(faces) != 1 or faces[0][1:2] != ["list"]:
+        return None
+    vertex = np.dtype([(words[2], _PLY_TYPES[words[1]]) for words in columns])
+    number, corner = (_PLY_TYPES[word] for word in faces[0][2:4])
+    face = np.dtype([("n", number), ("corners", corner, 3)])
+    counts = [int(words[2]) for words in elements]
+    if len(data) != begin + counts[0] * vertex.itemsize + counts[1] * face.itemsize:
+        return None
+    vertices = np.frombuffer(data, vertex, counts[0], begin)
+    faces_ = np.frombuffer(data, face, counts[1], begin + vertices.nbytes)
+    if not np.all(faces_["n"] == 3):
+        return None
+    points = np.stack([vertices[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    return points, faces_["corners"].astype(np.int64)
+
+
+def _any_mesh(kind: str, data: bytes) -> tuple[Array, Any]:
+    import trimesh  # many formats, and slow to import
+
+    mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind)
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+
+
+# Point clouds
+
+
+def _around(points: Array, centre: Array | None) -> Array:
+    if centre is None or len(points) == 0 or not np.isfinite(points).all():
+        return points
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    near = SAME_POINT * (1.0 + float(np.abs(points).max()))
+    return points - centre if np.abs(middle - centre).max() <= near else points
+
+
+_PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8", ("I", 4): "<i4", ("U", 4): "<u4"} | {
+    (kind, size): f"<{code}{size}" for kind, code in (("I", "i"), ("U", "u")) for size in (1, 2)
+}
+
+_WIDEST = 1_024
+"""Most bytes of one point of a cloud; chosen."""
+
+
+def _pcd_head(data: bytes) -> tuple[dict[str, list[str]], str, int]:
+    """The fields of the head, how the points are written, and where they begin."""
+    found = re.search(rb"(?:^|\n)DATA ([^\r\n]*)\r?\n", data[:_HEAD])
+    if found is None:
+        raise ValueError("its head has no DATA")
+    lines = [line.split() for line in data[: found.start()].decode("ascii").splitlines()]
+    fields = {words[0]: words[1:] for words in lines if words and not words[0].startswith("#")}
+    return fields, found[1].decode("ascii", "replace").strip(), found.end()
+
+
+def _pcd_count(fields: dict[str, list[str]]) -> int:
+    count = fields["POINTS"][0]
+    if not re.fullmatch(r"\d+", count):
+        raise ValueError(f'POINTS is "{clipped(count, 40)}", not a number of points')
+    return int(count[:18])
+
+
+def _pcd(data: bytes) -> Array:
+    fields, form, begin = _pcd_head(data)
+    names, count = fields["FIELDS"], _pcd_count(fields)
+    columns = [names.index(axis) for axis in "xyz"]
+    if form == "ascii":
+        table = np.array(data[begin:].split(), dtype=np.float64).reshape(count, -1)
+        return np.asarray(table[:, columns])
+    if form != "binary":
+        raise ValueError(f"DATA {clipped(form, 40)} is not read here")
+    counts = fields.get("COUNT", ["1"] * len(names))
+    record = np.dtype(
+        [
+            (f"{i}", _PCD_TYPES[letter, int(size[:4])], (int(number[:4]),))
+            for i, (letter, size, number) in enumerate(
+                zip(fields["TYPE"], fields["SIZE"], counts, strict=True)
+            )
+        ]
+    )
+    if not 0 < record.itemsize <= _WIDEST:
+        raise ValueError(f"a point has {record.itemsize} bytes, 1 to {_WIDEST} are read")
+    rows = np.frombuffer(data, record, count, begin)
+    return np.stack([rows[f"{i}"][:, 0].astype(np.float64) for i in columns], axis=1)
+
+
+def _no_cloud(data: bytes, error: Exception) -> ConfigError:
+    reason = f"is no PCD file: {clipped(str(error), 200)}"
+    return ConfigError("point_cloud", f"{len(data)} bytes", reason)

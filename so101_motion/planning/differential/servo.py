@@ -1,0 +1,333 @@
+"""Turn velocity commands into joint motion, one small step at a time, safe after every one.
+
+Each step answers: given where the tool shall go, what velocity may the joints have next? How it
+works:
+
+*The task velocity* (:mod:`task_velocity`). A twist, a pose or a point becomes joint velocities.
+
+*The room.* A task velocity that keeps all limits is granted as it is. Otherwise a quadratic program
+(:mod:`servo_qp`) finds what comes nearest: bounds of velocity and acceleration; and for each joint
+limit, each pair of bodies near each other and each joint that bears nearly all it may, what is left
+must suffice to brake on, so they are approached more and more slowly.
+
+*The lead.* What moves like that has no bound of jerk. It is a leader, and the arm follows it
+(:mod:`moving_average`): late by half the time that acceleration needs to change from one extreme to
+the other, a tenth of a second as the arm is set, and as smoothly as in any other motion.
+
+*The certificate.* Whatever the leader does, it can brake, all joints in proportion to their speed,
+and the path on which the arm then follows it to rest is known. The last step left such a path that
+is free, to its end inside the limits, and bearable. A new velocity is taken only if it leaves one
+too, which the distances at hand show or a ``Guard`` proves; otherwise the leader brakes. So
+whatever is asked for, and however wrong a linearised distance may be, the arm can always stop and
+never touches anything.
+
+Velocities and accelerations are the first and second differences of the positions, exactly.
+
+``Step.share`` says how much of it was granted, and :meth:`Servo.held_by` in words what stands
+against the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.planning.collision.bodies import NEAR
+from so101_motion.planning.collision.collision import CollisionModel, Near
+from so101_motion.planning.collision.path_guard import Guard
+from so101_motion.planning.differential.moving_average import MovingAverage
+from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
+from so101_motion.planning.differential.targets import Target
+from so101_motion.planning.differential.task_velocity import SAME, TaskControl, TaskVelocity
+from so101_motion.planning.kinematics.geometry_from_model import measure_structure
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Heavy, Load
+
+RANGE = 0.05
+"""From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
+moves at 0.25 m/s brakes within that at 0.6 m/s^2; what comes faster the certificate stops."""
+
+STRAIGHT = 0.05
+"""How far from straight the elbow stays, on the side where it was at the start [rad]. On the other
+side the same motion leads back again, and joints that cannot turn round at once would swing to and
+fro between the two. Chosen: it costs 0.1 mm of reach."""
+
+GAP = 0.002
+"""What stays free beyond the margin when something is approached [m], and what is left, as a share,
+of what a joint may hold. Chosen: the certificate, which goes by the margin itself, then has nothing
+to refuse."""
+
+BENT = 0.5
+"""Share of the smallest margin by which a path to rest may bend between the configurations of it
+that are looked at. Chosen: what is proven free of the straight lines between them then holds for
+the path."""
+
+CLOSE = 0.02
+"""A joint is said to be at its limit when it would come to rest so near it [rad]. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """What the joints do next.
+
+    Attributes:
+        q: Positions, shape (5,), [rad].
+        qd: Velocities, shape (5,), [rad/s].
+        qdd: Accelerations, shape (5,), [rad/s^2].
+        share: How much of what was wanted is granted, 0 to 1.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    share: float
+
+
+class _Room(NamedTuple):
+    """How the joints may move in a step.
+
+    Attributes:
+        lower: Smallest velocities, shape (5,), [rad/s].
+        upper: Largest velocities, shape (5,), [rad/s].
+        G: How velocities change what is left of each thing that is approached, shape (k, 5):
+            of a distance [m/rad], of what a joint may hold [1/rad].
+        b: How fast each must change at least, shape (k,), [m/s], [1/s].
+        against: Those things.
+    """
+
+    lower: Array
+    upper: Array
+    G: Array
+    b: Array
+    against: list[Near | Heavy]
+
+    def has(self, qd: Array) -> bool:
+        """Whether velocities keep all of it."""
+        if (qd < self.lower).any() or (qd > self.upper).any():
+            return False
+        return not (self.G @ qd < self.b).any()
+
+
+class Servo:
+    """Follows targets from a configuration on. Belongs to one thread.
+
+    A start outside the limits may be returned to, bodies that are too close at the start may only
+    part, and what is too heavy there may only get lighter.
+
+    Args:
+        model: The arm.
+        collision: What is in the way; for this servo alone.
+        limits: Velocity, acceleration and jerk caps.
+        dt: How long a step takes [s].
+        q_start: Where the arm is at rest, shape (5,), [rad].
+        frame: Which frame of the gripper is led.
+        load: What the servos have to bear; None not to look at it. For this servo alone.
+
+    Attributes:
+        q: Where the joints are wanted now, shape (5,), [rad].
+        qd: Their velocities, shape (5,), [rad/s].
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        collision: CollisionModel,
+        limits: MotionLimits,
+        dt: float,
+        q_start: ArrayLike,
+        *,
+        frame: str = "tool",
+        load: Load | None = None,
+    ) -> None:
+        self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
+        self._before = self.q
+        self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
+        self._follower = MovingAverage(self.q, limits, dt)
+        self._model, self._collision, self._limits, self._dt = model, collision, limits, dt
+        self._load, self._q_jaw = load, 0.0
+        self._guard = Guard(collision, lambda: self._q_jaw)
+        self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
+        self._lower, self._upper = _range_with(model, self.q)
+        self._widest = float(collision.margins.max(initial=collision.margin))
+        self._range = min(NEAR, self._widest + RANGE)
+        # With an acceleration a, a path bends by a t^2 / 8 from the straight line over a time t.
+        bend = float(limits.acceleration @ collision.reach) / 8.0
+        least = float(collision.margins.min(initial=collision.margin))
+        self._every = max(1, math.floor(math.sqrt(BENT * least / bend) / dt))
+        self._last: tuple[TaskVelocity, _Room] | None = None
+
+    def path_to_rest(self) -> Array:
+        """Where the joints go if nothing more is wanted, step by step, shape (m, 5), [rad].
+
+        The first is where they were a step before, the second where they are now.
+        """
+        lead = self._braking(self._lead, self._lead_qd, self._braking_time)
+        ahead = self._follower.ahead(lead[1:] if len(lead) > 1 else lead)
+        return np.concatenate((self._before[None], self.q[None], ahead))
+
+    def step(self, target: Target, q_jaw: float = 0.0) -> Step:
+        """Move on by one step towards a target, or brake."""
+        self._q_jaw, q, time = q_jaw, self._lead, self._braking_time
+        rest = q + 0.5 * time * self._lead_qd
+        wanted = self._task.velocity(target, q, rest - self._lower, self._upper - rest)
+        brake = self._lead_qd * max(0.0, 1.0 - self._dt / time) if time > 0.0 else self._lead_qd
+        if not wanted.qd.any():
+            self._last = None
+            return self._taken(brake, 1.0)
+        near = self._collision.nearest(q, q_jaw, within=self._range)
+        near.sort(key=_free)
+        room = self._room(near, brake)
+        qd, share = wanted.qd, 1.0
+        if not room.has(qd):
+            share = self._attainable(qd)
+            qd = share * qd
+        if room.has(qd):
+            self._task.grant(share)
+        else:
+            qd, granted = self._qp.solve(wanted.J, qd, *room[:4])
+            share *= granted
+            self._task.refuse()
+        if not self._can_stop(qd, near):
+            qd, share = brake, 0.0
+            self._task.refuse()
+        self._last = (wanted, room)
+        return self._taken(qd, share)
+
+    def held_by(self) -> tuple[str, ...]:
+        """In words, what stood against the task velocity of the last step.
+
+        Such as ``"elbow_flex at its upper limit"`` or ``"the jaw close to the floor"``; that the
+        joints were still gaining speed is not said.
+        """
+        if self._last is None:
+            return ()
+        wanted, room = self._last
+        reasons = [word for i in range(5) if (word := self._limit_of(i, wanted.qd[i]))]
+        for each, gain, least in zip(room.against, room.G @ wanted.qd, room.b, strict=True):
+            if gain < least:
+                reasons.append(self._reason(each))
+        if wanted.is_damped:
+            reasons.append("the arm nearly straight, or over its own base")
+        return tuple(reasons)
+
+    def _room(self, near: list[Near], brake: Array) -> _Room:
+        """Velocities that leave way enough to brake, after this step as well."""
+        # The joints may become a step's worth faster, and would brake as much longer.
+        time = 1.5 * self._dt + 0.5 * self._braking_time
+        below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
+        against: list[Near | Heavy] = [] if self._load is None else [*self._load.heavy(self._lead)]
+        against += near[: ROWS - len(against)]
+        G = np.array([each.gradient for each in against]).reshape(-1, 5)
+        b = np.array([GAP - _left(each) for each in against]) / time
+        gain = G @ brake
+        late = b - 0.5 * GAP / time  # what is short by less, the certificate need not mind
+        change, top = self._limits.acceleration * self._dt, self._limits.velocity
+        is_late = ((late > gain) & (gain < 0.0)).any()
+        if is_late or (below > brake).any() or (above < brake).any():
+            # Something takes full braking now. The others go on if they can be as late as that.
+            left = max(0.0, self._braking_time - self._dt)
+            top = np.minimum(top, self._limits.acceleration * left)
+        lower = np.maximum(np.maximum(self._lead_qd - change, -top), below)
+        upper = np.minimum(np.minimum(self._lead_qd + change, top), above)
+        # Braking is always among them.
+        return _Room(
+            np.minimum(lower, brake), np.maximum(upper, brake), G, np.minimum(b, gain), against
+        )
+
+    def _attainable(self, wanted: Array) -> float:
+        """The share of a task velocity that speeds and accelerations allow now, its direction kept.
+
+        Of a joint that has to turn round it is no more than it can do from rest.
+        """
+        size, limits = np.abs(wanted), self._limits
+        change = limits.acceleration * self._dt
+        along = np.maximum(np.sign(wanted) * self._lead_qd, 0.0) + change
+        moves = size > SAME
+        return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
+
+    def _can_stop(self, qd: Array, near: list[Near]) -> bool:
+        """Whether a step of the leader leaves a path to rest that is free and bearable."""
+        lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
+        if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
+            return False
+        ahead = self._follower.ahead(lead)
+        every = self._every
+        path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
+        if self._load is not None and not self._load.admits(path):
+            return False
+        free = self._range - self._widest
+        if near:
+            free = min(free, _free(near[0]))
+        travel = float(np.abs(path - self._lead).max(axis=0) @ self._collision.reach)
+        return travel <= free or self._guard.admits(path)
+
+    def _braking(self, q: Array, qd: Array, time: float) -> Array:
+        """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.
+
+        All joints in proportion, along a straight line.
+        """
+        k = np.arange(math.floor(time / self._dt) + 1.0)
+        lost = 0.5 * self._dt * k * (k + 1.0) / time if time > 0.0 else k
+        return np.asarray(q + (self._dt * (k - lost))[:, None] * qd)
+
+    def _taken(self, lead_qd: Array, share: float) -> Step:
+        self._lead, self._lead_qd = self._lead + self._dt * lead_qd, lead_qd
+        self._braking_time = self._time_to_brake(lead_qd)
+        q = self._follower.follow(self._lead)
+        qd = (q - self.q) / self._dt
+        qdd = (qd - self.qd) / self._dt
+        self._before, self.q, self.qd = self.q, q, qd
+        return Step(q=q, qd=qd, qdd=qdd, share=share)
+
+    def _time_to_brake(self, qd: Array) -> float:
+        return float((np.abs(qd) / self._limits.acceleration).max())
+
+    def _reason(self, each: Near | Heavy) -> str:
+        if isinstance(each, Heavy):
+            return f"{each.joint} bearing all that it may"
+        called = self._collision.scene.called
+        return f"{called(each.first)} close to {called(each.second)}"
+
+    def _limit_of(self, i: int, wanted: float) -> str | None:
+        """What keeps a joint from a velocity."""
+        up, speed = wanted > 0.0, abs(wanted)
+        rest = self._lead[i] + 0.5 * self._braking_time * self._lead_qd[i]
+        left = self._upper[i] - rest if up else rest - self._lower[i]
+        if left < CLOSE and speed > 0.5 * left / self._dt:
+            limit = self._model.upper[i] if up else self._model.lower[i]
+            if abs(limit - self._lead[i]) > 2.0 * CLOSE:
+                return "the arm stretched out"
+            return f"{ARM_JOINTS[i]} at its {'upper' if up else 'lower'} limit"
+        if speed > self._limits.velocity[i]:
+            return f"{ARM_JOINTS[i]} at its top speed"
+        return None
+
+
+def _left(each: Near | Heavy) -> float:
+    """What is left of it, [m] or as a share."""
+    return _free(each) if isinstance(each, Near) else each.left
+
+
+def _free(pair: Near) -> float:
+    """How much nearer two bodies may come [m]."""
+    return pair.distance - pair.margin
+
+
+def _range_with(model: RobotModel, q: Array) -> tuple[Array, Array]:
+    """Between which angles the joints may move that start at ``q``, shapes (5,), [rad]."""
+    lower, upper = model.lower.copy(), model.upper.copy()
+    structure = measure_structure(model)
+    if structure is not None:
+        straight = structure.bars.straight
+        if q[2] >= straight:
+            lower[2] = max(lower[2], straight + STRAIGHT)
+        else:
+            upper[2] = min(upper[2], straight - STRAIGHT)
+    return np.minimum(lower, q), np.maximum(upper, q)

@@ -1,0 +1,51 @@
+"""What somebody who leads the tool by hand may ask for: a velocity, a pose, a point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.common.geometry import SE3, Array, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Twist:
+    """How the tool shall move.
+
+    Attributes:
+        linear: Velocity of its origin, shape (3,), [m/s].
+        angular: Its turning, shape (3,), [rad/s].
+        in_tool: Whether both are in the axes of the tool instead of those of the base.
+    """
+
+    linear: Array
+    angular: Array
+    in_tool: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("linear", "angular"):
+            values = frozen_array(getattr(self, name), (3,))
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"the {name} velocity must be finite, got {values}")
+            object.__setattr__(self, name, values)
+
+    def same_as(self, other: Twist) -> bool:
+        """Whether another one says the same."""
+        return (
+            self.in_tool == other.in_tool
+            and np.array_equal(self.linear, other.linear)
+            and np.array_equal(self.angular, other.angular)
+        )
+
+    def in_base(self, R_base_tool: Array) -> Array:
+        """Linear and angular velocity in the axes of the base, shape (6,)."""
+        both = np.concatenate((self.linear, self.angular))
+        return (both.reshape(2, 3) @ R_base_tool.T).ravel() if self.in_tool else both
+
+
+STILL = Twist(linear=np.zeros(3), angular=np.zeros(3))
+"""To come to rest and stay there."""
+
+Target = Twist | SE3 | Array
+"""A velocity, or a pose of the tool, or a point (3,) [m] for its origin; in the base frame."""

@@ -1,0 +1,273 @@
+"""The arm's structure: a pan, three parallel joints, a roll; and what follows from it.
+
+The pan axis is vertical and turns a vertical plane; lift, elbow and wrist move within that plane;
+the roll turns the gripper about an axis in it. So a frame of the gripper (the tool, the jaw tip,
+something held) has a *lateral* distance from the plane through the pan axis that depends on the
+roll alone, and so does its place relative to the wrist within the plane. Choose the roll, and
+
+- the pan follows from the target's azimuth and the lateral distance: two ways, the arm facing the
+  target (front) or leaning over backwards to it (back);
+- what remains is a problem in the plane, solved in ``planar_3r.py``.
+
+The measures are read off the kinematic model in ``geometry_from_model.py``. Plain floats, as in the
+plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import acos, atan2, cos, hypot, remainder, sin, sqrt
+from typing import NamedTuple
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.planar_3r import (
+    JOINT_SLACK,
+    REACH_SLACK,
+    TAU,
+    Hand,
+    Target,
+    ThreeBars,
+)
+
+_ON_AXIS = 1e-9
+"""A frame closer to the roll axis than this is on it [m]. Chosen: rounding is 1e-17."""
+
+Joints = tuple[float, float, float, float, float]
+"""Five joint angles [rad]."""
+
+Point = tuple[float, float, float]
+"""A point in the base frame [m]."""
+
+
+BRANCHES = {
+    (side, elbow_up): f"{side}, elbow {'up' if elbow_up else 'down'}"
+    for side in ("front", "back")
+    for elbow_up in (True, False)
+}
+"""Names of the branches by side of the pan and bend of the elbow."""
+
+
+class Configuration(NamedTuple):
+    """Five joint angles and the name of the branch they belong to."""
+
+    q: Joints
+    branch: str
+
+
+class Side(NamedTuple):
+    """One of the two pan angles that bring a target into the arm's plane.
+
+    Attributes:
+        pan: The pan joint's angle [rad].
+        target: The target within the plane.
+        name: ``"front"`` or ``"back"``.
+    """
+
+    pan: float
+    target: Target
+    name: str
+
+
+class RolledFrame(NamedTuple):
+    """A frame of the gripper at one roll angle.
+
+    Attributes:
+        roll: The roll joint's angle [rad].
+        lateral: The frame's distance from the plane through the pan axis, to the left [m].
+        hand: The third bar of the plane, which ends at the frame.
+    """
+
+    roll: float
+    lateral: float
+    hand: Hand
+
+
+class FrameOffset(NamedTuple):
+    """Where a frame is from the wrist, pitch zero, as the roll turns: forward, left and up.
+
+    Each is a constant, a factor of the roll's cosine and a factor of its sine [m]. Left counts
+    from the plane through the pan axis.
+    """
+
+    forward: tuple[float, float, float]
+    left: tuple[float, float, float]
+    up: tuple[float, float, float]
+
+    def at(self, roll: float) -> Point:
+        """Forward, left and up [m] at a roll angle [rad]."""
+        c, s = cos(roll), sin(roll)
+        x, y, z = self
+        return (
+            x[0] + x[1] * c + x[2] * s,
+            y[0] + y[1] * c + y[2] * s,
+            z[0] + z[1] * c + z[2] * s,
+        )
+
+    def rolls_with_lateral(self, lateral: float) -> tuple[float, ...]:
+        """The two rolls in -pi to pi [rad] that bring the frame nearest to a lateral distance [m].
+
+        Empty if the roll has no influence on it.
+        """
+        constant, of_cos, of_sin = self.left
+        swing = hypot(of_cos, of_sin)
+        if swing < 1e-9:
+            return ()
+        turn = acos(min(max((lateral - constant) / swing, -1.0), 1.0))
+        phase = atan2(of_sin, of_cos)
+        return remainder(phase + turn, TAU), remainder(phase - turn, TAU)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Measures:
+    """What there is to know of an arm with this structure.
+
+    Attributes:
+        pan: Where the pan axis stands, x and y in the base frame [m].
+        pan_sign: +1 if a positive pan turns left, -1 if it turns right.
+        azimuth: Azimuth of the arm's plane when the pan is at zero [rad].
+        shoulder: Where the lift axis is: forward of the pan axis, and up from the base [m].
+        bars: The three parallel joints.
+        offsets: The gripper's frames by name.
+        approach_elevation: Elevation of the tool's z axis when the pitch is zero [rad].
+        R_base_tool: The tool's rotation when all joints are at zero, shape (3, 3).
+        R_base_axes: Roll axis, lift axis and their cross product when all joints are at zero, as
+            columns, shape (3, 3).
+        lower: Smallest joint angles [rad].
+        upper: Largest joint angles [rad].
+    """
+
+    pan: tuple[float, float]
+    pan_sign: float
+    azimuth: float
+    shoulder: tuple[float, float]
+    bars: ThreeBars
+    offsets: dict[str, FrameOffset]
+    approach_elevation: float
+    R_base_tool: Array
+    R_base_axes: Array
+    lower: Joints
+    upper: Joints
+
+
+class ArmStructure:
+    """Closed forms for an arm of the given measures.
+
+    Attributes:
+        measures: The arm's measures.
+        bars: Its three parallel joints.
+    """
+
+    def __init__(self, measures: Measures) -> None:
+        self.measures = measures
+        self.bars = measures.bars
+        self._pan_low = measures.lower[0] - JOINT_SLACK
+        self._pan_high = measures.upper[0] + JOINT_SLACK
+        self._on_axis = {
+            name: all(hypot(*row[1:]) < _ON_AXIS for row in offset)
+            for name, offset in measures.offsets.items()
+        }
+        links = measures.bars.bars.upper_arm + measures.bars.bars.forearm + REACH_SLACK
+        self._longest = {
+            name: links + hypot(*(abs(row[0]) + hypot(*row[1:]) for row in (each.forward, each.up)))
+            for name, each in measures.offsets.items()
+        }
+        self.rolled = lru_cache(maxsize=256)(self._rolled)
+
+    def can_reach(self, p_base: Point, frame: str) -> bool:
+        """Whether the arm is long enough for a point, whatever the joints. Cheap, not exact."""
+        m = self.measures
+        ahead = hypot(p_base[0] - m.pan[0], p_base[1] - m.pan[1]) - abs(m.shoulder[0])
+        height = p_base[2] - m.shoulder[1]
+        return hypot(max(ahead, 0.0), height) < self._longest[frame]
+
+    def on_axis(self, frame: str) -> bool:
+        """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
+        return self._on_axis[frame]
+
+    def _rolled(self, frame: str, roll: float) -> RolledFrame:
+        """The named frame at a roll angle [rad]; remembered, because seeds repeat."""
+        forward, left, up = self.measures.offsets[frame].at(roll)
+        return RolledFrame(roll, left, Hand(hypot(forward, up), atan2(up, forward)))
+
+    def sides(self, p_base: Point, frame: RolledFrame) -> list[Side]:
+        """The pan angles inside the limits that bring a point into reach of the plane; 0 to 2."""
+        m = self.measures
+        x, y = p_base[0] - m.pan[0], p_base[1] - m.pan[1]
+        lateral = frame.lateral
+        square = x * x + y * y - lateral * lateral
+        forward = sqrt(square) if square > 0.0 else 0.0
+        if forward == 0.0 and hypot(x, y) < abs(lateral) - REACH_SLACK:
+            return []
+        heading = atan2(y, x) - m.azimuth
+        shoulder_x, shoulder_z = m.shoulder
+        found = []
+        for name, along in (("front", forward), ("back", -forward)):
+            pan = m.pan_sign * remainder(heading - atan2(lateral, along), TAU)
+            if self._pan_low <= pan <= self._pan_high:
+                target = Target(along - shoulder_x, p_base[2] - shoulder_z, frame.hand)
+                found.append(Side(pan, target, name))
+        return found
+
+    def configurations(
+        self, p_base: Point, pitch: float, roll: float, frame: str
+    ) -> list[Configuration]:
+        """All configurations that put a frame at a point with a given pitch and roll.
+
+        Args:
+            p_base: Where the frame's origin shall be [m].
+            pitch: Sum of lift, elbow and wrist [rad]; positive points down. For the SO-101 this
+                is the angle of the approach below the horizontal.
+            roll: The roll joint's angle [rad], within its limits.
+            frame: Name of a frame of the gripper.
+
+        Returns:
+            Up to four configurations inside the limits, to within ``JOINT_SLACK``.
+        """
+        return [
+            Configuration((pan, *angles, roll), BRANCHES[name, elbow_up])
+            for pan, target, name in self.sides(p_base, self.rolled(frame, roll))
+            for angles, elbow_up in self.bars.bends(target, pitch)
+        ]
+
+    def branch(self, q: Joints, frame: str) -> str:
+        """The name of the branch that joint angles belong to."""
+        x, _ = self.bars.points(q[1:4], self.rolled(frame, q[4]).hand)[-1]
+        side = "front" if x + self.measures.shoulder[0] >= 0.0 else "back"
+        return BRANCHES[side, q[2] >= self.bars.straight]
+
+    def can_face(self, azimuth: float) -> bool:
+        """Whether the pan can turn the arm's plane to an azimuth [rad]."""
+        m = self.measures
+        pan = m.pan_sign * remainder(azimuth - m.azimuth, TAU)
+        return self._pan_low <= pan <= self._pan_high
+
+    def lateral_for(self, p_base: Point, azimuth: float) -> float:
+        """The lateral distance [m] of a point from the arm's plane turned to an azimuth [rad]."""
+        m = self.measures
+        x, y = p_base[0] - m.pan[0], p_base[1] - m.pan[1]
+        return y * cos(azimuth) - x * sin(azimuth)
+
+    def azimuth(self, pan: float) -> float:
+        """The azimuth of the arm's plane at a pan angle [rad]."""
+        return self.measures.azimuth + self.measures.pan_sign * pan
+
+    def pitch_towards(self, pan: float, axis: Point) -> float:
+        """The pitch [rad] that brings the approach nearest to an axis, given as a unit vector."""
+        azimuth = self.azimuth(pan)
+        ahead = axis[0] * cos(azimuth) + axis[1] * sin(azimuth)
+        return self.measures.approach_elevation - atan2(axis[2], ahead)
+
+    def clip_roll(self, roll: float) -> float:
+        """A roll [rad], turned by whole turns or else pulled into its limits."""
+        lower, upper = self.measures.lower[4], self.measures.upper[4]
+        if lower <= roll <= upper:
+            return roll
+        middle = 0.5 * (lower + upper)
+        return min(max(middle + remainder(roll - middle, TAU), lower), upper)
+
+
+def to_joints(q: Array) -> Joints:
+    """Five plain numbers from an array of shape (5,), [rad]."""
+    a, b, c, d, e = q.tolist()
+    return a, b, c, d, e

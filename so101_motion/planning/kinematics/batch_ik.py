@@ -1,0 +1,207 @@
+"""Evaluate the closed forms of ``arm_geometry.py`` and ``planar_3r.py`` on arrays.
+
+The same formulas in the same order, on arrays. What differs is the purpose: a search along a path
+of the tool looks at thousands of configurations, most of which do not exist or break a limit, and
+wants to know of each how far it is from being allowed. So nothing is left out here; every
+configuration comes with its ``excess``.
+
+Shapes. Configurations are laid out as points (n) times the two sides, front and back (2), times
+whatever the caller varies, pitch mostly (m), times the elbow up or down (2). Roll and pitch
+broadcast to (n, 2, m).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure
+from so101_motion.planning.kinematics.planar_3r import TAU
+
+_ROUNDS = 6
+"""Rounds in which pan and roll are made to agree; each gains a digit or two."""
+
+_ROUNDING = 1e-9
+"""How far beyond 1 the cosine of the elbow's bend may be at a pitch that straightens the arm."""
+
+
+class Hands(NamedTuple):
+    """A frame of the gripper at given rolls, shapes as the rolls'.
+
+    Attributes:
+        lateral: Distance from the plane through the pan axis, to the left [m].
+        length: Wrist to the frame's origin, within the plane [m].
+        elevation: Elevation of that vector at pitch zero [rad].
+    """
+
+    lateral: Array
+    length: Array
+    elevation: Array
+
+
+class Facing(NamedTuple):
+    """The arm's plane turned to points, from the front and from the back; shapes (n, 2, m).
+
+    Attributes:
+        pan: The pan joint's angle, within half a turn of zero [rad].
+        x: The point within the plane, forward of the shoulder [m].
+        z: The same, up from the shoulder, shape (n, 1, 1), [m].
+        beside: How far the point is closer to the pan axis than the frame passes by it [m]; 0 for
+            nearly all.
+    """
+
+    pan: Array
+    x: Array
+    z: Array
+    beside: Array
+
+
+class ConfigurationGrid(NamedTuple):
+    """Configurations, allowed or not.
+
+    Attributes:
+        q: Joint angles, shape (n, 2, m, 2, 5), [rad].
+        excess: How far the joint that is furthest off is beyond its limits, shape (n, 2, m, 2),
+            [rad]; negative inside, infinite where the point is out of reach with that pitch.
+    """
+
+    q: Array
+    excess: Array
+
+
+def wrap(angle: Array) -> Array:
+    """The same angle within half a turn of zero [rad]."""
+    return angle - TAU * np.round(angle / TAU)
+
+
+def hands(structure: ArmStructure, frame: str, roll: Array) -> Hands:
+    """A frame of the gripper at given rolls [rad]."""
+    c, s = np.cos(roll), np.sin(roll)
+    forward, left, up = (
+        constant + of_cos * c + of_sin * s
+        for constant, of_cos, of_sin in structure.measures.offsets[frame]
+    )
+    return Hands(left, np.hypot(forward, up), np.arctan2(up, forward))
+
+
+def facing(structure: ArmStructure, p_base: Array, lateral: Array) -> Facing:
+    """Turn the arm's plane to points ``p_base`` (n, 3) [m] that are ``lateral`` [m] beside it."""
+    m = structure.measures
+    x, y, z = (p_base - np.array([*m.pan, m.shoulder[1]])).T[:, :, None, None]
+    square = x * x + y * y - lateral * lateral
+    along = np.sqrt(np.maximum(square, 0.0)) * np.array([[1.0], [-1.0]])
+    pan = m.pan_sign * wrap(np.arctan2(y, x) - m.azimuth - np.arctan2(lateral, along))
+    beside = np.maximum(np.abs(lateral) - np.hypot(x, y), 0.0) + 0.0 * along
+    return Facing(pan, along - m.shoulder[0], z, beside)
+
+
+def straight_pitches(structure: ArmStructure, target: Facing, hand: Hands) -> Array:
+    """The two pitches at which upper arm and forearm are in line, shape (n, 2, 2), [rad].
+
+    Where the elbow turns over from up to down; not a number where the arm never gets straight.
+    ``target`` is for one roll, shapes (n, 2, 1).
+    """
+    measures = structure.bars.bars
+    distance = np.hypot(target.x, target.z)
+    reach = measures.upper_arm + measures.forearm
+    cosine = (distance**2 + hand.length**2 - reach**2) / (2.0 * distance * hand.length)
+    with np.errstate(invalid="ignore"):
+        turned = np.arccos(cosine)
+    aligned = hand.elevation - np.arctan2(target.z, target.x)
+    return np.concatenate([aligned - turned, aligned + turned], axis=2)
+
+
+def configurations(
+    structure: ArmStructure, target: Facing, hand: Hands, pitch: Array, roll: Array
+) -> ConfigurationGrid:
+    """All configurations with pitches and rolls that broadcast to (n, 2, m) [rad]."""
+    bars = structure.bars
+    a, elevation_a, b, _ = bars.bars[:4]
+    elevation = hand.elevation - pitch
+    wrist_x = target.x - hand.length * np.cos(elevation)
+    wrist_z = target.z - hand.length * np.sin(elevation)
+    cosine = (wrist_x * wrist_x + wrist_z * wrist_z - a * a - b * b) / (2.0 * a * b)
+    bent = np.clip(cosine, -1.0, 1.0)
+    fold = np.arccos(bent)
+    lean = np.arctan2(b * np.sin(fold), a + b * bent)
+    bearing = elevation_a - np.arctan2(wrist_z, wrist_x)
+    up_down = np.array([1.0, -1.0])
+    q = np.empty((*cosine.shape, 2, 5))
+    q[..., 0] = target.pan[..., None]
+    q[..., 2] = bars.straight + fold[..., None] * up_down
+    q[..., 1] = wrap(bearing[..., None] - lean[..., None] * up_down)
+    q[..., 3] = wrap(np.broadcast_to(pitch, cosine.shape)[..., None] - q[..., 1] - q[..., 2])
+    q[..., 4] = np.broadcast_to(roll, cosine.shape)[..., None]
+    m = structure.measures
+    excess = np.maximum(np.array(m.lower) - q, q - np.array(m.upper)).max(axis=-1)
+    exists = (np.abs(cosine) <= 1.0 + _ROUNDING) & (target.beside == 0.0)
+    return ConfigurationGrid(q, np.where(exists[..., None], excess, np.inf))
+
+
+def pitch_towards(structure: ArmStructure, pan: Array, axis: Array) -> Array:
+    """The pitch that brings the approach nearest to unit vectors (n, 3), as the pan, [rad]."""
+    m = structure.measures
+    azimuth = m.azimuth + m.pan_sign * pan
+    x, y, z = axis.T[:, :, None, None]
+    return np.asarray(
+        m.approach_elevation - np.arctan2(z, x * np.cos(azimuth) + y * np.sin(azimuth))
+    )
+
+
+def roll_for(structure: ArmStructure, pan: Array, pitch: Array, R_base_tool: Array) -> Array:
+    """The roll that turns the tool nearest to rotations (n, 3, 3), pan and pitch given, [rad].
+
+    In axes along the roll axis (x) and the lift axis (y) what is wanted of the roll is a rotation N
+    about x; the nearest has ``tan = (N_zy - N_yz) / (N_yy + N_zz)``.
+    """
+    m = structure.measures
+    pan, pitch = np.broadcast_arrays(m.pan_sign * pan, pitch)
+    wanted = R_base_tool @ (m.R_base_tool.T @ m.R_base_axes)
+    N = _about(1, -pitch) @ (m.R_base_axes.T @ (_about(2, -pan) @ wanted[:, None, None]))
+    roll = np.arctan2(N[..., 2, 1] - N[..., 1, 2], N[..., 1, 1] + N[..., 2, 2])
+    middle = 0.5 * (m.lower[4] + m.upper[4])
+    return middle + wrap(roll - middle)
+
+
+def facing_turned(
+    structure: ArmStructure, frame: str, p_base: Array, R_base_tool: Array, roll: float
+) -> tuple[Facing, Array]:
+    """The arm's plane turned to points (n, 3) [m], with pan, pitch and roll in agreement.
+
+    The roll moves a frame beside the roll axis, that turns the pan, and that asks for another roll.
+    Going round settles quickly, unless a point is as near to the pan axis as the frame to the roll
+    axis; then what comes out is some configuration like any other.
+
+    Returns:
+        The plane, and the pitches that bring the approach nearest, both (n, 2, 1).
+    """
+    rolls = np.full((len(p_base), 2, 1), roll)
+    for _ in range(_ROUNDS):
+        target = facing(structure, p_base, hands(structure, frame, rolls).lateral)
+        pitch = pitch_towards(structure, target.pan, R_base_tool[:, :, 2])
+        rolls = roll_for(structure, target.pan, pitch, R_base_tool)
+    return target, pitch
+
+
+def _about(axis: int, angle: Array) -> Array:
+    """Rotations (..., 3, 3) about a coordinate axis."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.zeros((*angle.shape, 3, 3))
+    R[..., axis, axis] = 1.0
+    R[..., i, i] = R[..., j, j] = np.cos(angle)
+    R[..., j, i] = np.sin(angle)
+    R[..., i, j] = -R[..., j, i]
+    return R
+
+
+def angles_between(a: Array, b: Array) -> Array:
+    """Angles between unit vectors along the last axis [rad]; accurate near zero."""
+    return np.asarray(2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(a - b, axis=-1), 0.0, 1.0)))
+
+
+def rotation_angles(R: Array) -> Array:
+    """Angles of rotations (..., 3, 3) [rad]; accurate near zero, where |R - 1| is sqrt(8) sin."""
+    half_sine = np.linalg.norm(R - np.eye(3), axis=(-2, -1)) / np.sqrt(8.0)
+    return np.asarray(2.0 * np.arcsin(np.clip(half_sine, 0.0, 1.0)))

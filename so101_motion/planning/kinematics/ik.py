@@ -1,0 +1,274 @@
+"""Inverse kinematics: from where the tool shall be to joint angles.
+
+How it works. Configurations come from closed forms (``ik_closed.py``), built on measures that were
+read off the kinematic model (``geometry_from_model.py``). The model then judges each: it may polish
+away a few micrometres, it says what error is left, and nothing outside the joint limits or the
+goal's tolerances leaves this file as a solution.
+
+Position comes first. Where a point can be reached but not with the orientation asked for, the
+configuration *at the point* that comes nearest to it is the evidence in the
+:class:`~so101_motion.common.errors.Unreachable`. Where the point itself is out of reach, the
+evidence is the nearest reachable point (``workspace.py``) and what stops the arm there.
+
+"Near the seed" is the Euclidean distance of joint angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import chain
+from math import dist
+
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import Unreachable
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
+from so101_motion.planning.kinematics.arm_geometry import (
+    Configuration,
+    Joints,
+    to_joints,
+)
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.geometry_from_model import measure_structure
+from so101_motion.planning.kinematics.ik_closed import ClosedForms
+from so101_motion.planning.kinematics.ik_cloud import Cloud, CloudSolver
+from so101_motion.planning.kinematics.ik_numeric import minimise, polish
+from so101_motion.planning.kinematics.ik_task import (
+    IkSolution,
+    Task,
+    binding_limit,
+    check_goal,
+    check_seed,
+    judge,
+)
+from so101_motion.planning.kinematics.model import RobotModel
+
+__all__ = ["IkSolution", "IkSolver"]
+
+_EXACT = 1e-9
+"""Position errors above this are polished [m]. Chosen: far below what anyone can measure."""
+
+_EXACT_ANGLE = 1e-6
+"""A full pose with less than this left over is exact [rad]; the tolerance is for those that five
+joints cannot meet. Chosen."""
+
+_SAME = 1e-6
+"""Solutions less than this apart are one [rad]. Chosen."""
+
+_JUST = 1e-3
+"""How far polishing may move a solution and with it the order of candidates [rad]. Chosen."""
+
+
+class IkSolver:
+    """Solves pose goals for one model. Belongs to the model's thread.
+
+    Attributes:
+        model: The kinematics it solves for.
+        structure: The closed forms themselves, e.g. ``structure.configurations`` for a point, a
+            pitch and a roll.
+
+    Raises:
+        ConfigError: The model is not built as the SO-101.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self.structure = measure_structure(model)
+        self._source = ClosedForms(self.structure)
+        chain_of = lru_cache(maxsize=8)(partial(ArmChain, model))
+        self._clouds = CloudSolver(self.structure, chain_of)
+
+    def solve(self, goal: PoseGoal, q_seed: ArrayLike) -> IkSolution:
+        """The solution nearest to the seed.
+
+        What the goal leaves open stays as it is in the seed where possible: the roll first, then
+        the pitch that moves the joints least.
+
+        Args:
+            goal: Where a frame of the gripper shall be, and how much of that counts.
+            q_seed: Joint angles to stay near, shape (5,), [rad]; they may be outside the limits.
+
+        Raises:
+            Unreachable: There is none. Says how far off the nearest reachable pose is, where it
+                is, and which limit stops the arm there.
+            ConfigError: Goal or seed hold numbers that cannot be meant.
+        """
+        task, seed = check_goal(self.model, goal), check_seed(q_seed)
+        if goal.cloud is not None:
+            return next(self._in_cloud(goal.cloud, task, seed))
+        full = task.metric is GoalMetric.FULL_POSE
+        best: IkSolution | None = None
+        for configuration in self._source.nearest(task, seed):
+            solution = self._judged(task, configuration)
+            if _arrived(task, solution) and (solution.error_angle < _EXACT_ANGLE or not full):
+                return solution
+            if best is None or _miss(task, solution) < _miss(task, best):
+                best = solution
+        if best is not None and _arrived(task, best):
+            return best
+        return self._next_best(task, seed, best)
+
+    def candidates(self, goal: PoseGoal, q_seed: ArrayLike) -> Iterator[IkSolution]:
+        """All solutions, the one nearest to the seed first; for a choice by collision.
+
+        Where a goal leaves a continuum open (the pitch, the roll) the solutions are spread over
+        it. The first is that of :meth:`solve`, and raises as that; the others follow by their
+        distance from the seed and are worked out when they are asked for. No two are alike.
+        """
+        if goal.cloud is not None:
+            task, seed = check_goal(self.model, goal), check_seed(q_seed)
+            solutions = self._in_cloud(goal.cloud, task, seed)
+            return chain([next(solutions)], solutions)
+        first = self.solve(goal, q_seed)
+        return chain([first], self._others(check_goal(self.model, goal), check_seed(q_seed), first))
+
+    def _others(self, task: Task, seed: Joints, first: IkSolution) -> Iterator[IkSolution]:
+        """The rest of :meth:`candidates`."""
+        q_first = first.q.tolist()
+        known: list[tuple[float, list[float]]] = []
+        for configuration in self._source.spread(task, seed):
+            solution = self._judged(task, configuration)
+            q = solution.q.tolist()
+            away = dist(q, seed)
+            like = dist(q, q_first) <= _SAME or _is_known(q, away, known)
+            if _arrived(task, solution) and not like:
+                known.append((away, q))
+                yield solution
+
+    def _in_cloud(self, tolerance: PoseCloud, task: Task, seed: Joints) -> Iterator[IkSolution]:
+        """All solutions in a cloud around the task's pose; at least one, or the evidence."""
+        R_base_goal = task.R_base_tool @ self.model.rotation_to_tool(task.frame).T
+        cloud = Cloud(tolerance, task.frame, task.p_base, R_base_goal, task.R_base_tool)
+        found = False
+        for configuration in self._clouds.spread(cloud, seed, self._source.nearest(task, seed)):
+            found = True
+            yield judge(self.model, task, configuration.q, configuration.branch)
+        if not found:
+            at_point = PoseGoal.at_point(task.p_base, frame=task.frame)
+            nearest = self.solve(at_point, seed)  # or says why there is none
+            configurations = self._source.nearest(task, seed)
+            solutions = (judge(self.model, task, each.q, each.branch) for each in configurations)
+            best = min(solutions, key=lambda each: _miss(task, each), default=nearest)
+            raise _outside_cloud(self.model, task, best)
+
+    def _judged(self, task: Task, configuration: Configuration) -> IkSolution:
+        """A configuration pulled into the limits, judged by the model, polished if that helps."""
+        solution = judge(self.model, task, configuration.q, configuration.branch)
+        if solution.error_position > _EXACT:
+            q = polish(self.model, solution.q, task.frame, task.p_base)
+            polished = judge(self.model, task, to_joints(q), configuration.branch)
+            if polished.error_position < solution.error_position:
+                return polished
+        return solution
+
+    def _next_best(self, task: Task, seed: Joints, best: IkSolution | None) -> IkSolution:
+        """The answer when no configuration has arrived: one found by descent, or the evidence."""
+        if best is None and task.metric is not GoalMetric.POSITION_ONLY:
+            at_point = replace(task, metric=GoalMetric.POSITION_ONLY)
+            configurations = self._source.nearest(at_point, seed)
+            best = next(
+                (self._judged(task, configuration) for configuration in configurations), None
+            )
+        if best is not None and best.error_position <= task.position_tolerance:
+            q = minimise(self.model, task, best.q)
+            branch = self._source.branch(q, task.frame)
+            better = self._judged(task, Configuration(to_joints(q), branch))
+        else:
+            better = self._at_edge(task, seed)
+        if best is None or _miss(task, better) < _miss(task, best):
+            best = better
+        if _arrived(task, best):
+            return best
+        raise _unreachable(self.model, task, best)
+
+    def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
+        """What reaches the reachable point nearest to one that is out of reach."""
+        at_point = replace(task, metric=GoalMetric.POSITION_ONLY)
+        ends = [minimise(self.model, at_point, q) for q in self._source.edge(task, seed)]
+        q_best = min(ends, key=lambda q: self._away(task, q))
+        branch = self._source.branch(q_best, task.frame)
+        return judge(self.model, task, to_joints(q_best), branch)
+
+    def _away(self, task: Task, q: Array) -> float:
+        return dist(self.model.rotation_and_position(q, task.frame)[1].tolist(), task.point)
+
+
+def _is_known(q: list[float], away: float, known: list[tuple[float, list[float]]]) -> bool:
+    """Whether ``known``, by distance from the seed, holds joint angles at distance ``away``."""
+    for other_away, other in reversed(known):
+        if away - other_away > _JUST:
+            return False
+        if dist(q, other) <= _SAME:
+            return True
+    return False
+
+
+def _arrived(task: Task, solution: IkSolution) -> bool:
+    return (
+        solution.error_position <= task.position_tolerance
+        and solution.error_angle <= task.angle_tolerance
+    )
+
+
+def _miss(task: Task, solution: IkSolution) -> tuple[float, float]:
+    """What is missing, for comparison: position beyond its tolerance first, then the angle."""
+    return max(solution.error_position - task.position_tolerance, 0.0), solution.error_angle
+
+
+def _unreachable(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
+    """The error with its evidence: how far off, where the nearest pose is, what is in the way."""
+    p_base = model.frame(best.q, task.frame).p
+    limit = binding_limit(model, task, best.q)
+    off, turned = to_mm(best.error_position), to_deg(best.error_angle)
+    if best.error_position > task.position_tolerance:
+        message = (
+            f"{task.frame} cannot reach {_millimetres(task.p_base)}, which is {_digits(off)} mm "
+            f"out of reach; the nearest reachable point is {_millimetres(p_base)}"
+            + (f", where the arm is stopped by {limit}" if limit else "")
+            + "; move the target there"
+        )
+    else:
+        joints = ", ".join(f"{to_deg(angle):.1f}" for angle in best.q.tolist())
+        message = (
+            f"{task.frame} can reach {_millimetres(p_base)}, but five joints cannot turn it as "
+            f"asked: the nearest pose, joints ({joints}) deg, is {_digits(off)} mm and "
+            f"{turned:.1f} deg off, and {to_deg(task.angle_tolerance):.1f} deg are allowed; allow "
+            "more, or ask for the position only"
+        )
+    return Unreachable(
+        message,
+        error_position=best.error_position,
+        error_angle=best.error_angle,
+        p_base_nearest=p_base,
+        q_nearest=best.q,
+        limit=limit,
+    )
+
+
+def _outside_cloud(model: RobotModel, task: Task, best: IkSolution) -> Unreachable:
+    """The error for a cloud without any pose that can be reached."""
+    p_base = model.frame(best.q, task.frame).p
+    return Unreachable(
+        f"no pose within the tolerances around {_millimetres(task.p_base)} can be reached: the"
+        f" nearest is {_digits(to_mm(best.error_position))} mm and"
+        f" {to_deg(best.error_angle):.1f} deg"
+        " off; allow more of o_x, o_y, o_z or theta, or move the target",
+        error_position=best.error_position,
+        error_angle=best.error_angle,
+        p_base_nearest=p_base,
+        q_nearest=best.q,
+        limit=best.limit,
+    )
+
+
+def _millimetres(p_base: Array) -> str:
+    x, y, z = (round(to_mm(value), 1) + 0.0 for value in p_base.tolist())
+    return f"({x}, {y}, {z}) mm"
+
+
+def _digits(off_mm: float) -> str:
+    return f"{off_mm:.1f}" if off_mm >= 1.0 else f"{off_mm:.2f}"

@@ -1,0 +1,263 @@
+"""Configurations in closed form for each way of stating a goal.
+
+All configurations put the goal's frame at its point, as exactly as the arm's structure fits the
+model; whether the orientation is near enough is judged later. What a goal leaves open is chosen
+near the seed: the roll stays as it is whenever that is possible, the pitch is the one whose
+configuration is nearest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from math import atan2, cos, dist, hypot, inf, pi, sin
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.goals import GoalMetric
+from so101_motion.planning.kinematics.arm_geometry import (
+    BRANCHES,
+    ArmStructure,
+    Configuration,
+    Joints,
+    Side,
+    to_joints,
+)
+from so101_motion.planning.kinematics.ik_task import Task
+from so101_motion.planning.kinematics.nearest_pitch import nearest_bend
+from so101_motion.planning.kinematics.orientation_fit import Orientation
+from so101_motion.planning.kinematics.planar_3r import Bend, Target, ThreeBars
+from so101_motion.planning.kinematics.workspace import Workspace
+
+ROLLS = 6
+"""Into how many parts the roll's range is cut when its present angle will not do. Chosen."""
+
+PITCH_STEP = 0.2
+"""How far apart alternatives are in pitch [rad]. Chosen: 11 degrees."""
+
+_SETTLED = 1e-10
+_ROUNDS = 10
+
+
+class ClosedForms:
+    """Configurations for an arm with our structure."""
+
+    def __init__(self, structure: ArmStructure) -> None:
+        self._structure = structure
+        self._workspaces: dict[str, Workspace] = {}
+
+    def nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:
+        """Configurations at the task's point, the one nearest to the seed first; few or none.
+
+        For an approach, the seed's roll comes before all others, and what cannot have the approach
+        comes last, as evidence.
+        """
+        structure = self._structure
+        if task.metric is GoalMetric.POSITION_ONLY:
+            found = nearest_position(structure, task, seed)
+            if found:
+                yield found
+            return
+        roll = structure.clip_roll(seed[4])
+        if task.metric is GoalMetric.FULL_POSE:
+            rolls = approach_rolls(structure, task) or [roll]
+            yield from _by_distance(full_pose(structure, task, rolls), seed)
+            return
+        near, others = sides_by_approach(structure, task, [roll])
+        yield from _by_distance(approach(structure, task, near), seed)
+        near, more = sides_by_approach(structure, task, approach_rolls(structure, task))
+        yield from _by_distance(approach(structure, task, near), seed)
+        yield from approach(structure, task, others + more)
+
+    def spread(self, task: Task, seed: Joints) -> Iterable[Configuration]:
+        """Configurations at the task's point, spread over what it leaves open, nearest first."""
+        structure = self._structure
+        if task.metric is GoalMetric.FULL_POSE:
+            return self.nearest(task, seed)
+        if task.metric is GoalMetric.POSITION_ONLY:
+            return _by_distance(all_positions(structure, task, seed), seed)
+        roll = structure.clip_roll(seed[4])
+        rolls = [roll, *approach_rolls(structure, task), *spread_rolls(structure)]
+        sides, _ = sides_by_approach(structure, task, rolls)
+        return _by_distance(approach(structure, task, sides), seed)
+
+    def edge(self, task: Task, seed: Joints) -> list[Array]:
+        """Where to go downhill from to a point out of reach, each of shape (5,), [rad].
+
+        For a frame on the roll axis the nearest reachable point is among them already.
+        """
+        if task.frame not in self._workspaces:
+            self._workspaces[task.frame] = Workspace(self._structure, task.frame)
+        return [np.array(q) for q in self._workspaces[task.frame].nearest(task.point, seed)]
+
+    def branch(self, q: Array, frame: str) -> str:
+        """The name of the branch that joint angles belong to."""
+        return self._structure.branch(to_joints(q), frame)
+
+
+def _by_distance(configurations: list[Configuration], seed: Joints) -> list[Configuration]:
+    return sorted(configurations, key=lambda configuration: dist(configuration.q, seed))
+
+
+def nearest_position(structure: ArmStructure, task: Task, q_seed: Joints) -> Configuration | None:
+    """The configuration nearest to the seed that puts the frame at the point, or None.
+
+    The roll is the seed's if the point can be reached with it, else the nearest that was tried.
+    """
+    for roll in position_rolls(structure, task, q_seed[4]):
+        best, ceiling = None, inf
+        for pan, target, name in structure.sides(task.point, structure.rolled(task.frame, roll)):
+            turn = (pan - q_seed[0]) ** 2
+            found = nearest_bend(structure.bars, target, q_seed[1:4], ceiling - turn)
+            if found:
+                ceiling, (angles, elbow_up) = found[0] + turn, found[1]
+                best = Configuration((pan, *angles, roll), BRANCHES[name, elbow_up])
+        if best:
+            return best
+    return None
+
+
+def position_rolls(structure: ArmStructure, task: Task, roll: float) -> Iterator[float]:
+    """Rolls worth trying [rad], the nearest to the seed's first."""
+    roll = structure.clip_roll(roll)
+    yield roll
+    if not structure.on_axis(task.frame) and structure.can_reach(task.point, task.frame):
+        offset = structure.measures.offsets[task.frame]
+        # Close to the pan axis only a roll that brings the frame into the arm's plane will do.
+        inside = [structure.clip_roll(r) for r in offset.rolls_with_lateral(0.0)]
+        yield from sorted((*spread_rolls(structure), *inside), key=lambda r: abs(r - roll))
+
+
+def spread_rolls(structure: ArmStructure) -> list[float]:
+    """Rolls all over the range [rad]."""
+    m = structure.measures
+    return [float(roll) for roll in np.linspace(m.lower[4], m.upper[4], ROLLS + 1)]
+
+
+def all_positions(structure: ArmStructure, task: Task, q_seed: Joints) -> list[Configuration]:
+    """Configurations that put the frame at the point, spread over pitch, roll, and all branches."""
+    roll = structure.clip_roll(q_seed[4])
+    return [
+        Configuration((side.pan, *bend.angles, each), BRANCHES[side.name, bend.elbow_up])
+        for each in (roll, *spread_rolls(structure))
+        for side in structure.sides(task.point, structure.rolled(task.frame, each))
+        for bend in _spread_bends(structure.bars, side.target)
+    ]
+
+
+def _spread_bends(bars: ThreeBars, target: Target) -> Iterator[Bend]:
+    """Configurations of the plane no farther apart in pitch than ``PITCH_STEP``."""
+    for elbow_up in (True, False):
+        for _, low, high in bars.intervals(target, 0.0, elbow_up):
+            count = int((high - low) / PITCH_STEP) + 1
+            for i in range(count):
+                bends = bars.bends(target, low + (high - low) * (i + 0.5) / count)
+                yield from (bend for bend in bends if bend.elbow_up == elbow_up)
+
+
+RolledSide = tuple[float, Side]
+"""A roll [rad] and one of the sides it leaves."""
+
+
+def sides_by_approach(
+    structure: ArmStructure, task: Task, rolls: Iterable[float]
+) -> tuple[list[RolledSide], list[RolledSide]]:
+    """The sides whose plane holds the wanted approach within its tolerance, and the others."""
+    x, y, _ = task.R_base_tool[:, 2].tolist()
+    out_of_plane = sin(min(task.angle_tolerance, 0.5 * pi))
+    near: list[RolledSide] = []
+    others: list[RolledSide] = []
+    for roll in rolls:
+        for side in structure.sides(task.point, structure.rolled(task.frame, roll)):
+            azimuth = structure.azimuth(side.pan)
+            aside = y * cos(azimuth) - x * sin(azimuth)
+            (near if abs(aside) <= out_of_plane else others).append((roll, side))
+    return near, others
+
+
+def approach(
+    structure: ArmStructure, task: Task, sides: Iterable[RolledSide]
+) -> list[Configuration]:
+    """Configurations at the point, the approach as near to the wanted one as each side allows."""
+    x, y, z = task.R_base_tool[:, 2].tolist()
+    return [
+        configuration
+        for roll, side in sides
+        for configuration in _configurations(
+            structure, side, structure.pitch_towards(side.pan, (x, y, z)), roll
+        )
+    ]
+
+
+def approach_rolls(structure: ArmStructure, task: Task) -> list[float]:
+    """Rolls that turn the arm's plane to the wanted approach [rad]; none if it is vertical.
+
+    The approach lies in the arm's plane. A frame beside the roll axis lets the plane turn a
+    little, to either side of the point, because the roll moves the frame out of the plane.
+    """
+    x, y, _ = task.R_base_tool[:, 2].tolist()
+    offset = structure.measures.offsets[task.frame]
+    rolls: list[float] = []
+    if not structure.on_axis(task.frame) and hypot(x, y) > 1e-9:
+        for azimuth in (atan2(y, x), atan2(-y, -x)):
+            if structure.can_face(azimuth):
+                rolls += offset.rolls_with_lateral(structure.lateral_for(task.point, azimuth))
+    return [structure.clip_roll(roll) for roll in rolls]
+
+
+def full_pose(structure: ArmStructure, task: Task, rolls: Iterable[float]) -> list[Configuration]:
+    """Configurations at the point with the tool turned as near to the wanted rotation as possible.
+
+    The roll moves a frame beside the roll axis, that turns the pan, and that asks for another
+    roll. Going round settles quickly, unless the point is as near to the pan axis as the frame to
+    the roll axis; then the given rolls, which suit the approach, are better. Both are returned.
+    """
+    orientation = Orientation(structure.measures, task.R_base_tool)
+    on_axis = structure.on_axis(task.frame)
+    found = []
+    for roll in rolls:
+        for side in structure.sides(task.point, structure.rolled(task.frame, roll)):
+            if not on_axis:
+                found += _configurations(structure, side, orientation.pitch(side.pan, roll), roll)
+            settled = _settled(structure, task, orientation, side, roll)
+            if on_axis:
+                settled = [
+                    _rolled(structure, orientation, configuration) for configuration in settled
+                ]
+            found += settled
+    return found
+
+
+def _settled(
+    structure: ArmStructure, task: Task, orientation: Orientation, start: Side, roll: float
+) -> list[Configuration]:
+    """Configurations with pan, pitch and roll in agreement; none if going round leads nowhere."""
+    side: Side | None = start
+    for _ in range(_ROUNDS):
+        if side is None:
+            break
+        wanted = structure.clip_roll(orientation.pitch_and_roll(side.pan)[1])
+        if abs(wanted - roll) < _SETTLED:
+            return _configurations(structure, side, orientation.pitch(side.pan, roll), roll)
+        roll = wanted
+        sides = structure.sides(task.point, structure.rolled(task.frame, roll))
+        side = next((each for each in sides if each.name == start.name), None)
+    return []
+
+
+def _rolled(
+    structure: ArmStructure, orientation: Orientation, configuration: Configuration
+) -> Configuration:
+    """The same with the roll that suits its pitch, which a limit may have changed."""
+    pan, lift, elbow, wrist, _ = configuration.q
+    roll = structure.clip_roll(orientation.roll(pan, lift + elbow + wrist))
+    return Configuration((pan, lift, elbow, wrist, roll), configuration.branch)
+
+
+def _configurations(
+    structure: ArmStructure, side: Side, pitch: float, roll: float
+) -> list[Configuration]:
+    return [
+        Configuration((side.pan, *angles, roll), BRANCHES[side.name, elbow_up])
+        for angles, elbow_up in structure.bars.nearest_pitch(side.target, pitch)
+    ]

@@ -1,0 +1,220 @@
+"""What inverse kinematics is asked and what it answers: a checked goal, and a judged solution.
+
+Every solution, whatever formula it comes from, is judged by the kinematic model before it leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, hypot, isfinite, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array, frozen_array, rotation_angle
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.planning.goals import GoalMetric, PoseGoal
+from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
+from so101_motion.planning.kinematics.model import RobotModel
+
+AT_LIMIT = 1e-6
+"""A joint this close to a limit rests at it [rad]. Chosen."""
+
+_BINDING = 0.05
+"""A limit that holds back less than this share of what the strongest one does is not named."""
+
+_FLAT = 1e-7
+"""A pull weaker than this [m^2] is none; see ``ik_numeric``."""
+
+_ALONG = 0.7
+"""Cosine of the angle between what is missing and the line from shoulder to hand, above which the
+arm is stretched out rather than beside its pan axis. Chosen: seen are 1 and 0."""
+
+_ROTATION_SLACK = 1e-6
+"""How far a rotation matrix may be from orthonormal. Chosen above what seven digits cost."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class IkSolution:
+    """Joint angles that reach a goal, as judged by the kinematic model.
+
+    Attributes:
+        q: Joint angles, shape (5,), inside the limits [rad].
+        error_position: Distance from the goal's point [m].
+        error_angle: What is left of the goal's orientation [rad]: for a goal with an approach
+            the angle between wanted and reached approach axis, for a full pose the angle of
+            rotation between wanted and reached pose; 0 where the orientation does not count.
+        branch: Which way the arm bends, e.g. ``"front, elbow up"``.
+        limit: The joint limit that the solution rests at, e.g. ``"elbow_flex at its upper
+            limit"``, or None.
+    """
+
+    q: Array
+    error_position: float
+    error_angle: float
+    branch: str
+    limit: str | None
+
+    def __post_init__(self) -> None:
+        if self.q.flags.writeable:
+            object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Task:
+    """A goal that has been checked, in the form that solvers want.
+
+    Attributes:
+        metric: How much of the pose counts.
+        frame: Which frame of the gripper shall be at the point.
+        point: Where, in the base frame [m].
+        R_base_tool: How the *tool* is turned when ``frame`` is turned as the goal says; shape
+            (3, 3). The approach is its third column, whatever frame the goal is about. Of no
+            meaning where only the position counts.
+        position_tolerance: Largest position error that counts as arrived [m].
+        angle_tolerance: Largest orientation error that counts as arrived [rad].
+    """
+
+    metric: GoalMetric
+    frame: str
+    point: tuple[float, float, float]
+    R_base_tool: Array
+    position_tolerance: float
+    angle_tolerance: float
+
+    @property
+    def p_base(self) -> Array:
+        """The point as an array, shape (3,), [m]."""
+        return np.array(self.point)
+
+
+def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
+    """Refuse what no arm could mean; give the rest the form that solvers want.
+
+    Raises:
+        ConfigError: The frame is not one of the gripper's, a number of the pose is not finite,
+            the rotation is none, or a tolerance is not positive.
+    """
+    model.check_gripper_frame(goal.frame)
+    x, y, z = goal.T_base_tool.p.tolist()
+    if not isfinite(x + y + z):
+        raise ConfigError("T_base_tool", (x, y, z), "the position must be three finite numbers [m]")
+    _check_rotation(goal.T_base_tool.R.tolist())
+    for key in ("position_tolerance", "approach_tolerance"):
+        value = getattr(goal, key)
+        if not 0.0 < value < float("inf"):
+            raise ConfigError(key, value, "must be positive and finite")
+    metric = goal.metric if goal.cloud is None else GoalMetric.FULL_POSE
+    R_base_tool = goal.T_base_tool.R
+    if goal.frame != "tool" and metric is not GoalMetric.POSITION_ONLY:
+        R_base_tool = R_base_tool @ model.rotation_to_tool(goal.frame)
+    return Task(
+        metric=metric,
+        frame=goal.frame,
+        point=(x, y, z),
+        R_base_tool=R_base_tool,
+        position_tolerance=goal.position_tolerance,
+        angle_tolerance=goal.approach_tolerance,
+    )
+
+
+def _check_rotation(rows: list[list[float]]) -> None:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    off = max(
+        abs(a * a + b * b + c * c - 1.0),
+        abs(d * d + e * e + f * f - 1.0),
+        abs(g * g + h * h + i * i - 1.0),
+        abs(a * d + b * e + c * f),
+        abs(a * g + b * h + c * i),
+        abs(d * g + e * h + f * i),
+    )
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    # max() may pass over what is not a number; the determinant never does.
+    if not (off < _ROTATION_SLACK and determinant > 0.0):
+        raise ConfigError(
+            "T_base_tool", rows, "the rotation must be a right-handed orthonormal matrix (3, 3)"
+        )
+
+
+def check_seed(q_seed: ArrayLike) -> Joints:
+    """The seed as plain numbers [rad]. It may be outside the limits: arms rest there.
+
+    Raises:
+        ConfigError: It is not five finite numbers.
+    """
+    q = np.asarray(q_seed, dtype=np.float64)
+    joints = q.ravel().tolist()
+    if q.shape != (5,) or not isfinite(sum(joints)):
+        raise ConfigError("q_seed", q_seed, "must be five finite joint angles [rad]")
+    return to_joints(q)
+
+
+def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolution:
+    """Pull joint angles into the limits, if they are outside at all, and ask the model."""
+    inside, limit = [], None
+    for i, angle in enumerate(joints):
+        lower, upper = model.limits[i]
+        if angle - lower < AT_LIMIT:
+            angle, limit = max(angle, lower), limit or limit_name(i, -1.0)
+        elif upper - angle < AT_LIMIT:
+            angle, limit = min(angle, upper), limit or limit_name(i, 1.0)
+        inside.append(angle)
+    q = np.array(inside)
+    q.setflags(write=False)
+    x, y, z = model.rotation_and_position(q, task.frame)[1].tolist()
+    goal_x, goal_y, goal_z = task.point
+    return IkSolution(
+        q=q,
+        error_position=hypot(x - goal_x, y - goal_y, z - goal_z),
+        error_angle=orientation_error(model, task, q),
+        branch=branch,
+        limit=limit,
+    )
+
+
+def orientation_error(model: RobotModel, task: Task, q: Array) -> float:
+    """What is left of the goal's orientation at given joint angles [rad]."""
+    if task.metric is GoalMetric.POSITION_ONLY:
+        return 0.0
+    R = model.rotation_and_position(q, "tool")[0]
+    if task.metric is GoalMetric.FULL_POSE:
+        return rotation_angle(R.T @ task.R_base_tool)
+    return angle_between(R[:, 2].tolist(), task.R_base_tool[:, 2].tolist())
+
+
+def angle_between(a: list[float], b: list[float]) -> float:
+    """The angle between two unit vectors, 0 to pi [rad]; accurate near both ends."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return atan2(sqrt(x * x + y * y + z * z), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def limit_name(i: int, direction: float) -> str:
+    """What joint ``i``'s limit in a direction is called."""
+    return f"{ARM_JOINTS[i]} at its {'lower' if direction < 0.0 else 'upper'} limit"
+
+
+def binding_limit(model: RobotModel, task: Task, q: Array) -> str | None:
+    """What keeps the arm from the task's point, by name; None if the arm is there.
+
+    At the nearest point every joint that could bring it nearer rests at a limit. The limits are
+    named, the one that holds back most first. If there are none the arm is stretched out, or the
+    point is closer to the pan axis than a frame that passes beside it can come.
+    """
+    error = task.p_base - model.rotation_and_position(q, task.frame)[1]
+    if error @ error <= task.position_tolerance**2:
+        return None
+    pull = model.frame_jacobian(q, task.frame)[:3].T @ error
+    held = [
+        (abs(pull[i]), limit_name(i, pull[i]))
+        for i in range(5)
+        if (pull[i] > 0.0 and model.upper[i] - q[i] < AT_LIMIT)
+        or (pull[i] < 0.0 and q[i] - model.lower[i] < AT_LIMIT)
+    ]
+    strongest = max((force for force, _ in held), default=0.0)
+    names = [name for force, name in sorted(held, reverse=True) if force > _BINDING * strongest]
+    if strongest > _FLAT:
+        return " and ".join(names)
+    outwards = model.frame(q, task.frame).p - model.frame(q, "upper_arm_link").p
+    along = error @ outwards / (np.linalg.norm(error) * np.linalg.norm(outwards))
+    return "full stretch" if along > _ALONG else "the pan axis"

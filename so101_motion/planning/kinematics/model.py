@@ -1,0 +1,278 @@
+"""The arm's kinematics: where its parts are for given joint angles, and how they move.
+
+One of the two doors of Pinocchio (``collision.py`` is the other). Everything that leaves it is an
+array or an :class:`~so101_motion.common.geometry.SE3` of our own.
+
+Two Pinocchio models live inside. ``pin_model`` has all six joints, in the order of ``ARM_JOINTS``
+and then the jaw; pictures and collision checks need the jaw. For kinematics the jaw is locked out,
+so that a configuration is what it is everywhere else in the package: five numbers.
+
+Pinocchio writes its results into a ``Data`` object, so a model belongs to one thread; load another
+for another thread (it takes milliseconds). Its ``lowerVelocityLimit`` is positive for a URDF
+(observed in pin 4.1.0); nothing here hands it on.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import so101_description
+from numpy.typing import ArrayLike
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError, OutsideLimits
+from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_deg
+
+LINKS = tuple(so101_description.PARTS)
+"""The seven links by their names in the URDF, from the base outwards."""
+
+JAW_LINK = LINKS[-1]
+"""It hangs on the jaw's joint, so five angles do not say where it is."""
+
+GRIPPER_LINK = "gripper_link"
+"""The last link of the arm; the tool, the jaw tip and whatever is held are fixed to it."""
+
+_OUR_FRAMES = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
+
+
+class RobotModel:
+    """The SO-101's kinematics, read from a URDF. Belongs to one thread.
+
+    Attributes:
+        pin_model: The Pinocchio model with all six joints, for ``collision.py``.
+        lower: Smallest joint angles, shape (5,), [rad].
+        upper: Largest joint angles, shape (5,), [rad].
+        limits: The same as five pairs of plain numbers, lower and upper, for inner loops.
+        gripper_frames: Names of the frames fixed to the gripper; goals may name one of these.
+    """
+
+    def __init__(
+        self,
+        pin_model: Any,
+        frames: dict[str, tuple[str, SE3]] | None = None,
+        *,
+        bounds: str = "limits",
+    ) -> None:
+        self.pin_model = pin_model
+        self._bounds = bounds  # what messages call the joint limits
+        self._extra = dict(frames or {})
+        self._full_data = pin_model.createData()
+        jaw = [pin_model.getJointId(GRIPPER_JOINT)]
+        self._arm = pin.buildReducedModel(pin_model, jaw, np.zeros(pin_model.nq))
+        for name, (parent, T_parent_frame) in self._extra.items():
+            _add_frame(self._arm, name, parent, T_parent_frame)
+        self._data = self._arm.createData()
+        self.lower = frozen_array(self._arm.lowerPositionLimit, (5,))
+        self.upper = frozen_array(self._arm.upperPositionLimit, (5,))
+        self.limits = tuple(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
+        self._ids = {
+            frame.name: i
+            for i, frame in enumerate(self._arm.frames)
+            if frame.type in _OUR_FRAMES and frame.name not in ("universe", JAW_LINK)
+        }
+        # References into Data: forward kinematics refreshes them in place, and looking one up
+        # by index costs as much as the kinematics of the whole arm.
+        self._placements = {name: self._data.oMf[i] for name, i in self._ids.items()}
+        self._link_placements = {
+            name: self._full_data.oMf[pin_model.getFrameId(name)] for name in LINKS
+        }
+        gripper = self._arm.frames[self._ids[GRIPPER_LINK]].parentJoint
+        self.gripper_frames = tuple(
+            name for name, i in self._ids.items() if self._arm.frames[i].parentJoint == gripper
+        )
+        T_gripper_tool = self._arm.frames[self._ids["tool"]].placement
+        self._rotations_to_tool: dict[str, Array] = {
+            name: self._arm.frames[self._ids[name]].placement.actInv(T_gripper_tool).rotation
+            for name in self.gripper_frames
+        }
+
+    @classmethod
+    def load(cls, urdf: Path = so101_description.URDF_PATH) -> RobotModel:
+        """Read the arm from a URDF with the joints and frames of ours.
+
+        Args:
+            urdf: The file; the package's own if not given.
+
+        Raises:
+            ConfigError: The file is no URDF, or lacks one of our joints or frames.
+        """
+        try:
+            model = pin.buildModelFromUrdf(str(urdf))
+        except (ValueError, RuntimeError) as error:
+            raise ConfigError("urdf", str(urdf), f"cannot be read: {error}") from error
+        joints = tuple(model.names)[1:]
+        if joints != (*ARM_JOINTS, GRIPPER_JOINT):
+            wanted = ", ".join((*ARM_JOINTS, GRIPPER_JOINT))
+            raise ConfigError("urdf", str(urdf), f"must have exactly the joints {wanted}")
+        for name in (*LINKS, "tool"):
+            if not model.existFrame(name):
+                raise ConfigError("urdf", str(urdf), f'has no link "{name}"')
+        return cls(model)
+
+    def with_frame(self, name: str, T_tool_frame: SE3) -> RobotModel:
+        """This model with one more frame fixed to the gripper: a held object, a pen, a camera.
+
+        Args:
+            name: What the frame is called from now on, in goals too.
+            T_tool_frame: Where it is in the tool frame.
+
+        Raises:
+            ConfigError: There is a frame of that name already.
+        """
+        if name in self._ids:
+            raise ConfigError("frame", name, "is the name of another frame; choose a new one")
+        frames = {**self._extra, name: ("tool", T_tool_frame)}
+        return RobotModel(self.pin_model, frames, bounds=self._bounds)
+
+    def with_payload(self, mass: float, p_tool: ArrayLike) -> RobotModel:
+        """This model with a mass [kg] fixed to the gripper at ``p_tool`` [m]; for torques."""
+        loaded = pin.Model(self.pin_model)
+        tool = loaded.frames[loaded.getFrameId("tool")]
+        p_joint = tool.placement.act(np.asarray(p_tool, dtype=np.float64))
+        point = pin.Inertia(mass, p_joint, np.zeros((3, 3)))
+        loaded.appendBodyToJoint(tool.parentJoint, point, pin.SE3.Identity())
+        return RobotModel(loaded, self._extra, bounds=self._bounds)
+
+    def narrowed(self, lower: ArrayLike, upper: ArrayLike) -> RobotModel:
+        """This model with joint limits of one arm's own, where they are the narrower ones.
+
+        Raises:
+            ConfigError: A joint is left without any angle; says which.
+        """
+        narrow = self.pin_model.copy()
+        lower, upper = np.maximum(self.lower, lower), np.minimum(self.upper, upper)
+        for i in range(5):
+            if not lower[i] < upper[i]:
+                raise ConfigError(
+                    ARM_JOINTS[i], [to_deg(float(lower[i])), to_deg(float(upper[i]))],
+                    "are limits [deg] that leave the joint no angle; calibrate the arm again"
+                )  # fmt: skip
+        narrow.lowerPositionLimit[:5], narrow.upperPositionLimit[:5] = lower, upper
+        return RobotModel(narrow, self._extra, bounds="calibrated range")
+
+    def frame(self, q: ArrayLike, name: str = "tool") -> SE3:
+        """Where a frame is: ``T_base_<name>``.
+
+        Args:
+            name: ``"tool"``, ``"jaw_tip"``, a link such as ``"wrist_link"``, or a frame added by
+                :meth:`with_frame`.
+
+        Raises:
+            ConfigError: There is no such frame.
+            ValueError: ``q`` has another shape.
+        """
+        R, p = self.rotation_and_position(np.asarray(q, dtype=np.float64), name)
+        return SE3(R, p)
+
+    def rotation_and_position(self, q: Array, name: str = "tool") -> tuple[Array, Array]:
+        """As :meth:`frame`, but views that the next call overwrites; for inner loops."""
+        placement = self._placements.get(name)
+        if placement is None:
+            raise self._no_such(name)
+        pin.framesForwardKinematics(self._arm, self._data, q)
+        return placement.rotation, placement.translation
+
+    def rotation_to_tool(self, frame: str) -> Array:
+        """``R_<frame>_tool`` for a frame fixed to the gripper, shape (3, 3)."""
+        return self._rotations_to_tool[frame]
+
+    def frame_jacobian(self, q: ArrayLike, name: str = "tool") -> Array:
+        """How a frame moves with the joints, shape (6, 5), in the axes of the base.
+
+        Three rows of linear velocity of the frame's origin [m/rad], three of angular velocity.
+
+        Raises:
+            ConfigError: There is no such frame.
+        """
+        index = self._ids.get(name)
+        if index is None:
+            raise self._no_such(name)
+        q = np.asarray(q, dtype=np.float64)
+        J = pin.computeFrameJacobian(
+            self._arm, self._data, q, index, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        return np.asarray(J)
+
+    def link_placements(self, q: ArrayLike, q_jaw: float) -> dict[str, SE3]:
+        """``T_base_<link>`` of all seven links by name, from the base outwards; for pictures."""
+        q_full = np.append(np.asarray(q, dtype=np.float64), q_jaw)
+        pin.framesForwardKinematics(self.pin_model, self._full_data, q_full)
+        return {name: SE3(T.rotation, T.translation) for name, T in self._link_placements.items()}
+
+    def gravity_torque(self, q_full: ArrayLike) -> Array:
+        """What all six joints must exert to hold still at ``q_full`` (6,), shape (6,), [N m]."""
+        q_full = np.asarray(q_full, dtype=np.float64)
+        return np.array(pin.computeGeneralizedGravity(self.pin_model, self._full_data, q_full))
+
+    def torques(self, q: Array, qd: Array, qdd: Array) -> Array:
+        """What the joints must exert to move like this, friction left out; (m, 5), [N m]."""
+        found = np.empty_like(q)
+        rnea, model, data = pin.rnea, self._arm, self._data
+        for k in range(len(q)):
+            found[k] = rnea(model, data, q[k], qd[k], qdd[k])
+        return found
+
+    def holding_torques(self, q: Array) -> Array:
+        """What the arm joints must exert to stand still at ``q`` (m, 5); shape (m, 5), [N m]."""
+        found = np.empty_like(q)
+        for k, configuration in enumerate(q):
+            found[k] = pin.computeGeneralizedGravity(self._arm, self._data, configuration)
+        return found
+
+    def check_gripper_frame(self, name: str) -> None:
+        """Refuse a frame that is not fixed to the gripper.
+
+        Raises:
+            ConfigError: Says which ones are.
+        """
+        if name not in self.gripper_frames:
+            raise ConfigError(
+                "frame", name, f"is not fixed to the gripper; {suggest(name, self.gripper_frames)}"
+            )
+
+    def outside(self, q: ArrayLike, tolerance: float = 1e-9) -> int | None:
+        """Which joint is furthest outside its limits, as an index into ``q``, or None.
+
+        Args:
+            q: Joint angles, shape (5,), [rad]. A value that is not a number is outside.
+            tolerance: How far beyond a limit still counts as inside [rad].
+        """
+        q = np.asarray(q, dtype=np.float64)
+        excess = np.maximum(self.lower - q, q - self.upper)
+        excess = np.where(np.isnan(excess), np.inf, excess)
+        worst = int(np.argmax(excess))
+        return worst if excess[worst] > tolerance else None
+
+    def check_limits(self, q: ArrayLike) -> None:
+        """Refuse joint angles outside the limits.
+
+        Raises:
+            OutsideLimits: Names the joint that is furthest outside, its value and its limits.
+        """
+        i = self.outside(q)
+        if i is None:
+            return
+        value = float(np.asarray(q, dtype=np.float64)[i])
+        lower, upper = float(self.lower[i]), float(self.upper[i])
+        raise OutsideLimits(
+            f"{ARM_JOINTS[i]} = {to_deg(value):.2f} deg is outside its {self._bounds} "
+            f"{to_deg(lower):.2f} to {to_deg(upper):.2f} deg; choose a value between them",
+            joint=ARM_JOINTS[i],
+            value=value,
+            lower=lower,
+            upper=upper,
+        )
+
+    def _no_such(self, name: str) -> ConfigError:
+        return ConfigError("frame", name, f"is no frame of this arm; known: {', '.join(self._ids)}")
+
+
+def _add_frame(model: Any, name: str, parent: str, T_parent_frame: SE3) -> None:
+    base = model.frames[model.getFrameId(parent)]
+    offset = pin.SE3(np.array(T_parent_frame.R), np.array(T_parent_frame.p))
+    model.addFrame(pin.Frame(name, base.parentJoint, base.placement * offset, pin.OP_FRAME))

@@ -1,0 +1,196 @@
+"""Find the reachable point nearest to one that is out of reach, on the workspace's edge.
+
+In the arm's plane the reachable points fill a region. On its boundary the arm has run out of paths
+to move further: each of the three joints is at a limit, or moves the hand only along the boundary.
+Going through the combinations (two joints at limits and one free; one at a limit and the other two
+links in line; all three links in line) shows that the boundary consists of circular arcs: one joint
+turns, the other two stay at angles that are known beforehand. There are fewer than thirty.
+
+So the nearest point of the region is the nearest point of these arcs, which is elementary, and it
+is truly the nearest, not the end of some descent. The pan adds four cases: the plane turned to the
+target, away from it, or standing at one of the pan's limits. A frame beside the roll axis has such
+arcs for every roll; they are laid out for a set of rolls, and the model settles the rest
+(``ik_numeric.minimise``).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from math import atan2, cos, hypot, inf, pi, remainder, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.arm_geometry import ArmStructure, Joints, Point
+from so101_motion.planning.kinematics.batch_ik import wrap
+from so101_motion.planning.kinematics.planar_3r import TAU, Angles, Hand, Target, ThreeBars
+
+_ROLLS = 16
+"""How many rolls to lay out arcs for. Chosen: 21 degrees apart. For the jaw tip the same point of
+the edge is often almost as near with another roll; with 8, one in two ended up to 35 um too far."""
+
+
+class BoundaryArc(NamedTuple):
+    """Where the hand's end goes while one joint turns: a circle, angle minus joint angle.
+
+    Attributes:
+        joint: Which of lift, elbow and wrist turns, 0 to 2.
+        angles: Lift, elbow and wrist [rad]; that of the turning joint is zero.
+        x: Centre, forward of the shoulder [m].
+        z: Centre, up from the shoulder [m].
+        radius: Radius [m].
+        elevation: Elevation of the hand's end from the centre when the turning joint is at zero
+            [rad].
+    """
+
+    joint: int
+    angles: Angles
+    x: float
+    z: float
+    radius: float
+    elevation: float
+
+
+class Workspace:
+    """The edge of what one frame of the gripper can reach."""
+
+    def __init__(self, structure: ArmStructure, frame: str) -> None:
+        self._structure, self._frame = structure, frame
+        m = structure.measures
+        lower, upper = m.lower, m.upper
+        self._on_axis = structure.on_axis(frame)
+        count = 1 if self._on_axis else _ROLLS
+        rolled = [structure.rolled(frame, r) for r in np.linspace(lower[4], upper[4], count)]
+        rows = [(each, arc) for each in rolled for arc in _arcs(structure, each.hand)]
+        self._joint = np.array([arc.joint for _, arc in rows])
+        self._angles = np.array([arc.angles for _, arc in rows])
+        self._circle = np.array([(arc.x, arc.z, arc.radius, arc.elevation) for _, arc in rows]).T
+        self._lateral = np.array([each.lateral for each, _ in rows])
+        # With the roll half a step off, a frame is farther by its eccentricity times this; the
+        # factor of four is for what the pan makes of it.
+        open_angle = 0.5 * (upper[4] - lower[4]) / (_ROLLS - 1)
+        eccentricity = max(hypot(*row[1:]) for row in m.offsets[frame])
+        self._open = 4.0 * eccentricity * (1.0 - cos(open_angle))
+        self._widest = float(np.abs(self._lateral).max())
+        self._roll = np.array([each.roll for each, _ in rows])
+        low, high = np.array(lower[1:4])[self._joint], np.array(upper[1:4])[self._joint]
+        self._middle, self._half = 0.5 * (low + high), 0.5 * (high - low)
+
+    def nearest(self, p_base: Point, seed: Joints) -> list[Joints]:
+        """Joint angles at the edge of the workspace near a point [m] that is out of reach.
+
+        Returns:
+            For a frame on the roll axis those of the nearest reachable point. Otherwise where to
+            go downhill from: all that may lead to it, the most promising first.
+        """
+        m = self._structure.measures
+        x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
+        heading = atan2(y, x) - m.azimuth
+        found: list[tuple[float, Joints]] = []
+        ahead = np.sqrt(np.maximum(x * x + y * y - self._lateral**2, 0.0))
+        for along in (ahead, -ahead):
+            pan = m.pan_sign * wrap(heading - np.arctan2(self._lateral, along))
+            if np.any((pan >= m.lower[0]) & (pan <= m.upper[0])):
+                found += self._best(along - m.shoulder[0], z, 0.0 * along, pan)
+        for limit in (m.lower[0], m.upper[0]):
+            azimuth = self._structure.azimuth(limit)
+            beside = self._structure.lateral_for(p_base, azimuth) - self._lateral
+            closest = min(found)[0] + self._open if found else inf
+            if np.abs(beside).min() <= closest:
+                along = x * cos(azimuth) + y * sin(azimuth) + 0.0 * ahead
+                found += self._best(along - m.shoulder[0], z, beside, limit + 0.0 * ahead)
+        found += self._beside(p_base, seed, min(found)[0] + self._open if found else inf)
+        found.sort()
+        closest = found[0][0] + self._open
+        starts = [q for away, q in found if away <= closest]
+        if self._on_axis:
+            return [(*starts[0][:4], self._structure.clip_roll(seed[4]))]
+        return starts
+
+    def _beside(self, p_base: Point, seed: Joints, closest: float) -> list[tuple[float, Joints]]:
+        """Configurations that miss a point only sideways, by no more than ``closest`` [m].
+
+        The plane cannot be turned to the point, because of the pan's limits or because the frame
+        passes beside the pan axis.
+        """
+        structure, m = self._structure, self._structure.measures
+        x, y, z = p_base[0] - m.pan[0], p_base[1] - m.pan[1], p_base[2] - m.shoulder[1]
+        pans = [m.lower[0], m.upper[0]]
+        if hypot(x, y) < self._widest:
+            ahead = m.pan_sign * (atan2(y, x) - m.azimuth)
+            quarters = [remainder(ahead + quarter, TAU) for quarter in (0.5 * pi, -0.5 * pi)]
+            pans += [pan for pan in quarters if m.lower[0] <= pan <= m.upper[0]]
+        found = []
+        for pan in pans:
+            azimuth = structure.azimuth(pan)
+            lateral = structure.lateral_for(p_base, azimuth)
+            along = x * cos(azimuth) + y * sin(azimuth) - m.shoulder[0]
+            for roll in (seed[4], *m.offsets[self._frame].rolls_with_lateral(lateral)):
+                rolled = structure.rolled(self._frame, structure.clip_roll(roll))
+                away = abs(lateral - rolled.lateral)
+                if away <= closest:
+                    target = Target(along, z, rolled.hand)
+                    bends = structure.bars.nearest_pitch(target, sum(seed[1:4]))
+                    found += [(away, (pan, *bend.angles, rolled.roll)) for bend in bends[:1]]
+        return found
+
+    def _best(self, x: Array, z: float, beside: Array, pan: Array) -> list[tuple[float, Joints]]:
+        """The nearest arc, if the pan can stand there: distance [m] and joints."""
+        m = self._structure.measures
+        centre_x, centre_z, radius, elevation = self._circle
+        bearing = np.arctan2(z - centre_z, x - centre_x)
+        turn = wrap(elevation - bearing - self._middle)
+        angle = self._middle + np.clip(turn, -self._half, self._half)
+        off_x = centre_x + radius * np.cos(elevation - angle) - x
+        off_z = centre_z + radius * np.sin(elevation - angle) - z
+        square = off_x**2 + off_z**2 + beside**2
+        square[(pan < m.lower[0]) | (pan > m.upper[0])] = np.inf
+        i = int(np.argmin(square))
+        if not np.isfinite(square[i]):
+            return []
+        angles = self._angles[i].tolist()
+        angles[self._joint[i]] = float(angle[i])
+        return [(sqrt(square[i]), (float(pan[i]), *angles, float(self._roll[i])))]
+
+
+def _arcs(structure: ArmStructure, hand: Hand) -> list[BoundaryArc]:
+    """All arcs that can bound the plane region that a hand can reach."""
+    bars, measures = structure.bars, structure.bars.bars
+    lifts, elbows, wrists = zip(measures.lower, measures.upper, strict=True)
+    choices: list[tuple[int, Angles]] = []
+    for elbow in (*elbows, bars.straight):
+        # The hand in line with shoulder and wrist, outwards or inwards.
+        outwards = hand.elevation - elbow - _elevation(bars, (0.0, elbow, 0.0), hand, 0, 2)
+        choices += [(0, (0.0, elbow, w)) for w in (*wrists, outwards, outwards - pi)]
+    for wrist in wrists:
+        # The line from elbow to the hand's end in line with the upper arm.
+        outwards = _elevation(bars, (0.0, 0.0, wrist), hand, 1, 3) - measures.upper_arm_elevation
+        choices += [(0, (0.0, elbow, wrist)) for elbow in (outwards, outwards - pi)]
+    outwards = hand.elevation - measures.forearm_elevation
+    choices += [
+        (1, (lift, 0.0, wrist))
+        for lift, wrist in product(lifts, (*wrists, outwards, outwards - pi))
+    ]
+    choices += [(2, (lift, elbow, 0.0)) for lift, elbow in product(lifts, elbows)]
+    arcs = []
+    for joint, (lift, elbow, wrist) in choices:
+        angles = remainder(lift, TAU), remainder(elbow, TAU), remainder(wrist, TAU)
+        fixed = [i for i in range(3) if i != joint]
+        if all(measures.lower[i] <= angles[i] <= measures.upper[i] for i in fixed):
+            arcs.append(_arc(bars, joint, angles, hand))
+    return arcs
+
+
+def _arc(bars: ThreeBars, joint: int, angles: Angles, hand: Hand) -> BoundaryArc:
+    points = bars.points(angles, hand)
+    (x, z), (tip_x, tip_z) = points[joint], points[3]
+    radius, elevation = hypot(tip_x - x, tip_z - z), atan2(tip_z - z, tip_x - x)
+    return BoundaryArc(joint, angles, x, z, radius, elevation)
+
+
+def _elevation(bars: ThreeBars, angles: Angles, hand: Hand, start: int, end: int) -> float:
+    """Elevation of the line between two of shoulder, elbow, wrist, hand's end [rad]."""
+    points = bars.points(angles, hand)
+    (x, z), (end_x, end_z) = points[start], points[end]
+    return atan2(end_z - z, end_x - x)

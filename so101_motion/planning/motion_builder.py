@@ -1,0 +1,301 @@
+"""Time a proven path and prove the motion that comes of it.
+
+A path says where, a motion also when; the two differ where corners are rounded and acceleration is
+smoothed. So nothing is inherited: every motion made here is measured again, sample by sample as it
+will be sent, against position, velocity, acceleration and jerk limits, the cap on the tool's speed,
+and contact. Where a rounded motion does not pass, the corners are rounded less; at last the arm
+stops at each corner, which keeps it exactly on the lines that were proven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from so101_motion.common.errors import InCollision, OutsideLimits, PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.paths.start_recovery import is_harmless
+from so101_motion.planning.timing import verify
+from so101_motion.planning.timing.corner_blends import between_stops, roomy_corners
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import point_to_point
+from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.timing.retime import retime
+from so101_motion.planning.timing.torque import Load, slowed
+from so101_motion.planning.timing.trajectory import Trajectory
+
+_WHEN = {"start": "leaving the start", "goal": "at the goal", "path": "on the way"}
+_ADVICE = {
+    "start": "move the arm by hand (manual mode) and try again",
+    "goal": "choose another goal, or correct the scene if that is not there",
+    "path": "choose waypoints further away from it",
+}
+
+Pieces = list[Trajectory]
+"""A motion in parts, with the arm at rest between them."""
+
+DEPARTURE_SPEED = 0.25
+"""Fastest joint on the way out of a start in contact or beyond a limit [rad/s]. Chosen: slow enough
+to be watched; the path is seldom longer than 0.3 rad."""
+
+SMOOTHING_SHARE = 0.25
+"""Share of a corner tolerance left to the smoothing of acceleration. Chosen."""
+
+SMOOTHING_MOST = 0.02
+"""Most that smoothing may leave the path [rad], which is what ``retime`` takes by default."""
+
+NARROWEST, WIDEST = 0.002, 0.5
+"""Corner tolerances below the first are kept by stopping, which is then faster than rounding
+(seen: at 0.001 rad by a tenth); above the second no corner gets any rounder [rad]. Chosen."""
+
+_ROUNDER = 0.25
+"""By how much smaller the second attempt to round corners is."""
+
+MARGIN_TOLERANCE = 0.2
+"""Share of its margin that a pair may lack on the way. A path is proven at other configurations
+than its motion is; between them it may come a little nearer. Chosen."""
+
+LOOK = 0.02
+"""Travel between the configurations that are looked at before time is spent on a motion [m]."""
+
+_PER_PIECE = 16
+"""Points of each piece of a rounded path that are looked at before time is spent on it."""
+
+SAME = 1e-6
+"""Configurations whose joints all agree this well are the same [rad]. Chosen: a servo tick is
+1.5e-3."""
+
+_TOOL_POINTS = 65
+_TOOL_SLACK = 1e-3
+"""Relative excess of tool speed that a motion may show between the points looked at."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionBuilder:
+    """Makes motions for one request.
+
+    Attributes:
+        model: The arm.
+        collision: What is in the way.
+        q_jaw: Jaw angle during the motion [rad].
+        limits: Caps the motion keeps.
+        dt: Time between samples [s].
+        tool: Kinematics of the tool point, whose speed has a cap.
+        load: What the servos have to bear; None not to look at it.
+    """
+
+    model: RobotModel
+    collision: CollisionModel
+    q_jaw: float
+    limits: MotionLimits
+    dt: float
+    tool: ArmChain
+    load: Load | None = None
+
+    def straight(self, q_from: Array, q_to: Array) -> Trajectory:
+        """Along the straight joint line, from rest to rest; none if the two are the same."""
+        if np.abs(q_to - q_from).max() <= SAME:
+            q_to = q_from
+        limits = self.limits
+        if limits.tool_speed is not None:
+            limits = self._within_tool_speed(q_from, q_to, limits, limits.tool_speed)
+        trajectory = point_to_point(q_from, q_to, limits, self.dt)
+        if self.load is None or self.load.stretch(trajectory) == 1.0:
+            return trajectory
+        line = np.array([q_from, q_to])
+        return self._retimed(blended_path(line, WIDEST), line, SMOOTHING_MOST)
+
+    def departing(self, q_from: Array, q_to: Array) -> Trajectory:
+        """Along a way out of a bad start, slowly.
+
+        Raises:
+            InCollision: The motion is not as harmless as the path was.
+        """
+        slow = self.limits.scaled_to(np.full(5, DEPARTURE_SPEED), np.inf)
+        trajectory = replace(self, limits=slow).straight(q_from, q_to)
+        if not is_harmless(self.collision, trajectory.q, self.q_jaw):
+            raise self.in_collision(q_from, "start")
+        return trajectory
+
+    def motions(self, waypoints: Array, tolerance: float, *, spline: bool) -> Iterator[Pieces]:
+        """Motions along a free polyline (m, 5), the swiftest first; none has been checked.
+
+        The last ones stop at every corner and stay on the polyline. A motion of several pieces
+        rests between them. Each joint may leave the polyline by ``tolerance`` [rad]; ``spline``
+        tries the curve through all waypoints first.
+        """
+        if self.load is not None:
+            self.load.check_holding(_between(waypoints), "on the way")
+        tolerance = min(tolerance, WIDEST)
+        if len(waypoints) > 2 and tolerance >= NARROWEST:
+            smoothing = min(SMOOTHING_SHARE * tolerance, SMOOTHING_MOST)
+            if spline:
+                yield from self._splined(waypoints, tolerance, smoothing)
+            look = self.collision.sampled_check(self.q_jaw, spacing=LOOK)
+            corners = roomy_corners(waypoints, tolerance - smoothing, NARROWEST, look.is_free)
+            yield from self._rounded(waypoints, corners, smoothing)
+            tighter = np.where(_ROUNDER * corners < NARROWEST, 0.0, _ROUNDER * corners)
+            if np.any(tighter > 0.0):
+                yield from self._rounded(waypoints, tighter, _ROUNDER * smoothing)
+        yield [self.straight(a, b) for a, b in pairwise(waypoints)]
+
+    def _retimed(self, path: JointPath, waypoints: Array, smoothing: float) -> Trajectory:
+        tool_speed = self.tool.speeds if self.limits.tool_speed else None
+        make = partial(
+            retime,
+            path,
+            self.limits,
+            self.dt,
+            tool_speed_fn=tool_speed,
+            deviation=smoothing,
+            checkpoint=self.collision.checkpoint,
+        )
+        trajectory = _between_ends(make(), waypoints)
+        if self.load is not None and self.load.stretch(trajectory) > 1.0:
+            slower = _between_ends(make(further=self.load.rows), waypoints)
+            trajectory = self.bearable(slower)
+        return trajectory
+
+    def bearable(self, trajectory: Trajectory) -> Trajectory:
+        """The same motion, as slow as it must be for the servos to bear it.
+
+        Raises:
+            Overloaded: They cannot, however slow it is.
+        """
+        if self.load is None:
+            return trajectory
+        self.load.check_holding(trajectory.q, "on the way")
+        longer = self.load.stretch(trajectory)
+        return slowed(trajectory, longer) if longer > 1.0 else trajectory
+
+    def check(self, trajectory: Trajectory) -> verify.LimitReport:
+        """Refuse a motion that breaks a limit, touches something or is too heavy."""
+        report = self.check_limits(trajectory)
+        if self.load is not None:
+            report = replace(report, effort=self.load.check(trajectory))
+        blocked = self.collision.first_blocked(trajectory.q, self.q_jaw, tolerance=MARGIN_TOLERANCE)
+        if blocked is not None:
+            raise self.in_collision(blocked, "path")
+        return report
+
+    def check_limits(self, trajectory: Trajectory) -> verify.LimitReport:
+        """Refuse a motion that breaks a limit; one that starts outside may come in from there."""
+        lower = np.minimum(self.model.lower, trajectory.q[0])
+        upper = np.maximum(self.model.upper, trajectory.q[0])
+        report = verify.check(trajectory, self.limits, lower, upper)
+        cap = self.limits.tool_speed
+        if cap is not None:
+            fastest = float(self.tool.speeds(trajectory.q, trajectory.qd).max())
+            if fastest > cap * (1.0 + _TOOL_SLACK):
+                raise OutsideLimits(
+                    f"the tool would move at {fastest * 1e3:.0f} mm/s, its limit is"
+                    f" {cap * 1e3:.0f} mm/s; move more slowly",
+                    joint="tool",
+                    value=fastest,
+                    lower=0.0,
+                    upper=cap,
+                )
+        return report
+
+    def in_collision(self, q: Array, where: str, when: str | None = None) -> InCollision:
+        """The error for a configuration in contact; ``when`` begins the sentence."""
+        closest = self.collision.clearance(q, self.q_jaw)
+        return InCollision(
+            f"{when or _WHEN[where]} {closest.message()} ({closest.margin * 1e3:.0f} mm must"
+            f" stay free); {_ADVICE[where]}",
+            first=closest.first,
+            second=closest.second,
+            where=where,
+        )
+
+    def _within_tool_speed(
+        self, q_from: Array, q_to: Array, limits: MotionLimits, cap: float
+    ) -> MotionLimits:
+        """Limits under which the tool keeps its cap anywhere on a straight joint line."""
+        step = q_to - q_from
+        share = np.linspace(0.0, 1.0, _TOOL_POINTS)[:, None]
+        per_path = float(
+            self.tool.speeds(q_from + share * step, np.broadcast_to(step, (len(share), 5))).max()
+        )
+        if per_path == 0.0:
+            return limits
+        with np.errstate(divide="ignore"):
+            fastest = np.where(step == 0.0, np.inf, np.abs(step) * (cap / per_path))
+        return limits.scaled_to(fastest, np.inf)
+
+    def _splined(self, waypoints: Array, tolerance: float, smoothing: float) -> Iterator[Pieces]:
+        """The motion along the curve through all waypoints, if that stays near and is free."""
+        path = spline_path(waypoints)
+        if _deviation(path, waypoints) > tolerance - smoothing:
+            return
+        # Most of what would be refused after timing is refused here, at once.
+        look = self.collision.sampled_check(self.q_jaw, spacing=LOOK)
+        if not all(map(look.is_free, _dense(path))):
+            return
+        with suppress(PlanningError):
+            yield [self._retimed(path, waypoints, smoothing)]
+
+    def _rounded(self, waypoints: Array, corners: Array, smoothing: float) -> Iterator[Pieces]:
+        """The motion along a polyline whose corners are cut so far, with stops where they are 0."""
+        with suppress(PlanningError):
+            yield [
+                self._retimed(blended_path(part, cut), part, smoothing)
+                if len(cut)
+                else self.straight(*part)
+                for part, cut in between_stops(waypoints, corners)
+            ]
+
+
+def joined(pieces: Sequence[Trajectory]) -> Trajectory:
+    """One motion of several that each start at rest where the one before ended at rest."""
+    first, *others = pieces
+    lengths = [len(piece) - 1 for piece in pieces[:-1]]
+    q, qd, qdd = (
+        np.concatenate([getattr(first, name), *(getattr(piece, name)[1:] for piece in others)])
+        for name in ("q", "qd", "qdd")
+    )
+    duration = sum(lengths) * first.dt + pieces[-1].duration
+    return Trajectory(dt=first.dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _between_ends(trajectory: Trajectory, waypoints: Array) -> Trajectory:
+    """The same motion from the first to the last waypoint to the very bit.
+
+    The path's own ends are those of polynomials, equal to the waypoints but for the last bit.
+    """
+    q = np.array(trajectory.q)
+    q[0], q[-1] = waypoints[0], waypoints[-1]
+    return replace(trajectory, q=q)
+
+
+def _between(waypoints: Array) -> Array:
+    """Points along a polyline, its corners among them, shape (m, n)."""
+    share = np.linspace(0.0, 1.0, _PER_PIECE + 1)[:-1, None]
+    parts = [a + share * (b - a) for a, b in pairwise(waypoints)]
+    return np.concatenate([*parts, waypoints[-1:]])
+
+
+def _dense(path: JointPath) -> Array:
+    """Points on every piece of a path, ends included, shape (m, n)."""
+    pieces = np.arange(len(path.knots) - 1)
+    offsets = np.diff(path.knots)[:, None] * np.linspace(0.0, 1.0, _PER_PIECE + 1)[:-1]
+    q = path.on_pieces(pieces[:, None], offsets).q.reshape(-1, path.n)
+    return np.concatenate([q, path.evaluate([path.length]).q])
+
+
+def _deviation(path: JointPath, waypoints: Array) -> float:
+    """How far any joint of a curve through waypoints is from the line between its neighbours."""
+    pieces = np.arange(len(waypoints) - 1)
+    share = np.linspace(0.0, 1.0, _PER_PIECE + 1)[None, :, None]
+    q = path.on_pieces(pieces[:, None], np.diff(path.knots)[:, None] * share[0, :, 0]).q
+    start, step = waypoints[:-1, None], np.diff(waypoints, axis=0)[:, None]
+    along = np.clip(np.sum((q - start) * step, axis=2) / np.sum(step * step, axis=2), 0.0, 1.0)
+    return float(np.abs(q - start - along[..., None] * step).max())

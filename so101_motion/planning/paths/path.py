@@ -1,0 +1,217 @@
+"""Find a joint path from here to there that touches nothing.
+
+How it works. Most paths are straight: of random pairs of free configurations in an empty scene, one
+in two hundred is not. So the straight joint line to each goal is tried first, nearest goal first.
+Only then a path is searched (``rrt_connect.py``) and shortened (``shorten.py``). Both look at
+configurations some way apart and prove nothing, because most of what they try comes to nothing.
+What is left at the end is proven, edge by edge (``continuous_check.py``). Shortening asks for a
+little more room than the margins, or its paths would graze them everywhere and few would stand the
+proof; an edge that still does not is replaced by a search between its ends in which every edge is
+proven.
+
+The same request with the same seed gives the same path; only giving up depends on time.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from so101_motion.common.errors import NoPath
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker, Space, Tree, TreeSearch
+from so101_motion.planning.paths.shorten import shortened, skipped
+
+SPACING = 0.025
+"""Travel between the configurations that are looked at [m]. Chosen: one in ten paths around a shelf
+then needs an edge replaced, and half of it costs a tenth more time."""
+
+ROOM = 0.001
+"""What shortened paths keep beyond the margins, where they are looked at [m]. Chosen: without it
+every third path around a shelf does not stand its proof."""
+
+NEARBY, TRIES_NEARBY = 0.3, 30
+"""A path around an edge that does not stand its proof is first searched so near to it [rad], so
+many times. Chosen: it fails by tenths of a millimetre, and two or three tries do."""
+
+CONFINED = 0.25
+"""A tree that after the whole time spans less than this share of the joints' range is shut in."""
+
+PROBES, NAMED = 30, 50
+"""So many times some further tries, and so many that met something, tell afterwards what a search
+was blocked by."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FreePath:
+    """A polyline in joint space, proven free of contact.
+
+    Attributes:
+        waypoints: From start to goal, shape (m, 5), m >= 2, [rad].
+        goal: Which of the goals it leads to, as an index.
+    """
+
+    waypoints: Array
+    goal: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "waypoints", frozen_array(self.waypoints, (-1, 5)))
+
+
+class PathFinder:
+    """Finds free paths for one arm, one jaw opening and one set of surroundings.
+
+    Args:
+        model: Joint limits.
+        collision: What is in the way.
+        q_jaw: Jaw angle during the motion [rad].
+        seed: Of all random choices.
+    """
+
+    def __init__(
+        self, model: RobotModel, collision: CollisionModel, *, q_jaw: float = 0.0, seed: int = 0
+    ) -> None:
+        self._collision, self._q_jaw = collision, q_jaw
+        self._space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
+        self._seed = seed
+
+    def find(self, q_start: Array, goals: Iterable[Array], time_budget: float) -> FreePath:
+        """A free path to one of the goals, straight if there is such.
+
+        Args:
+            q_start: A free configuration inside the limits, shape (5,), [rad].
+            goals: Free configurations inside the limits, at least one, nearest first. They are
+                asked for one by one, so the later ones may be worked out only if they are needed.
+            time_budget: When to give up [s]; a path that has been found by then is not shortened
+                any further.
+
+        Raises:
+            NoPath: None was found in time; says which end is shut in, if one is, and by what.
+        """
+        blocked = []
+        for index, goal in enumerate(goals):
+            if self.is_free_line(q_start, goal):
+                return FreePath(waypoints=np.array([q_start, goal]), goal=index)
+            blocked.append(goal)
+        return self._around(q_start, blocked, Deadline(time_budget))
+
+    def is_free_line(self, q_from: Array, q_to: Array) -> bool:
+        """Whether the straight joint line between two configurations is free, ends included."""
+        return self._is_free([q_from, q_to])
+
+    def _is_free(self, points: list[Array]) -> bool:
+        return self._collision.first_blocked(np.array(points), self._q_jaw) is None
+
+    def _around(self, q_start: Array, goals: Sequence[Array], deadline: Deadline) -> FreePath:
+        """A path that is not straight."""
+        random = np.random.default_rng(self._seed)
+        look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
+        points, index = self._searched(look, q_start, goals, random, deadline)
+        wide = self._collision.sampled_check(self._q_jaw, spacing=SPACING, extra=ROOM)
+        points = shortened(points, wide, random, deadline)
+        if not self._is_free(points):
+            points = self._mended(points, random, deadline)
+        return FreePath(waypoints=np.array(points), goal=index)
+
+    def _mended(
+        self, points: list[Array], random: np.random.Generator, deadline: Deadline
+    ) -> list[Array]:
+        """The path with detours in place of the edges that do not stand their proof."""
+        proven = [points[0]]
+        for a, b in pairwise(points):
+            if self.is_free_line(a, b):
+                proven.append(b)
+            else:
+                proven += self._detour(a, b, random, deadline)[1:]
+        return proven
+
+    def _detour(
+        self, a: Array, b: Array, random: np.random.Generator, deadline: Deadline
+    ) -> list[Array]:
+        """Waypoints between two configurations near each other, every edge proven."""
+        checker = _ProvenCheck(self._collision, self._q_jaw)
+        nearby = TreeSearch(self._space.around(a, b, NEARBY), checker, a, [b], random)
+        found = nearby.run(deadline, TRIES_NEARBY) or self._searched(
+            checker, a, [b], random, deadline
+        )
+        return skipped(found[0], checker)
+
+    def _searched(
+        self,
+        checker: LineChecker,
+        q_start: Array,
+        goals: Sequence[Array],
+        random: np.random.Generator,
+        deadline: Deadline,
+    ) -> tuple[list[Array], int]:
+        search = TreeSearch(self._space, checker, q_start, goals, random)
+        found = search.run(deadline)
+        if found is None:
+            raise self._no_path(search, deadline)
+        return found
+
+    def _no_path(self, search: TreeSearch, deadline: Deadline) -> NoPath:
+        trees = search.from_start, search.from_goals
+        counts = [tree.count for tree in trees]
+        blockers = [self._blockers(tree) for tree in trees]
+        shut_in = [tree.spread() < CONFINED for tree in trees]
+        if shut_in[1] and not shut_in[0]:
+            where, by = "goal", blockers[1]
+            says = "the goal is free but shut in", ": nothing leads up to it"
+            advice = "choose another approach"
+        elif shut_in[0] and not shut_in[1]:
+            where, by = "start", blockers[0]
+            says = "the start is free but shut in", ": nothing leads away from it"
+            advice = "clear its surroundings"
+        else:
+            where, by = "path", blockers[0] + blockers[1]
+            says = "start and goal are free, the path between them is blocked", ""
+            advice = "move in smaller steps"
+        names = tuple(name for name, _ in by.most_common())
+        mostly = f", mostly by {self._collision.scene.called(names[0])}" if names else ""
+        return NoPath(
+            f"no path found in {deadline.budget:.1f} s ({counts[0]} configurations reached from the"
+            f" start, {counts[1]} from the goal): {mostly.join(says)}; {advice}, or allow more"
+            " time",
+            where=where,
+            blockers=names,
+        )
+
+    def _blockers(self, tree: Tree) -> Counter[str]:
+        """What further growth of a tree meets, and how often; the tree does grow."""
+        met: Counter[str] = Counter()
+        look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
+        for _ in range(PROBES):
+            for branch in tree.probe(look):
+                if met.total() == NAMED:
+                    break
+                blocked = self._collision.first_blocked(branch, self._q_jaw)
+                if blocked is not None:
+                    met[self._collision.clearance(blocked, self._q_jaw).second] += 1
+        return met
+
+
+class _ProvenCheck:
+    """Sees by proof."""
+
+    def __init__(self, collision: CollisionModel, q_jaw: float) -> None:
+        self._collision, self._q_jaw = collision, q_jaw
+
+    def is_free(self, q: Array) -> bool:
+        """Whether nothing is too close."""
+        return self._collision.is_free(q, self._q_jaw)
+
+    def first_free(self, configurations: Array) -> int | None:
+        """The first free one of several configurations (n, 5) [rad], None if none is."""
+        return next((k for k, q in enumerate(configurations) if self.is_free(q)), None)
+
+    def is_clear(self, q_from: Array, q_to: Array) -> bool:
+        """Whether the line between two configurations is proven free."""
+        points = np.array([q_from, q_to])
+        return self._collision.first_blocked(points, self._q_jaw) is None

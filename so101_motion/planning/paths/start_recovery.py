@@ -1,0 +1,108 @@
+"""Leave a start that is beyond a limit or in contact by a short, harmless motion.
+
+Arms rest there. A powered-off SO-101 lies folded on itself and on the table, with the lift beyond
+its limit, and the hulls that stand for its links are wider than the links. So a start is never
+refused for what it is, only if there is no harmless way out of it: a short straight joint motion
+to a free configuration inside the limits, along which no pair of bodies that is too close comes any
+closer and no other pair becomes too close. A joint outside its limits moves straight inward on it.
+
+Candidates for the way out are the nearest configuration inside the limits and from there short
+moves towards the goals, towards the zero pose (which is free on every table) and of single joints;
+of the harmless ones that with the least motion is taken. If there is none, moves of all joints in
+random proportions are tried. The planner moves along the way out slowly and plans from its end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from so101_motion.common.errors import InCollision
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
+
+OUTSIDE = 2.0 * math.pi / 4096.0
+"""A start so little outside its limits counts as inside [rad]: one tick of the servo's encoder."""
+
+FARTHEST = 0.12
+"""Longest way out, as motion of any point of the arm [m]. Chosen: a folded arm needs half of it."""
+
+CLOSER = 5e-4
+"""A pair that is too close may come so much closer than it was [m], because parts that slide
+along each other do, and the depth of an overlap is known no better. Chosen."""
+
+_RANDOM_DIRECTIONS = 60
+
+
+def needs_departure(
+    model: RobotModel, collision: CollisionModel, q_start: Array, q_jaw: float
+) -> bool:
+    """Whether a start is outside the limits or too close to something."""
+    return model.outside(q_start, OUTSIDE) is not None or not collision.is_free(q_start, q_jaw)
+
+
+def find_departure(
+    model: RobotModel,
+    collision: CollisionModel,
+    q_start: Array,
+    *,
+    q_jaw: float,
+    towards: Sequence[Array],
+    seed: int,
+) -> Array:
+    """A free configuration inside the limits that a start can be left to on a straight joint line.
+
+    Raises:
+        InCollision: There is none; names what the arm touches.
+    """
+    inside = np.clip(q_start, model.lower, model.upper)
+    random = np.random.default_rng(seed).standard_normal((_RANDOM_DIRECTIONS, 5))
+    plain = [*(q - inside for q in towards), -inside, *np.eye(5), *-np.eye(5)]
+    for directions in (plain, random):
+        exits = [
+            q
+            for direction in directions
+            if np.any(direction)
+            for q in _along(collision, model, inside, direction)
+        ]
+        free = [q for q in (inside, *exits) if collision.is_free(q, q_jaw)]
+        free.sort(key=lambda q: float(np.abs(q - q_start) @ collision.reach))
+        for q_exit in free:
+            if is_harmless(collision, np.array([q_start, q_exit]), q_jaw):
+                return q_exit
+    closest = collision.clearance(q_start, q_jaw)
+    raise InCollision(
+        f"at the start {closest.message('is')}, and no small motion frees it; move the arm by hand"
+        " (manual mode) and try again",
+        first=closest.first,
+        second=closest.second,
+        where="start",
+    )
+
+
+def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
+    """Whether pairs that are too close only part, and no other pair becomes too close."""
+    travelled = collision.travel(points)
+    steps = max(1, math.ceil(travelled[-1] / float(collision.margins.min())))
+    at = np.linspace(0.0, travelled[-1], steps + 1)
+    columns = [np.interp(at, travelled, points[:, i]) for i in range(5)]
+    # What a pair has gained it must keep, up to its margin, which is enough.
+    kept = np.full(len(collision.pairs), -math.inf)
+    for q in np.column_stack(columns):
+        distances = collision.distances(q, q_jaw)
+        if np.any(distances < kept - CLOSER):
+            return False
+        kept = np.minimum(np.maximum(kept, distances), collision.margins)
+    return True
+
+
+def _along(
+    collision: CollisionModel, model: RobotModel, inside: Array, direction: Array
+) -> list[Array]:
+    """Configurations along a path at growing distances, cut off at the limits."""
+    unit = direction / float(np.abs(direction) @ collision.reach)
+    distances = FARTHEST * np.array([0.04, 0.08, 0.16, 0.32, 0.6, 1.0])
+    return [np.clip(inside + d * unit, model.lower, model.upper) for d in distances]

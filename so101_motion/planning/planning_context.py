@@ -1,0 +1,74 @@
+"""What the planner carries along for one request: tools, timings, facts for the report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.cartesian.cartesian import CartesianPlanner
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.motion_builder import MotionBuilder, Pieces
+from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.request import PathDeviation, PlanRequest
+
+
+@dataclass(slots=True, kw_only=True)
+class Job:
+    """One request under way.
+
+    Attributes:
+        request: What is asked for.
+        model: The arm with its own joint limits and frames.
+        ik: Inverse kinematics for it.
+        lines: Straight lines and other ways of its tool.
+        moves: Makes and checks motions.
+        finder: Finds paths around things.
+        stages_ms: Wall time of each stage so far [ms].
+        branches: IK branches of the configurations for the goal that were offered.
+        branch: That of the configuration that was taken.
+        load: Largest share of a velocity, acceleration or jerk limit that is used.
+        effort: Largest share of a servo's torque that is used.
+        path_deviation: How far the tool is from a path that was prescribed, if one was.
+    """
+
+    request: PlanRequest
+    model: RobotModel
+    ik: IkSolver
+    lines: CartesianPlanner
+    moves: MotionBuilder
+    finder: PathFinder
+    stages_ms: dict[str, float] = field(default_factory=dict)
+    branches: list[str] = field(default_factory=list)
+    branch: str | None = None
+    load: float = 0.0
+    effort: float = 0.0
+    path_deviation: PathDeviation | None = None
+    _inner_ms: float = 0.0
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time spent inside, without that of stages within, under ``name``."""
+        self.moves.collision.checkpoint()
+        outer_ms, self._inner_ms = self._inner_ms, 0.0
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            spent_ms = (time.perf_counter() - begin) * 1e3
+            own_ms = spent_ms - self._inner_ms
+            self.stages_ms[name] = self.stages_ms.get(name, 0.0) + own_ms
+            self._inner_ms = outer_ms + spent_ms
+
+    def check(self, pieces: Pieces) -> None:
+        """Refuse motions that may not be sent, and note how much of the limits they use."""
+        reports = [self.moves.check(piece) for piece in pieces]
+        self.load = max(report.worst for report in reports)
+        self.effort = max(self.effort, *(report.effort for report in reports))
+
+    def is_free(self, q: Array) -> bool:
+        """Whether joint angles ``q``, shape (5,), [rad], are free of contact."""
+        return self.moves.collision.is_free(q, self.request.q_jaw)

@@ -1,0 +1,71 @@
+"""How fast the joints may go: the caps a trajectory has to keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.geometry import Array, frozen_array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotionLimits:
+    """Velocity, acceleration and jerk caps per joint, all positive and finite.
+
+    Attributes:
+        velocity: Shape (n,), [rad/s].
+        acceleration: Shape (n,), [rad/s^2].
+        jerk: Shape (n,), [rad/s^3].
+        tool_speed: Cap on the speed of the tool point [m/s], or None.
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    tool_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration", "jerk"):
+            values = frozen_array(getattr(self, name), (-1,))
+            if len(values) != len(np.asarray(self.velocity)):
+                raise ValueError(f"{name} has {len(values)} entries, velocity another number")
+            if not (np.all(np.isfinite(values)) and np.all(values > 0.0)):
+                raise ValueError(f"{name} must be positive and finite, got {values}")
+            object.__setattr__(self, name, values)
+        if self.tool_speed is not None and not 0.0 < self.tool_speed < float("inf"):
+            raise ValueError(f"tool_speed must be positive and finite, got {self.tool_speed}")
+
+    @classmethod
+    def uniform(
+        cls,
+        *,
+        velocity: float,
+        acceleration: float,
+        jerk: float,
+        n: int = 5,
+        tool_speed: float | None = None,
+    ) -> MotionLimits:
+        """The same caps for all ``n`` joints."""
+        return cls(
+            velocity=np.full(n, velocity),
+            acceleration=np.full(n, acceleration),
+            jerk=np.full(n, jerk),
+            tool_speed=tool_speed,
+        )
+
+    def eased(self, share: float) -> MotionLimits:
+        """These limits with no more than this share of velocity and acceleration, 0 to 1."""
+        if share >= 1.0:
+            return self
+        return self.scaled_to(share * self.velocity, share * self.acceleration)
+
+    def scaled_to(self, velocity: ArrayLike, acceleration: ArrayLike) -> MotionLimits:
+        """These limits with velocity and acceleration lowered to the given caps where smaller."""
+        return MotionLimits(
+            velocity=np.minimum(self.velocity, velocity),
+            acceleration=np.minimum(self.acceleration, acceleration),
+            jerk=self.jerk,
+            tool_speed=self.tool_speed,
+        )

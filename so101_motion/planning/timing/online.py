@@ -1,0 +1,305 @@
+"""Motions that are needed at once: straight to a goal, to a new goal from full speed, to a stop.
+
+Cheap enough for the control tick (tens of microseconds to a millisecond), so nothing here looks
+for collisions or position limits; that is the caller's business. Two ways to stop:
+
+- :func:`stop_on_path` keeps to a motion that has been verified already and only lets its time run
+  slower and slower until it stands. Every position it visits is one the motion would have visited,
+  so what was free of collision stays so.
+- :func:`stop` brings every joint to rest as fast as it can, each for itself. It is the shortest
+  stop, and leaves the path by as much as joints of different braking times do.
+
+ruckig (L. Berscheid and T. Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary
+Target States, 2021) is imported here and nowhere else. Its community edition ignores position
+limits, accepts lists of the wrong length without a word, and sends intermediate waypoints to a
+server: lengths are checked here, waypoints never set.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import ruckig
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import Array, is_finite
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.time_scaling import shortest_slowdown
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+SAME_POSITION = 1e-9
+"""Goals closer than this [rad] are where the joints already are. Chosen: far below a servo tick."""
+
+LESS_JERK = 1.0 - 1e-9
+"""Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
+below what can be told from the caps."""
+
+
+def point_to_point(
+    q_start: ArrayLike, q_goal: ArrayLike, limits: MotionLimits, dt: float
+) -> Trajectory:
+    """The fastest motion along the straight line in joint space, from rest to rest.
+
+    All joints keep the same proportion throughout, because one number, the path along the line, is
+    timed under the limits of whichever joint is the strictest. ``limits.tool_speed`` is not looked
+    at: a motion under that cap is timed by ``retime``.
+
+    Args:
+        q_start: Where it starts, shape (n,), [rad].
+        q_goal: Where it ends, shape (n,), [rad].
+
+    Returns:
+        The motion; a single sample if start and goal are the same.
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q_start, q_goal = _vectors(limits, dt, q_start=q_start, q_goal=q_goal)
+    path = q_goal - q_start
+    length = float(np.abs(path).max())
+    if length < SAME_POSITION:
+        rest = np.zeros((1, len(q_goal)))
+        return Trajectory(dt=dt, q=q_goal[None], qd=rest, qdd=rest, duration=0.0)
+    direction = path / length
+    caps = [
+        1.0 / float(np.max(np.abs(direction) / cap))
+        for cap in (limits.velocity, limits.acceleration, limits.jerk)
+    ]
+    request = ruckig.InputParameter(1)
+    request.target_position = [length]
+    request.max_velocity, request.max_acceleration, request.max_jerk = ([cap] for cap in caps)
+    s, s_t, s_tt, duration = _calculated(request, dt)
+    _land(s, np.array([length]))
+    q = q_start + s * direction
+    q[-1] = q_goal
+    return Trajectory(dt=dt, q=q, qd=s_t * direction, qdd=s_tt * direction, duration=duration)
+
+
+def from_state(
+    q: ArrayLike,
+    qd: ArrayLike,
+    qdd: ArrayLike,
+    q_goal: ArrayLike,
+    limits: MotionLimits,
+    dt: float,
+) -> Trajectory:
+    """The fastest motion from any state to rest at a goal; all joints arrive together.
+
+    A state beyond the limits is brought back inside them first, as fast as they allow. The motion
+    may swing past the goal or, before it turns, further along where it was going.
+
+    Args:
+        q: Position now, shape (n,), [rad].
+        qd: Velocity now, shape (n,), [rad/s].
+        qdd: Acceleration now, shape (n,), [rad/s^2].
+        q_goal: Where it shall come to rest, shape (n,), [rad].
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd, q_goal = _vectors(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
+    request = _request(q, qd, qdd, limits)
+    request.target_position = q_goal.tolist()
+    positions, velocities, accelerations, duration = _calculated(request, dt)
+    _land(positions, q_goal)
+    return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
+
+
+def towards(
+    now: Setpoint, q_target: ArrayLike, qd_target: ArrayLike, limits: MotionLimits, dt: float
+) -> Setpoint:
+    """One period of the fastest motion to a moving target; every joint for itself.
+
+    Asked again in every period, it catches up with a target that moves on steadily and stays with
+    it without lag. The motion is sought as the target sees it, who thinks he stands still. Asked
+    for a place and a velocity there instead, a joint that is a hair's breadth ahead would have to
+    turn back to get behind that place, and would do so in every period.
+
+    Args:
+        now: The present state, shapes (n,).
+        q_target: Where the target is at the end of the period, shape (n,), [rad].
+        qd_target: How fast it moves, shape (n,), slower than the velocity caps, [rad/s].
+        dt: The period [s].
+
+    Raises:
+        PlanningError: ruckig finds no motion, for example because the target is too fast.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
+    q_target, qd_target = _vectors(limits, dt, q_target=q_target, qd_target=qd_target)
+    q_before = q_target - dt * qd_target
+    request = _request(q - q_before, qd - qd_target, qdd, limits)
+    request.target_position = [0.0] * len(q)
+    request.max_velocity = (limits.velocity - qd_target).tolist()
+    request.min_velocity = (-limits.velocity - qd_target).tolist()
+    request.synchronization = ruckig.Synchronization.No
+    seen = _setpoint(_found(request), dt)
+    return Setpoint(q=q_target + seen.q, qd=qd_target + seen.qd, qdd=seen.qdd)
+
+
+def path_to_rest(
+    now: Setpoint, limits: MotionLimits, dt: float, samples: int
+) -> tuple[Setpoint, Array]:
+    """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
+
+    Args:
+        now: The present state, shapes (n,).
+        limits: Acceleration and jerk caps of the n joints.
+        dt: The period [s].
+        samples: At how many moments, evenly spread over the stop, to look.
+
+    Returns:
+        The state one period on, and the positions from now to rest, shape (samples, n), [rad].
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
+    found = _found(_stopping(q, qd, qdd, limits))
+    step = float(found.duration) / (samples - 1)
+    path = np.array([found.at_time(k * step)[0] for k in range(samples)])
+    if found.duration <= dt:
+        return Setpoint(q=path[-1], qd=np.zeros_like(q), qdd=np.zeros_like(q)), path
+    return _setpoint(found, dt), path
+
+
+def stop(
+    q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, limits: MotionLimits, dt: float
+) -> Trajectory:
+    """The shortest stop: every joint comes to rest as fast as it can, each for itself.
+
+    Args:
+        q: Position now, shape (n,), [rad].
+        qd: Velocity now, shape (n,), [rad/s].
+        qdd: Acceleration now, shape (n,), [rad/s^2].
+        limits: Acceleration and jerk caps of the n joints; no joint gets faster than it is, unless
+            it is accelerating now and jerk allows no less.
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    q, qd, qdd = _vectors(limits, dt, q=q, qd=qd, qdd=qdd)
+    request = _stopping(q, qd, qdd, limits)
+    positions, velocities, accelerations, duration = _calculated(request, dt)
+    return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
+
+
+def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: float) -> Trajectory:
+    """The shortest stop that stays on a motion that has been verified.
+
+    The motion's own time runs slower until it stands
+    (:mod:`~so101_motion.planning.timing.time_scaling`), so every position of the stop is one of the
+    motion's, and no joint gets faster than the motion was. Where no such slowing keeps the limits,
+    the joints stop each for itself (:func:`stop`) and the path is left; with limits a little above
+    the motion's own (by a fifth for acceleration and a half for jerk) that was not seen in
+    thousands of stops.
+
+    Args:
+        trajectory: The motion being played.
+        t: When the stop begins, on the motion's clock [s]; past its end it is at rest already.
+        limits: Acceleration and jerk caps of the stop; they may be larger than the motion's. Along
+            the path jerk stays within 1.02 of its cap (``time_scaling.JERK_TOLERANCE``).
+
+    Returns:
+        The stop; its first sample is the motion at ``t``.
+
+    Raises:
+        PlanningError: ruckig finds no stop where one is needed.
+        ValueError: Limits for another number of joints, or times that are not finite.
+    """
+    _vectors(limits, dt, q=trajectory.q[0])
+    if not math.isfinite(t):
+        raise ValueError(f"t must be finite, got {t}")
+    stopped = shortest_slowdown(trajectory, max(0.0, t), limits, dt)
+    if stopped is not None:
+        return stopped
+    now = trajectory.sample(t)
+    return stop(now.q, now.qd, now.qdd, limits, dt)
+
+
+def _vectors(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[Array]:
+    """The given values as float vectors, one entry for each joint of the limits."""
+    if not 0.0 < dt < math.inf:
+        raise ValueError(f"dt must be positive and finite, got {dt}")
+    vectors = []
+    for name, value in given.items():
+        vector = np.asarray(value, dtype=np.float64)
+        if vector.shape != limits.velocity.shape or not is_finite(vector):
+            raise ValueError(f"{name} must be {len(limits.velocity)} finite numbers, got {value!r}")
+        vectors.append(vector)
+    return vectors
+
+
+def _request(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.InputParameter:
+    request = ruckig.InputParameter(len(q))
+    request.current_position = q.tolist()
+    request.current_velocity = qd.tolist()
+    request.current_acceleration = qdd.tolist()
+    request.max_velocity = limits.velocity.tolist()
+    request.max_acceleration = limits.acceleration.tolist()
+    request.max_jerk = limits.jerk.tolist()
+    return request
+
+
+def _stopping(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.InputParameter:
+    request = _request(q, qd, qdd, limits)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.synchronization = ruckig.Synchronization.No
+    return request
+
+
+def _found(request: ruckig.InputParameter) -> ruckig.Trajectory:
+    """What ruckig finds, if need be with a hair less jerk.
+
+    It gives up where a joint has its largest acceleration for a mere instant and rounding hides
+    that: with the arm's own caps, on many a move by exactly 2 degrees.
+    """
+    try:
+        return _searched(request)
+    except PlanningError:
+        request.max_jerk = [LESS_JERK * jerk for jerk in request.max_jerk]
+        return _searched(request)
+
+
+def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
+    n = request.degrees_of_freedom
+    found = ruckig.Trajectory(n)
+    try:
+        result = ruckig.Ruckig(n).calculate(request, found)
+    except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself
+        raise PlanningError(f"no motion from this state under these limits: {error}") from error
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")
+    return found
+
+
+def _setpoint(found: ruckig.Trajectory, t: float) -> Setpoint:
+    q, qd, qdd = found.at_time(t)
+    return Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
+
+
+def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array, Array, float]:
+    """Position, velocity and acceleration every ``dt``, each (N, n), and the duration [s]."""
+    found = _found(request)
+    duration = float(found.duration)
+    count = math.ceil(duration / dt - 1e-9) + 1
+    states = np.array([found.at_time(k * dt) for k in range(count)])
+    states[-1, 1:] = 0.0  # at or past the end, where ruckig's sums are off by rounding
+    return states[:, 0], states[:, 1], states[:, 2], duration
+
+
+def _land(q: Array, q_goal: Array) -> None:
+    """Move positions (N, n) in place so that the last one is exactly the goal.
+
+    ruckig ends within 1e-8 rad of it. A jump of that size in the last sample would be a spike of
+    30 rad/s^3 at 1 kHz, so what is missing is spread over the motion.
+    """
+    x = np.linspace(0.0, 1.0, len(q))[:, None]
+    q += (q_goal - q[-1]) * (x * x * (3.0 - 2.0 * x))
+    q[-1] = q_goal

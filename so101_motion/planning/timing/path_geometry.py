@@ -1,0 +1,202 @@
+"""The shape of a joint motion, without time.
+
+A path is a chain of cubic pieces over a parameter ``s`` that runs from 0 to ``length`` in radians
+of joint space. Two ways to lay one through waypoints: :func:`spline_path` passes through every
+point with continuous curvature and may swing wide between them; :func:`blended_path` keeps to the
+straight lines between the points and rounds the corners by no more than a stated tolerance, so
+that a polyline found free of collision stays free within that bound.
+
+Curvature may jump where a straight piece meets a rounded one. Whoever needs it on both sides of
+such a knot asks piece by piece (:meth:`JointPath.on_pieces`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.geometry import Array, frozen_array
+
+SAME_POINT = 1e-9
+"""Neighbouring waypoints closer than this [rad] are one point. Chosen: far below a servo tick."""
+
+
+class PathPoints(NamedTuple):
+    """Points of a path and how they move with ``s``.
+
+    Attributes:
+        q: Joint angles, shape (..., n), [rad].
+        q_s: First derivative by ``s``, same shape, [1].
+        q_ss: Second derivative by ``s``, same shape, [1/rad].
+    """
+
+    q: Array
+    q_s: Array
+    q_ss: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointPath:
+    """A curve in joint space made of cubic pieces.
+
+    Attributes:
+        knots: Where pieces meet, shape (K + 1,), rising from 0, [rad].
+        coefficients: Shape (K, 4, n): with ``u = s - knots[k]`` the curve is
+            ``q = c[k, 0] + c[k, 1] u + c[k, 2] u^2 + c[k, 3] u^3``.
+    """
+
+    knots: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "knots", frozen_array(self.knots, (-1,)))
+        shape = (len(self.knots) - 1, 4, -1)
+        object.__setattr__(self, "coefficients", frozen_array(self.coefficients, shape))
+        if len(self.knots) < 2 or self.knots[0] != 0.0 or np.any(np.diff(self.knots) <= 0.0):
+            raise ValueError("the knots of a path must rise from 0")
+
+    @property
+    def n(self) -> int:
+        """How many joints."""
+        return int(self.coefficients.shape[2])
+
+    @property
+    def length(self) -> float:
+        """Where the path ends [rad]."""
+        return float(self.knots[-1])
+
+    def evaluate(self, s: ArrayLike) -> PathPoints:
+        """The curve at ``s``, shape (m,), [rad]; beyond the ends it stays at the end points.
+
+        At a knot the curvature is that of the piece which begins there.
+        """
+        at = np.clip(np.asarray(s, dtype=np.float64), 0.0, self.length)
+        piece = np.clip(np.searchsorted(self.knots, at, "right") - 1, 0, len(self.knots) - 2)
+        return self.on_pieces(piece, at - self.knots[piece])
+
+    def on_pieces(self, piece: ArrayLike, u: ArrayLike) -> PathPoints:
+        """The curve at ``u`` [rad] from the start of each given piece; the shapes broadcast."""
+        chosen = self.coefficients[np.asarray(piece)]
+        c0, c1, c2, c3 = (chosen[..., k, :] for k in range(4))
+        u = np.asarray(u, dtype=np.float64)[..., None]
+        return PathPoints(
+            q=c0 + u * (c1 + u * (c2 + u * c3)),
+            q_s=c1 + u * (2.0 * c2 + (3.0 * u) * c3),
+            q_ss=2.0 * c2 + (6.0 * u) * c3,
+        )
+
+
+def spline_path(waypoints: ArrayLike) -> JointPath:
+    """The curve of continuous curvature through every waypoint.
+
+    A natural cubic spline over the accumulated chord length: no curvature at the ends, where the
+    motion starts and stops.
+
+    Args:
+        waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.
+
+    Raises:
+        ValueError: Fewer than two different points, or not numbers.
+
+    Source: C. de Boor, A Practical Guide to Splines, 1978, chapter IV.
+    """
+    points, chords, lengths = _polyline(waypoints)
+    slopes = chords / lengths[:, None]
+    bends = _natural_second_derivatives(lengths, slopes)
+    h = lengths[:, None]
+    coefficients = np.stack(
+        [
+            points[:-1],
+            slopes - h * (2.0 * bends[:-1] + bends[1:]) / 6.0,
+            bends[:-1] / 2.0,
+            (bends[1:] - bends[:-1]) / (6.0 * h),
+        ],
+        axis=1,
+    )
+    return JointPath(knots=_accumulated(lengths), coefficients=coefficients)
+
+
+def blended_path(waypoints: ArrayLike, tolerance: ArrayLike) -> JointPath:
+    """Straight lines through the waypoints with rounded corners.
+
+    A corner becomes a parabola that leaves one line and meets the other ``reach`` away from the
+    waypoint. With unit directions d1 and d2 it passes the waypoint at ``reach (d2 - d1) / 4``, and
+    no joint is anywhere further than that from the lines; ``reach`` is chosen so that this is
+    ``tolerance``, but never more than half of a neighbouring line.
+
+    Args:
+        waypoints: Shape (m, n), [rad]; a point equal to the one before it counts once.
+        tolerance: How far each joint may leave the straight lines [rad], positive; one figure, or
+            one for each corner if no two points are equal.
+
+    Raises:
+        ValueError: Fewer than two different points, not numbers, or no positive tolerance.
+    """
+    tolerance = np.asarray(tolerance, dtype=np.float64)
+    if not np.all((tolerance > 0.0) & (tolerance < np.inf)):
+        raise ValueError(f"the corner tolerance must be positive and finite, got {tolerance}")
+    points, chords, lengths = _polyline(waypoints)
+    directions = chords / lengths[:, None]
+    turns = directions[1:] - directions[:-1]
+    largest = np.abs(turns).max(axis=1, initial=0.0)
+    reach = np.zeros(len(points))
+    with np.errstate(divide="ignore"):
+        wanted = np.where(largest > SAME_POINT, 4.0 * tolerance / largest, 0.0)
+    reach[1:-1] = np.minimum(wanted, 0.5 * np.minimum(lengths[:-1], lengths[1:]))
+
+    pieces: list[tuple[float, Array, Array, Array]] = []
+    nothing = np.zeros(points.shape[1])
+    for k, direction in enumerate(directions):
+        straight = lengths[k] - reach[k] - reach[k + 1]
+        if straight > SAME_POINT:
+            pieces.append((straight, points[k] + reach[k] * direction, direction, nothing))
+        ahead = reach[k + 1]
+        if ahead > 0.0:
+            start = points[k + 1] - ahead * direction
+            pieces.append((2.0 * ahead, start, direction, turns[k] / (4.0 * ahead)))
+    coefficients = [[start, slope, bend, nothing] for _, start, slope, bend in pieces]
+    return JointPath(
+        knots=_accumulated(np.array([piece[0] for piece in pieces])),
+        coefficients=np.array(coefficients),
+    )
+
+
+def _polyline(waypoints: ArrayLike) -> tuple[Array, Array, Array]:
+    """The different points (m, n), the chords between them (m - 1, n) and their lengths."""
+    points = frozen_array(waypoints, (-1, -1))
+    if not np.all(np.isfinite(points)):
+        raise ValueError("every waypoint must be finite")
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    different = points[np.append(True, steps > SAME_POINT)] if len(points) else points
+    if len(different) < 2:
+        raise ValueError("a path needs at least two different points")
+    different[-1] = points[-1]  # the motion must end exactly there, and start at the first
+    points = different
+    chords = np.diff(points, axis=0)
+    return points, chords, np.asarray(np.linalg.norm(chords, axis=1))
+
+
+def _accumulated(lengths: Array) -> Array:
+    return np.concatenate(([0.0], np.cumsum(lengths)))
+
+
+def _natural_second_derivatives(lengths: Array, slopes: Array) -> Array:
+    """Second derivatives at the knots, shape (K + 1, n); zero at both ends.
+
+    The tridiagonal system is solved by elimination without pivoting, which is safe because its
+    diagonal dominates.
+    """
+    bends = np.zeros((len(slopes) + 1, slopes.shape[1]))
+    count = len(slopes) - 1
+    right = 6.0 * np.diff(slopes, axis=0)
+    diagonal = 2.0 * (lengths[:-1] + lengths[1:])
+    for k in range(1, count):
+        factor = lengths[k] / diagonal[k - 1]
+        diagonal[k] -= factor * lengths[k]
+        right[k] -= factor * right[k - 1]
+    for k in range(count - 1, -1, -1):
+        bends[k + 1] = (right[k] - lengths[k + 1] * bends[k + 2]) / diagonal[k]
+    return bends

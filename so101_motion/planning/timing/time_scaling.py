@@ -1,0 +1,184 @@
+"""Stop along a motion by slowing down its time, as soon as the limits allow.
+
+While a motion is being stopped it is played with its own time ``tau(t)``, whose rate falls from 1
+to 0 within a duration D. Positions are those of the motion, ``q(tau)``; by the chain rule the
+joints have
+
+    velocity      q' r
+    acceleration  q'' r^2 + q' r'
+    jerk          q''' r^3 + 3 q'' r r' + q' r''
+
+with ``r = tau'``. The rate falls along a ramp: its slope grows over the first part of D, stays,
+and shrinks over the last part, so jerk is bounded and acceleration continuous at both ends. A few
+shapes of ramp times a few durations are tried at once; where the motion is already braking hard,
+slow beginnings fit, elsewhere quick ones.
+
+Source: J. M. Hollerbach, Dynamic Scaling of Manipulator Trajectories, 1984, for scaling time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.timing import verify
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+SHAPES = ((0.3, 0.3), (0.15, 0.15), (0.8, 0.15))
+"""Parts of a ramp over which its slope grows and shrinks. Chosen: benchmarks/ compares the stops
+they give with the shortest possible; two more shapes gained 2 %."""
+POINTS = 24
+"""On how many points a ramp is tried; the one that is taken is then measured in full."""
+COARSE, FINE = 8, 4
+"""How many durations are tried over the whole range, then between the last two."""
+SHORTEST, LONGEST = 0.5, 6.0
+"""The range of durations, in times that full braking would take. Chosen: from what the motion's
+own braking can save to what a motion near all its limits needs."""
+
+ATTEMPTS = 6
+"""How many stops are measured in full before giving up, so that a control tick can wait for it.
+Chosen: nearly always the first will do."""
+JERK_TOLERANCE = 0.02
+"""How far a stop may exceed its jerk limit, relative. Chosen: the bar for jerk; samples of a
+motion tell its jerk no better than this."""
+
+
+class Ramp(NamedTuple):
+    """A falling rate of time over ``x = t / D`` from 0 to 1.
+
+    Attributes:
+        advance: How much of D the motion's own time has advanced.
+        rate: The rate of time, from 1 to 0.
+        slope: Its derivative by x.
+        bend: Its second derivative.
+    """
+
+    advance: Array
+    rate: Array
+    slope: Array
+    bend: Array
+
+
+def ramp(shape: tuple[float, float], x: Array) -> Ramp:
+    """The ramp whose slope grows over the first and shrinks over the last part of D."""
+    grow, shrink = shape
+    steepest = 1.0 / (1.0 - 0.5 * (grow + shrink))
+    # Counted from either end the formulas are the same: a quadratic, and a line beyond it.
+    early, late = np.minimum(x, grow), np.minimum(1.0 - x, shrink)
+    middle = np.clip(x - grow, 0.0, 1.0 - grow - shrink)
+    fall = steepest * (early**2 / (2.0 * grow) + middle)
+    fall += steepest * (shrink**2 - late**2) / (2.0 * shrink)
+    lost = steepest * (early**3 / (6.0 * grow) + 0.5 * middle * (grow + middle))
+    tail = np.maximum(x - (1.0 - shrink), 0.0)
+    lost += tail - steepest * (shrink**3 - late**3) / (6.0 * shrink)
+    slope = steepest * np.minimum(np.minimum(early / grow, late / shrink), 1.0)
+    bend = steepest * ((x < grow) / grow - (x > 1.0 - shrink) / shrink)
+    return Ramp(advance=x - lost, rate=1.0 - fall, slope=-slope, bend=-bend)
+
+
+_TRIED = Ramp(
+    *(
+        np.stack(rows)
+        for rows in zip(*(ramp(s, np.linspace(0.0, 1.0, POINTS)) for s in SHAPES), strict=True)
+    )
+)
+
+
+def shortest_slowdown(
+    trajectory: Trajectory, t: float, limits: MotionLimits, dt: float
+) -> Trajectory | None:
+    """The shortest tried way to come to rest along a motion from time ``t`` [s] on.
+
+    Playing the motion to its end is one of the paths, if that is not far off.
+
+    Args:
+        t: When the stop begins, on the motion's clock [s].
+        limits: Acceleration and jerk caps of the stop.
+
+    Returns:
+        The stop, or None if none that was tried keeps the limits.
+    """
+    longest = LONGEST * (_braking_time(trajectory.sample(t), limits) + 2.0 * trajectory.dt)
+    durations = longest * np.geomspace(SHORTEST / LONGEST, 1.0, COARSE)
+    candidates = _allowed(trajectory, t, limits, durations)
+    if candidates and candidates[0][0] > durations[0]:
+        last = int(np.searchsorted(durations, candidates[0][0]))
+        between = np.geomspace(durations[last - 1], durations[last], FINE + 1)[1:-1]
+        candidates = _allowed(trajectory, t, limits, between) + candidates
+    left = trajectory.duration - t
+    for duration, shape in candidates[:ATTEMPTS]:
+        if left <= duration:
+            break
+        stopped = _slowed(trajectory, t, duration, shape, dt)
+        if _keeps(stopped, limits):
+            return stopped
+    return _played_out(trajectory, t, dt) if left <= longest else None
+
+
+def _braking_time(now: Setpoint, limits: MotionLimits) -> float:
+    """About how long the slowest joint needs to come to rest [s]."""
+    speed, bend = np.abs(now.qd), np.abs(now.qdd)
+    a, j = limits.acceleration, limits.jerk
+    # Slower than a^2 / j, a joint stands before it ever brakes in full.
+    from_speed = np.where(speed * j < a**2, 2.0 * np.sqrt(speed / j), speed / a + a / j)
+    return float(np.max(from_speed + bend / j))
+
+
+def _allowed(
+    trajectory: Trajectory, t: float, limits: MotionLimits, durations: Array
+) -> list[tuple[float, tuple[float, float]]]:
+    """Which durations and shapes keep the limits at the points tried, shortest first."""
+    dt, last = trajectory.dt, len(trajectory) - 1
+    position = np.minimum((t + durations[:, None, None] * _TRIED.advance).ravel() / dt, last)
+    k = position.astype(np.intp)
+    following = np.minimum(k + 1, last)
+    u = (position - k)[:, None]
+    # Straight lines between samples: an estimate is enough here, and a third of the work.
+    qd = trajectory.qd[k] + u * (trajectory.qd[following] - trajectory.qd[k])
+    change = trajectory.qdd[following] - trajectory.qdd[k]
+    qdd = trajectory.qdd[k] + u * change
+    qddd = change / dt
+    per_time = (1.0 / durations)[:, None, None]
+    rate = np.broadcast_to(_TRIED.rate, (len(durations), *_TRIED.rate.shape)).reshape(-1, 1)
+    slope = (_TRIED.slope * per_time).reshape(-1, 1)
+    bend = (_TRIED.bend * per_time**2).reshape(-1, 1)
+    most = (1.0 + verify.TOLERANCE) * limits.acceleration, (1.0 + JERK_TOLERANCE) * limits.jerk
+    fits = np.abs(qdd * rate**2 + qd * slope) <= most[0]
+    fits &= np.abs(qddd * rate**3 + 3.0 * qdd * rate * slope + qd * bend) <= most[1]
+    everywhere = fits.reshape(len(durations), len(SHAPES), -1).all(axis=2)
+    return [(float(durations[i]), SHAPES[j]) for i, j in np.argwhere(everywhere)]
+
+
+def _slowed(
+    trajectory: Trajectory, t: float, duration: float, shape: tuple[float, float], dt: float
+) -> Trajectory:
+    """The motion from ``t`` on, its time slowed to rest within ``duration`` [s]."""
+    count = math.ceil(duration / dt - 1e-9) + 1
+    falling = ramp(shape, np.minimum(np.arange(count) * (dt / duration), 1.0))
+    q, qd, qdd = trajectory.at(t + duration * falling.advance)
+    rate, slope = falling.rate[:, None], falling.slope[:, None] / duration
+    qdd = qdd * rate**2 + qd * slope
+    qd = qd * rate
+    qd[-1] = qdd[-1] = 0.0
+    return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _played_out(trajectory: Trajectory, t: float, dt: float) -> Trajectory:
+    """The rest of the motion from ``t`` on, to its last sample."""
+    left = max(0.0, (len(trajectory) - 1) * trajectory.dt - t)
+    count = math.ceil(left / dt - 1e-9) + 1
+    q, qd, qdd = trajectory.at(t + np.arange(count) * dt)
+    return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=left)
+
+
+def _keeps(stopped: Trajectory, limits: MotionLimits) -> bool:
+    """Whether accelerations and jerks are within limits; speeds are, because time only slows."""
+    report = verify.violations(stopped, limits)
+    return bool(
+        report.acceleration.max() <= 1.0 + verify.TOLERANCE
+        and report.jerk.max() <= 1.0 + JERK_TOLERANCE
+    )

@@ -1,0 +1,333 @@
+"""What the servos have to bear along a motion, and what they can.
+
+Two caps, both shares of a servo's stall torque. *Holding* is what it may have to bear standing
+still, for as long as somebody leaves the arm there: gravity alone must stay below it everywhere, or
+the motion is refused. *Moving* is what it may have to exert for the moment of a motion, gravity and
+inertia together: where a motion needs more, it is slowed there.
+
+Gravity wins in the end, so a refusal names the joint, the torque and the configuration; inertia can
+be had for less by taking longer. With time running ``k`` times slower the inertial part falls with
+``k^2`` and gravity stays, which says at once how much slower a motion must be; along a path, the
+limits are two more rows for each joint in the search for the best speed (:mod:`speed`), so that
+only the heavy part of it takes longer.
+
+Friction is left out, and so is that a servo exerts less the faster it turns: speeds are capped well
+below its no-load speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from so101_motion.common.attributes import HEAVIEST, SERVO_VOLTAGES, LoadConfig
+from so101_motion.common.errors import ConfigError, Overloaded
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
+from so101_motion.planning.collision.scene import Attached
+from so101_motion.planning.timing.interval_program import LimitRows
+from so101_motion.planning.timing.path_geometry import PathPoints
+from so101_motion.planning.timing.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from so101_motion.planning.kinematics.model import RobotModel
+
+STALL = dict(zip(SERVO_VOLTAGES, (1.91, 2.94), strict=True))
+"""Stall torque of the two STS3215 the arm is sold with, by their rated voltage [V], [N m]: 19.5
+and 30 kg cm (Feetech's data sheets of the C001 and the C018)."""
+
+STRONGEST = max(STALL)
+"""Rated voltage of the stronger of the two [V]."""
+
+HOLDING = 0.6
+"""Share of the stall torque that a servo may have to hold. Chosen. The makers rate a third (6.5 and
+10 kg cm), but the bare arm stretched out already takes 0.45 of the weaker servo's; a published test
+of half the stronger one's, 15 kg cm, settled at 48 degC; at 0.8 the servo switches itself off after
+two seconds."""
+
+MOVING = 0.75
+"""Share of the stall torque that a servo may have to exert while it moves. Chosen: below the 0.8 at
+which its own protection begins to count."""
+
+GRID_SHARE = 0.98
+"""Share of a torque limit used between rest and the limit in search of a speed. Chosen: what the
+smoothing of acceleration adds between the points that are looked at."""
+
+_EVERY = 4
+"""Gravity is looked at on each fourth sample: it changes with the configuration alone, and near its
+peak by next to nothing."""
+
+NEARLY = 0.85
+"""From this share of what it may hold on a joint is told to be heavy. Chosen: an arm that is led
+meets the limit some degrees later."""
+
+_STEP = 1e-4
+"""Of the differences that stand for gradients [rad]."""
+
+_TOLERANCE = 1e-3
+"""How far a limit may be exceeded, relative, before it counts. Chosen: far below what is known of
+the masses."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Payload:
+    """What the gripper carries.
+
+    Attributes:
+        mass: [kg].
+        com: Its centre of mass in the tool frame, x, y, z [m].
+    """
+
+    mass: float
+    com: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.mass <= HEAVIEST:
+            raise ConfigError("payload", self.mass, f"must be 0 to {HEAVIEST:g} kg")
+        if len(self.com) != 3 or not all(abs(x) <= 1.0 for x in self.com):
+            raise ConfigError("payload", self.com, "its centre must be three values within 1 m")
+
+    @classmethod
+    def of(cls, load: LoadConfig, model: RobotModel) -> Payload | None:
+        """What a configuration says is always carried, by default at the jaw's tip; or None."""
+        if load.mass <= 0.0:
+            return None
+        zero = np.zeros(5)
+        tip = (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
+        x, y, z = tip.tolist() if load.com is None else load.com
+        return cls(mass=load.mass, com=(x, y, z))
+
+
+def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:
+    """All that is carried as one; None if it weighs nothing.
+
+    Args:
+        payload: What the gripper carries always.
+        attached: What it holds now; the centre of mass of each is taken at its origin.
+    """
+    loads = [payload] if payload is not None else []
+    for held in attached:
+        x, y, z = held.T_tool_object.p.tolist()
+        loads.append(Payload(mass=held.mass, com=(x, y, z)))
+    loads = [load for load in loads if load.mass > 0.0]
+    if not loads:
+        return None
+    mass = sum(load.mass for load in loads)
+    x, y, z = (sum(load.mass * load.com[i] for load in loads) / mass for i in range(3))
+    return Payload(mass=mass, com=(x, y, z))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Strength:
+    """What each servo may have to bear.
+
+    Attributes:
+        holding: Standing still [N m].
+        moving: For the moment of a motion [N m].
+    """
+
+    holding: float
+    moving: float
+
+    @classmethod
+    def of_servos(cls, voltage: float) -> Strength:
+        """Of the servos for ``voltage`` [V], 7.4 or 12.
+
+        Raises:
+            ConfigError: The arm is not sold with servos for that.
+        """
+        stall = STALL.get(voltage)
+        if stall is None:
+            known = " or ".join(f"{each:g}" for each in STALL)
+            raise ConfigError("servo_voltage", voltage, f"must be {known}, the servos' rated volts")
+        return cls(holding=HOLDING * stall, moving=MOVING * stall)
+
+
+class Heavy(NamedTuple):
+    """A joint that bears nearly all that it may, or more.
+
+    Attributes:
+        joint: Its name.
+        left: Share of what it may hold that is left; negative where it bears too much.
+        gradient: What each joint adds to that, shape (5,), [1/rad].
+    """
+
+    joint: str
+    left: float
+    gradient: Array
+
+
+class Load:
+    """Judges the motions of one request by what the servos have to bear.
+
+    An arm that stands in too heavy a configuration may leave it: what it bears there counts as
+    allowed on the path, but not where the path ends.
+
+    Args:
+        model: The arm with its payload.
+        strength: What its servos can bear.
+        q_start: Where the motions begin, shape (5,), [rad].
+        payload: What is carried, for messages.
+    """
+
+    def __init__(
+        self, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
+    ) -> None:
+        self._model, self._strength, self._payload = model, strength, payload
+        self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
+        self._newest: tuple[Trajectory, Array] | None = None
+        there = np.abs(model.holding_torques(q_start[None]))[0]
+        self._holding = np.maximum(strength.holding, there)
+        too_much = np.where(there > strength.holding, there, 0.0)
+        self._moving = np.maximum(strength.moving, MOVING / HOLDING * too_much)
+
+    @classmethod
+    def of(
+        cls, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
+    ) -> Load:
+        """As made from the bare arm."""
+        loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
+        return cls(loaded, strength, q_start, payload)
+
+    def check_goal(self, q: Array) -> None:
+        """Refuse a configuration ``q``, shape (5,), [rad], in which the arm cannot be left.
+
+        Raises:
+            Overloaded: As for :meth:`check_holding`, wherever the arm comes from.
+        """
+        self._check_holding(q[None], np.full(5, self._strength.holding), "at the goal")
+
+    def check_holding(self, q: Array, where: str) -> float:
+        """Refuse configurations ``q`` (m, 5) [rad] on the way in which gravity alone is too much.
+
+        Args:
+            q: The configurations.
+            where: How the message ends, such as ``"on the way"``.
+
+        Returns:
+            The largest share of what may be held.
+
+        Raises:
+            Overloaded: Names the joint that is furthest off, its torque, and what it may bear.
+        """
+        return self._check_holding(q, self._holding, where)
+
+    def heavy(self, q: Array) -> list[Heavy]:
+        """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
+        torques = self._model.holding_torques(q[None])[0]
+        left = 1.0 - np.abs(torques) / self._strength.holding
+        heavy = np.flatnonzero(left < 1.0 - NEARLY)
+        if len(heavy) == 0:
+            return []
+        around = self._model.holding_torques(q + _STEP * np.eye(5))
+        gradients = (torques - around) * (np.sign(torques) / (_STEP * self._strength.holding))
+        return [Heavy(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
+
+    def admits(self, path: Array) -> bool:
+        """Whether every configuration of ``path``, shape (m, 5), [rad], is bearable, or no worse.
+
+        No joint that bears too much where the path begins may come to bear more on it.
+        """
+        borne = np.abs(self._model.holding_torques(path))
+        allowed = np.maximum((1.0 + _TOLERANCE) * self._strength.holding, borne[0])
+        return bool((borne <= allowed).all())
+
+    def check(self, trajectory: Trajectory) -> float:
+        """Refuse a motion that asks too much of a servo.
+
+        Returns:
+            The largest share of what servos may have to exert.
+
+        Raises:
+            Overloaded: As for :meth:`check_holding`.
+        """
+        self.check_holding(trajectory.q[::_EVERY], "on the way")
+        torques = self._torques(trajectory)
+        shares = np.abs(torques) / self._moving
+        k, i = np.unravel_index(int(np.argmax(shares)), shares.shape)
+        if shares[k, i] > 1.0 + _TOLERANCE:
+            torque = float(torques[k, i])
+            q = trajectory.q[k]
+            raise self._overloaded(q, int(i), torque, self._moving, "move", "on the way")
+        return float(shares[k, i])
+
+    def stretch(self, trajectory: Trajectory) -> float:
+        """How many times longer a motion must take for its servos to bear it; at least 1.
+
+        Gravity alone must be bearable, see :meth:`check_holding`.
+        """
+        torques = self._torques(trajectory)
+        over = np.flatnonzero(np.any(np.abs(torques) > self._moving, axis=1))
+        if len(over) == 0:
+            return 1.0
+        gravity = self._model.holding_torques(trajectory.q[over])
+        inertial = torques[over] - gravity
+        left = np.maximum(self._moving - np.sign(inertial) * gravity, 1e-3 * self._moving)
+        return math.sqrt(max(1.0, float(np.max(np.abs(inertial) / left))))
+
+    def rows(self, points: PathPoints) -> LimitRows:
+        """The torque limits along a path, for :func:`speed.optimal_speed`.
+
+        With ``q = q(s)`` joints have the velocity ``q_s s'`` and the acceleration
+        ``q_s s'' + q_ss s'^2``. Torque is linear in accelerations and quadratic in velocities, so
+        it is ``a s'' + b s'^2 + gravity``.
+        """
+        q, q_s, q_ss = points
+        still = np.zeros_like(q)
+        gravity = self._model.holding_torques(q)
+        a = self._model.torques(q, still, q_s) - gravity
+        b = self._model.torques(q, q_s, q_ss) - gravity
+        limit = np.abs(gravity) + GRID_SHARE * (self._moving - np.abs(gravity))
+        return LimitRows(a / limit, b / limit, gravity / limit)
+
+    def _check_holding(self, q: Array, limits: Array, where: str) -> float:
+        torques = self._model.holding_torques(q)
+        shares = np.abs(torques) / limits
+        k, i = np.unravel_index(int(np.argmax(shares)), shares.shape)
+        if shares[k, i] > 1.0 + _TOLERANCE:
+            raise self._overloaded(q[k], int(i), float(torques[k, i]), limits, "hold", where)
+        return float(shares[k, i])
+
+    def _torques(self, trajectory: Trajectory) -> Array:
+        """What the joints exert along a motion; a motion that was just judged costs nothing."""
+        if self._newest is None or self._newest[0] is not trajectory:
+            torques = self._model.torques(trajectory.q, trajectory.qd, trajectory.qdd)
+            self._newest = trajectory, torques
+        return self._newest[1]
+
+    def _overloaded(
+        self, q: Array, i: int, torque: float, limits: Array, verb: str, where: str
+    ) -> Overloaded:
+        limit, mass = float(limits[i]), self._payload.mass if self._payload else 0.0
+        load = f"the arm and {mass * 1e3:.0f} g" if mass else "the arm"
+        advice = "reach less far" + (", or carry less" if mass else "")
+        if self._is_weak:
+            advice += f'; servos for {STRONGEST:g} V bear more: set "servo_voltage" if it has those'
+        own = self._strength.holding if verb == "hold" else self._strength.moving
+        may = f"its servo may exert {own:.2f} N m"
+        if limit > own:
+            may += f", and no more than {limit:.2f} to leave where it stands overloaded"
+        return Overloaded(
+            f"{ARM_JOINTS[i]} would have to exert {abs(torque):.2f} N m to {verb} {load} {where}"
+            f" (at {', '.join(f'{to_deg(angle):.0f}' for angle in q.tolist())} deg); {may};"
+            f" {advice}",
+            joint=ARM_JOINTS[i],
+            torque=torque,
+            limit=limit,
+            q=q.copy(),
+        )
+
+
+def slowed(trajectory: Trajectory, k: float) -> Trajectory:
+    """The same motion, ``k >= 1`` times slower, with the same time between its samples."""
+    last = (len(trajectory) - 1) * trajectory.dt
+    count = math.ceil(k * last / trajectory.dt - 1e-9) + 1
+    t = np.minimum(np.arange(count) * (trajectory.dt / k), last)
+    q, qd, qdd = trajectory.at(t)
+    q[-1], qd[-1], qdd[-1] = trajectory.q[-1], 0.0, 0.0
+    return Trajectory(dt=trajectory.dt, q=q, qd=qd / k, qdd=qdd / k**2, duration=k * last)

@@ -1,0 +1,184 @@
+"""Judging a trajectory: does it keep its limits, and if not, which joint breaks which by how much.
+
+Velocity, acceleration and jerk are measured on what is sent: the first, second and third
+differences of the sampled positions. The velocities and accelerations a trajectory states for its
+samples count too; the larger wins. A difference of exact samples is a mean of the true value
+around it, so a motion that keeps its limits is never accused, and one sampled at 1 kHz hides
+nothing a servo could feel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import OutsideLimits
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+TOLERANCE = 1e-3
+"""How far a limit may be exceeded, relative, before it counts. Chosen: more than sampling at
+another phase changes, and far below what a servo can follow."""
+
+POSITION_TOLERANCE = 1e-6
+"""The same for positions [rad]. Chosen: a servo tick is 1.5e-3."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LimitReport:
+    """How much of each limit a motion uses, joint by joint; 1 is all of it.
+
+    Attributes:
+        velocity: Largest speed over its limit, shape (n,).
+        acceleration: Largest acceleration over its limit, shape (n,).
+        jerk: Largest jerk over its limit, shape (n,).
+        outside: Furthest excursion beyond the position limits, shape (n,), [rad]; 0 inside.
+        effort: Largest torque of any joint over what its servo may exert; 0 if not looked at.
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    outside: Array
+    effort: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration", "jerk", "outside"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (-1,)))
+
+    @property
+    def worst(self) -> float:
+        """The largest share of any velocity, acceleration or jerk limit."""
+        return float(max(self.velocity.max(), self.acceleration.max(), self.jerk.max()))
+
+    @property
+    def stretch(self) -> float:
+        """How many times longer the same motion would take if it used its limits exactly."""
+        roots = (self.velocity.max(), self.acceleration.max() ** 0.5, self.jerk.max() ** (1 / 3))
+        return float(max(roots))
+
+
+def violations(
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+) -> LimitReport:
+    """Measure a trajectory against its limits.
+
+    Args:
+        trajectory: What would be sent.
+        lower: Smallest joint angles, shape (n,), [rad]; None for no bound.
+        upper: Largest joint angles, shape (n,), [rad]; None for no bound.
+
+    Raises:
+        ValueError: The numbers of joints differ.
+    """
+    if len(limits.velocity) != trajectory.n:
+        raise ValueError(f"limits for {len(limits.velocity)} joints, a motion of {trajectory.n}")
+    q, dt = trajectory.q, trajectory.dt
+    outside = np.zeros(trajectory.n)
+    if lower is not None:
+        outside = np.maximum(outside, np.asarray(lower) - q.min(axis=0))
+    if upper is not None:
+        outside = np.maximum(outside, q.max(axis=0) - np.asarray(upper))
+    from_rest = not (np.any(trajectory.qd[0]) or np.any(trajectory.qdd[0]))
+    padded = np.concatenate((*([q[:1]] * (3 * from_rest)), q, *([q[-1:]] * 3)))
+    seen = measure(padded, dt, limits)
+    qd, qdd = _joints_first(trajectory.qd), _joints_first(trajectory.qdd)
+    return LimitReport(
+        velocity=np.maximum(seen.velocity, _peak(qd) / limits.velocity),
+        acceleration=np.maximum(seen.acceleration, _peak(qdd) / limits.acceleration),
+        jerk=np.maximum(seen.jerk, _peak(np.diff(qdd) / dt) / limits.jerk),
+        outside=outside,
+    )
+
+
+def measure(q: Array, dt: float, limits: MotionLimits) -> LimitReport:
+    """Measure positions ``dt`` [s] apart, shape (N, n), [rad], by their differences alone."""
+    velocity = np.diff(_joints_first(q)) / dt
+    acceleration = np.diff(velocity) / dt
+    jerk = np.diff(acceleration) / dt
+    return LimitReport(
+        velocity=_peak(velocity) / limits.velocity,
+        acceleration=_peak(acceleration) / limits.acceleration,
+        jerk=_peak(jerk) / limits.jerk,
+        outside=np.zeros(q.shape[1]),
+    )
+
+
+def check(
+    trajectory: Trajectory,
+    limits: MotionLimits,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+) -> LimitReport:
+    """Measure as :func:`violations` does, and refuse a trajectory that breaks a limit.
+
+    Raises:
+        OutsideLimits: Naming the joint that is furthest off, what it does and what it may.
+        ValueError: The numbers of joints differ.
+    """
+    report = violations(trajectory, limits, lower, upper)
+    if report.outside.max() > POSITION_TOLERANCE:
+        raise _out_of_range(trajectory, report, lower, upper)
+    for quantity, unit, shares, caps in (
+        ("speed", "deg/s", report.velocity, limits.velocity),
+        ("acceleration", "deg/s^2", report.acceleration, limits.acceleration),
+        ("jerk", "deg/s^3", report.jerk, limits.jerk),
+    ):
+        i = int(np.argmax(shares))
+        if shares[i] > 1.0 + TOLERANCE:
+            joint, cap, value = _joint(i, trajectory.n), float(caps[i]), float(shares[i] * caps[i])
+            raise OutsideLimits(
+                f"{joint} would need {to_deg(value):.5g} {unit} of {quantity}, its limit is"
+                f" {to_deg(cap):.5g} ({100.0 * (shares[i] - 1.0):.3g} % over);"
+                " move more slowly or raise the limit",
+                joint=joint,
+                value=value,
+                lower=-cap,
+                upper=cap,
+            )
+    return report
+
+
+def _out_of_range(
+    trajectory: Trajectory,
+    report: LimitReport,
+    lower: ArrayLike | None,
+    upper: ArrayLike | None,
+) -> OutsideLimits:
+    i = int(np.argmax(report.outside))
+    floor = -np.inf if lower is None else float(np.asarray(lower)[i])
+    ceiling = np.inf if upper is None else float(np.asarray(upper)[i])
+    low, high = float(trajectory.q[:, i].min()), float(trajectory.q[:, i].max())
+    value = high if high - ceiling > floor - low else low
+    return OutsideLimits(
+        f"{_joint(i, trajectory.n)} would go to {to_deg(value):.2f} deg, its limits are"
+        f" {to_deg(floor):.2f} to {to_deg(ceiling):.2f} deg; choose a path or a goal inside them",
+        joint=_joint(i, trajectory.n),
+        value=value,
+        lower=floor,
+        upper=ceiling,
+    )
+
+
+def _joint(i: int, n: int) -> str:
+    names: Sequence[str] = ARM_JOINTS
+    return names[i] if n == len(names) else f"joint {i + 1}"
+
+
+def _joints_first(values: Array) -> Array:
+    """The same (n, N) instead of (N, n): numpy is ten times faster along a long last axis."""
+    return np.ascontiguousarray(values.T)
+
+
+def _peak(values: Array) -> Array:
+    """Largest magnitude of each joint; 0 where there are no samples."""
+    return np.asarray(np.abs(values).max(axis=1, initial=0.0))

@@ -1,0 +1,195 @@
+"""Lend the bus, to calibrate the servos or to set them up, while nothing else moves them.
+
+``BusLease`` fits ``calib.access.BusAccess``. ``HardwareRig.lend_bus`` makes them, one at a time for
+a port. From then on motions, torque and questions about servos are refused with a sentence that
+names the purpose; a stop does no harm; and where the joints are is still told, as far as servos
+answer. What the borrower asks for runs on the port's I/O thread like everything else there.
+
+Giving it back sets the servos up anew, so a new calibration is in force from that instant.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future
+from types import TracebackType
+from typing import TypeVar
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import Interrupted, MotionError, PortUnavailable, So101Error
+from so101_motion.control.executor import Executor
+from so101_motion.control.joint_controller import JointController
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.rig.servo_driver import ServoDriver
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+
+class BusLease:
+    """The bus of a port, ours until we give it back; from any thread but the port's own.
+
+    Use it in a ``with`` block or call ``give_back``.
+
+    Args:
+        executor: Whose thread the jobs run on.
+        servos: Whose bus it is.
+        clock: What time it is.
+        purpose: What for, as errors name it: ``"calibration"``.
+        returned: Called on the port's thread when the servos have been set up anew.
+
+    Raises:
+        MotionError: Something moves, or the bus is lent already; the message says for what.
+    """
+
+    def __init__(
+        self,
+        executor: Executor,
+        servos: ServoDriver,
+        clock: Clock,
+        *,
+        purpose: str,
+        returned: Callable[[], None],
+    ) -> None:
+        self._executor, self._servos, self._clock = executor, servos, clock
+        self._purpose, self._returned = purpose, returned
+        self._is_over = False
+        self._trouble: Exception | None = None  # of the watching job, for the next call
+        executor.ask(lambda control: control.lend(purpose, lambda _: servos.lend())).result()
+
+    @property
+    def port(self) -> str:
+        """The serial port's name."""
+        return self._servos.settings.port
+
+    @property
+    def clock(self) -> Clock:
+        """What time it is."""
+        return self._clock
+
+    @property
+    def purpose(self) -> str:
+        """What it is lent for."""
+        return self._purpose
+
+    def call(self, job: Callable[[Bus], T]) -> T:
+        """Run ``job`` with the bus on the port's thread; waits for it.
+
+        Raises:
+            MotionError: The bus has been given back, or the port was closed.
+            PortUnavailable: There is no port at present.
+            Exception: What ``job`` raised, or the watching job before it.
+        """
+
+        def run(_: JointController) -> T:
+            self._refuse_over()
+            trouble, self._trouble = self._trouble, None
+            if trouble is not None:
+                raise trouble
+            return self._servos.lent.on_bus(job)
+
+        return self._result(self._executor.ask(run))
+
+    def watch(self, job: Callable[[Bus], None] | None) -> None:
+        """Run ``job`` on the port's thread at every tick, 100 times a second; None ends it.
+
+        A job that raises is not called again; the next ``call`` raises what it raised. While there
+        is no port (``PortUnavailable``) it waits, and goes on when the port is back.
+
+        Raises:
+            MotionError: The bus has been given back, or the port was closed.
+        """
+
+        def begin(control: JointController) -> None:
+            self._refuse_over()
+            self._trouble = None
+            control.watch(None if job is None else lambda: self._look(control, job))
+
+        self._result(self._executor.ask(begin))
+
+    def at_baud(self, baud: int) -> None:
+        """Let the port talk at another rate from now on; the joints are not read meanwhile.
+
+        Raises:
+            MotionError: The bus has been given back, or the port was closed.
+        """
+
+        def change(_: JointController) -> None:
+            self._refuse_over()
+            self._servos.lent.at_baud(baud)
+
+        self._result(self._executor.ask(change))
+
+    def give_back(self, *, hold: bool = False) -> None:
+        """Set the servos up anew, as they and the calibration are now. May be called twice.
+
+        Args:
+            hold: Whether all joints are held where they stand afterwards; otherwise all are limp.
+
+        Raises:
+            BusError: The servos cannot be set up or held now. The loan is over even so; the arm is
+                in a fault until they can.
+        """
+        self._end(hold)
+
+    def abandon(self) -> None:
+        """Give back after the borrower is gone; hold if any joint is held, so that no arm falls."""
+        try:
+            self._end(None)
+        except So101Error as error:
+            _log.warning("%s ended, but: %s", self._purpose, error)
+
+    def __enter__(self) -> BusLease:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.give_back()
+        else:
+            self.abandon()
+
+    # How
+
+    def _end(self, hold: bool | None) -> None:
+        def end(control: JointController) -> None:
+            if not self._is_over:
+                self._is_over = True
+                control.take_back(lambda _: self._take_back(hold))
+
+        try:
+            self._executor.ask(end).result()
+        except Interrupted:  # the port was closed before
+            self._is_over = True
+
+    def _take_back(self, hold: bool | None) -> bool | None:
+        self._servos.take_back(hold=bool(hold))
+        self._returned()
+        return hold if hold is not None or not self._servos.is_ours else self._servos.is_driving
+
+    def _look(self, control: JointController, job: Callable[[Bus], None]) -> None:
+        try:
+            self._servos.lent.on_bus(job)
+        except PortUnavailable:
+            pass  # the port is opened again when it is back
+        except Exception as error:  # the borrower's own; it hears of it with its next call
+            self._trouble = error
+            control.watch(None)
+
+    def _result(self, done: Future[T]) -> T:
+        try:
+            return done.result()
+        except Interrupted as error:
+            raise MotionError(
+                f"{self.port} was closed while it was in use for {self._purpose}; open it again"
+            ) from error
+
+    def _refuse_over(self) -> None:
+        if self._is_over:
+            raise MotionError(f"the servos are no longer in use for {self._purpose}; begin it anew")

@@ -1,0 +1,133 @@
+"""Read servo positions without driving the servos.
+
+A ``BusMonitor`` has the port while the bus is lent to a calibration or a motor setup, and when no
+component asks for a servo. Nothing is set up and no servo need be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TypeVar
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.registers import Register
+from so101_motion.drivers.bus.ticks import Ticks
+from so101_motion.drivers.feetech.connection import Connection
+from so101_motion.drivers.port.serial_port import PortOpener
+
+T = TypeVar("T")
+
+_PERIOD = 0.05  # [s] between two looks; fresh enough for a picture, near no load on the wire
+
+
+_START = reg.TORQUE_ENABLE.address
+_END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
+
+
+class BusMonitor:
+    """A port with servos that are not to be touched. Used by the I/O thread, but for what it shows.
+
+    Args:
+        opener: Opens the port, wherever its adapter is by now; at other rates for a while.
+        clock: What time it is.
+        ids: The servo of each joint that may be there.
+        patience: How long to wait for an answer beyond the time on the wire [s].
+
+    Attributes:
+        positions: Where each servo is that answered last [tick], by joint; replaced whole.
+        driven: The joints whose servos drive them, as of then.
+    """
+
+    def __init__(
+        self, opener: PortOpener, clock: Clock, *, ids: Mapping[str, int], patience: float
+    ) -> None:
+        self.positions: Mapping[str, Ticks] = {}
+        self.driven: frozenset[str] = frozenset()
+        self._opener, self._clock, self._patience = opener, clock, patience
+        self._joints = {servo_id: joint for joint, servo_id in ids.items()}
+        self._due = clock.now()
+        self._baud = opener.baud
+        self._connection = self._connect()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the port is open."""
+        return self._connection.is_open
+
+    def on_bus(self, job: Callable[[Bus], T]) -> T:
+        """Run ``job`` with the bus; a port that went away is opened again for the next one.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+            Exception: What ``job`` raised.
+        """
+        bus = self._connection.bus()
+        try:
+            return job(bus)
+        except PortUnavailable as error:
+            self._connection.lost(error)
+            raise
+
+    def at_baud(self, baud: int) -> None:
+        """Let the port talk at another rate; the servos are not looked at meanwhile."""
+        if baud != self._baud:
+            self._connection.close()
+            self._baud = baud
+            self._connection = self._connect()
+
+    def look(self) -> None:
+        """Bring ``positions`` up to date, if it is time and the port is there."""
+        now = self._clock.now()
+        if now < self._due or self._baud != self._opener.baud:
+            return
+        self._due = now + _PERIOD
+        try:
+            self.positions = self.on_bus(self._positions)
+        except PortUnavailable:
+            self.positions = {}
+
+    def let_go(self) -> None:
+        """Switch the torque of all off that answer.
+
+        Raises:
+            BusError: One did not obey.
+        """
+        self.on_bus(self._let_go)
+
+    def close(self) -> None:
+        """Let go of the port; the servos stay as they are."""
+        self._connection.close()
+
+    def _connect(self) -> Connection:
+        return Connection(
+            partial(self._opener, self._baud),
+            self._clock,
+            names=self._joints,
+            patience=self._patience,
+        )
+
+    def _positions(self, bus: Bus) -> dict[str, Ticks]:
+        silent = [i for i, joint in self._joints.items() if joint not in self.positions]
+        found = bus.sync_read(tuple(self._joints), _START, _END - _START, given_up=silent)
+        self.driven = frozenset(
+            self._joints[i] for i, answer in found.items() if _held(answer.data, reg.TORQUE_ENABLE)
+        )
+        return {
+            self._joints[i]: Ticks(_held(answer.data, reg.PRESENT_POSITION))
+            for i, answer in found.items()
+        }
+
+    def _let_go(self, bus: Bus) -> None:
+        for servo_id in bus.answering(self._joints):
+            if bus.read(servo_id, reg.TORQUE_ENABLE):
+                bus.write(servo_id, reg.TORQUE_ENABLE, 0)
+
+
+def _held(data: bytes, register: Register) -> int:
+    """What a register holds in what was read from ``_START`` on."""
+    begin = register.address - _START
+    return register.decode(data[begin : begin + register.size])

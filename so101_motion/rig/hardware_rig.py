@@ -1,0 +1,339 @@
+"""Open arms and grippers, simulated or on a serial port; share a port between components.
+
+Nothing else chooses an implementation. All rigs of a process share one planning process, which
+ends with the last of them. A serial port has one rig, however many components use it and however
+they spell it; each holds a ``HardwareRig``, and the last one out closes.
+
+``open_hardware`` waits for the servos. ``open_without_waiting`` is for an event loop: the port's
+own thread looks for the servos until they answer, and says meanwhile why they do not.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import threading
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.common.clock import Clock, MonotonicClock
+from so101_motion.common.errors import NotReady
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.bus_lease import BusLease
+from so101_motion.rig.protocols import ArmConnection
+from so101_motion.rig.rig import TICK, Rig
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.rig.shared_port import HARDWARE_JAW_LIMITS, SharedPort
+
+__all__ = [
+    "HARDWARE_JAW_LIMITS",
+    "TICK",
+    "HardwareRig",
+    "PortUse",
+    "Rig",
+    "leave_all",
+    "open_hardware",
+    "open_simulated",
+    "open_simulated_gripper",
+    "open_without_waiting",
+    "use_of",
+]
+
+_log = logging.getLogger(__name__)
+
+
+def open_simulated(
+    *,
+    speed: float = to_rad(90.0),
+    acceleration: float = to_rad(100.0),
+    scene: Scene | None = None,
+    q_start: Array | None = None,
+    q_jaw_start: float = JAW_CLOSED,
+    clock: Clock | None = None,
+) -> Rig:
+    """A simulated arm and gripper, ready to move; the planning process is warming up.
+
+    Args:
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        scene: What is around it and in its hand; just the floor if not given.
+        q_start: Where the joints stand, shape (5,), [rad]; zeros by default.
+        q_jaw_start: Where the jaw stands [rad].
+        clock: What time it is; the real time by default.
+
+    Raises:
+        ConfigError: A speed or acceleration outside its range.
+    """
+    clock = clock or MonotonicClock()
+    driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
+    rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
+    rig.warm_up()
+    return rig
+
+
+def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED) -> Rig:
+    """A simulated gripper; the arm it is on stands still, and no planning process is started.
+
+    Args:
+        q_jaw_start: Where the jaw stands [rad].
+    """
+    clock = MonotonicClock()
+    return Rig(
+        SimArm(clock, q_jaw=q_jaw_start),
+        clock=clock,
+        speed=to_rad(90.0),
+        acceleration=to_rad(100.0),
+        scene=Scene(),
+    )
+
+
+class HardwareRig(Rig):
+    """One component's share of the rig of a serial port. ``open_hardware`` makes them.
+
+    Attributes:
+        servos: The servos; for what may be asked of them from any thread.
+        first_try: Done when the servos have been looked for once, whatever came of it.
+    """
+
+    def __init__(self, shared: SharedPort, asked: ServoSettings) -> None:
+        # It shares the parts of a rig instead of making them.
+        self._shared, self._asked = shared, asked
+        shared.shares.append(asked)
+        self.servos, rig = shared.servos, shared.rig
+        self.clock, self.executor = rig.clock, rig.executor
+        self.arm, self.gripper = rig.arm, rig.gripper
+        self.first_try: Future[None] = Future()
+        self.first_try.set_result(None)
+        self._lease: BusLease | None = None
+        self._closed = False
+
+    @property
+    def users(self) -> int:
+        """How many components share this port."""
+        return len(self._shared.shares)
+
+    @property
+    def not_ready(self) -> str | None:
+        """Why the servos cannot be used yet; None once they have been found; never waits."""
+        return self._shared.not_ready(self._asked.required())
+
+    def require_ready(self) -> None:
+        """See that the servos have been found.
+
+        Raises:
+            NotReady: They have not; who does not answer, and since when.
+        """
+        reason = self.not_ready
+        if reason is not None:
+            raise NotReady(reason)
+
+    def look_again(self) -> Future[None]:
+        """Look for servos that did not answer when the others were found.
+
+        Returns:
+            Done when they have been looked for, whatever came of it.
+        """
+        return self._shared.set_up_soon()
+
+    @property
+    def last_failure(self) -> Path | None:
+        """The file with the second before the last failure; None as long as nothing failed."""
+        return self._shared.failures.latest
+
+    @property
+    def connection(self) -> ArmConnection:
+        """Whether the servos can be reached."""
+        problem = None
+        if not self.servos.is_connected:
+            problem = (
+                self.not_ready
+                or self.arm.state.fault
+                or "the port is not there; plug the adapter in again"
+            )
+        return ArmConnection(to=f"arm on {self.settings.port}", problem=problem)
+
+    def warm_up(self) -> None:
+        """Start the planning process in the background, so that the first plan comes quickly.
+
+        Not before the servos were looked for: a process that is just starting holds every file that
+        is open here, the port too, which then looks as if somebody else had it.
+        """
+        rig = self._shared.rig
+        self.first_try.add_done_callback(lambda _: rig.warm_up())
+
+    @property
+    def settings(self) -> ServoSettings:
+        """What all that share this port ask of it."""
+        return self.servos.settings
+
+    def is_on(self, port: str) -> bool:
+        """Whether ``port`` is a name of this rig's port."""
+        return self._shared.is_on(port)
+
+    def reload(self) -> None:
+        """Take up the calibration anew, from the file or the servos; the arm stays where it is.
+
+        Raises:
+            MotionError: Something moves.
+            BusError: The servos cannot be set up; all is as before.
+        """
+        with _hardware_lock:
+            self._shared.rebuild(self.servos.settings)
+
+    def lend_bus(self, purpose: str) -> BusLease:
+        """Borrow the bus, to calibrate the servos or to set them up; see ``BusLease``.
+
+        Args:
+            purpose: What for; errors name it.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent already; the message says for what.
+        """
+        lease = BusLease(
+            self.executor,
+            self.servos,
+            self.clock,
+            purpose=purpose,
+            returned=self._shared.take_ranges,
+        )
+        self._lease = lease
+        return lease
+
+    def close(self) -> None:
+        """Give up this share; the last one closes the port. May be called twice.
+
+        A bus lent by this share goes back first. If it is the last share, the servos stay as the
+        borrower left them.
+        """
+        with _hardware_lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._shared.shares.remove(self._asked)
+            is_last = not self._shared.shares
+            self._shared.is_closing = is_last
+        # Outside the lock: the arm may have to come to rest, and others open other ports meanwhile.
+        if is_last:
+            self._shared.close()
+            with _hardware_lock:
+                _hardware.remove(self._shared)
+                _hardware_lock.notify_all()
+        elif self._lease is not None:
+            self._lease.abandon()
+
+
+def open_hardware(
+    settings: ServoSettings, *, clock: Clock | None = None, patience: float | None = None
+) -> HardwareRig:
+    """The arm and gripper on a serial port; nothing moves by being opened.
+
+    Several may be opened on one port: they share it, and what they ask for must agree. As long as
+    none asks for a servo, nobody need be there and nothing is driven: that is for ``lend_bus``.
+
+    Args:
+        settings: Which port, and what is asked of it.
+        clock: What time it is; the real time by default, or what the port's first user said.
+        patience: How long to wait for an answer beyond the time on the wire [s]; by default what
+            the period of the setpoints has room for, or what the port's first user said.
+
+    Raises:
+        ConfigError: Another component uses the port with other settings.
+        BusError: The port cannot be opened, or a servo that is asked for does not answer.
+    """
+    return _open(settings, clock, patience, waits=True)
+
+
+def open_without_waiting(settings: ServoSettings) -> HardwareRig:
+    """Like ``open_hardware``, but return before the servos have been found.
+
+    The port's thread looks for them every second and then holds them where they stand. Until then
+    ``HardwareRig.not_ready`` says why, and whatever needs them raises.
+
+    Args:
+        settings: Which port, and what is asked of it.
+
+    Raises:
+        ConfigError: Another component uses the port with other settings.
+        PortUnavailable: The port cannot be opened.
+    """
+    return _open(settings, None, None, waits=False)
+
+
+def _open(
+    settings: ServoSettings, clock: Clock | None, patience: float | None, *, waits: bool
+) -> HardwareRig:
+    with _hardware_lock:
+        while (shared := _on_port(settings.port)) is not None and shared.is_closing:
+            _hardware_lock.wait()
+        if shared is None:
+            shared = SharedPort(settings, clock or MonotonicClock(), patience, waits=waits)
+            _hardware.append(shared)
+        elif waits:
+            shared.admit(shared.join(settings))
+        else:
+            shared.servos.settings = shared.join(settings)
+        rig = HardwareRig(shared, settings)
+        if not waits:
+            rig.first_try = shared.set_up_soon()
+        return rig
+
+
+def _on_port(port: str) -> SharedPort | None:
+    return next((shared for shared in _hardware if shared.is_on(port)), None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortUse:
+    """What the components of this process do with a port.
+
+    Attributes:
+        settings: What they ask of it.
+        joints: The joints they have found there, base to jaw.
+        shares: What each component asks for by itself.
+    """
+
+    settings: ServoSettings
+    joints: tuple[str, ...]
+    shares: tuple[ServoSettings, ...]
+
+
+def use_of(port: str) -> PortUse | None:
+    """What this process does with a port, by any of its names; None if nothing.
+
+    Asks nobody on the bus and waits for nobody.
+    """
+    for live in tuple(_hardware):
+        if live.is_on(port):
+            return PortUse(
+                settings=live.servos.settings,
+                joints=tuple(live.servos.setups),
+                shares=tuple(live.shares),
+            )
+    return None
+
+
+_hardware_lock = threading.Condition()
+_hardware: list[SharedPort] = []
+
+
+def leave_all() -> None:
+    """Bring every arm that is to be let go of at the end to rest, and let go of it.
+
+    Called when the process ends in order, before the rigs are closed. An arm that cannot be reached
+    stays as it is; the log says so.
+    """
+    for live in tuple(_hardware):
+        live.leave()
+
+
+@atexit.register
+def _close_all() -> None:
+    """A program that ends without closing leaves arms at rest, not ones in mid-motion."""
+    leave_all()
+    for live in tuple(_hardware):
+        live.close()

@@ -1,0 +1,206 @@
+"""Find the servos on a bus, and what their ticks mean.
+
+For each servo the calibration file counts first, then what the servo itself has stored, then the
+defaults. It is asked again at each start without a file. Where zero is: see ``zero``; only a file
+can know more than the middle of the travel, and only the configuration outranks it.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.record import file_search, record, store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import MIDDLE, Zero, in_force, zero_ticks
+from so101_motion.common.errors import BusError, CalibrationError, PortUnavailable
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap
+
+_log = logging.getLogger(__name__)
+
+_TRY_PERIOD = 0.25  # [s] between two tries to find the servos
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointSetup:
+    """One joint's calibration, where it came from, and what that makes of ticks.
+
+    Attributes:
+        calibration: The record.
+        source: ``"file"``, ``"registers"`` or ``"defaults"``.
+        map: Ticks to radians.
+        zero: What its zero goes by; of no meaning for the jaw.
+    """
+
+    calibration: JointCalibration
+    source: str
+    map: JointMap
+    zero: Zero = MIDDLE
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Survey:
+    """What was found.
+
+    Attributes:
+        setups: By joint, for every joint that has a servo.
+        notes: What a person should know.
+    """
+
+    setups: Mapping[str, JointSetup]
+    notes: tuple[str, ...]
+
+
+def survey(
+    bus: Bus,
+    ids: Mapping[str, int],
+    *,
+    required: Collection[str],
+    timeout: float,
+    file: Path | None,
+    is_file_to_come: bool = False,
+    jaw_closed: float,
+    zero_offsets: Mapping[str, float],
+) -> Survey:
+    """Find the servos and their calibration.
+
+    Args:
+        bus: Where they are.
+        ids: The servo of each joint that may be there.
+        required: Joints that are set up even if their servos do not answer.
+        timeout: For how long to wait for those [s].
+        file: The calibration file; None to ask the servos.
+        is_file_to_come: Whether the file need not exist yet, because a calibration will save it.
+        jaw_closed: The model's angle of the closed jaw [rad].
+        zero_offsets: The model's angles in the middle of the travel, of the joints for which they
+            are configured [rad].
+
+    Raises:
+        BusError: The port went away, or a servo could not be let go of.
+    """
+    present = _find(bus, ids, required, timeout)
+    interrupted = _end_interrupted(bus, file)
+    stored, notes = _read_file(file, is_file_to_come)
+    notes = interrupted + notes
+    filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
+    setups = {}
+    for joint in JOINTS:
+        if joint not in present and joint not in required:
+            continue
+        found, source, note = filed.get(ids[joint]), "file", None
+        if found is None:
+            found, source, note = _from_servo(joint, ids[joint], bus if joint in present else None)
+        is_own = stored is not None and found is stored.calibration.get(joint)
+        known = stored.zeros.get(joint) if stored and is_own else None
+        zero = in_force(known, zero_offsets.get(joint))
+        mapped = joint_map(
+            joint, found, is_filed=source == "file", jaw_closed=jaw_closed, zero=zero
+        )
+        setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
+        notes += (note,) if note else ()
+    return Survey(setups=setups, notes=notes)
+
+
+def joint_map(
+    joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float, zero: Zero
+) -> JointMap:
+    """Ticks to radians for one joint.
+
+    The jaw's zero is such that the closed end of its travel is the model's closed jaw.
+
+    Args:
+        joint: Its name.
+        found: Its calibration.
+        is_filed: Whether it came from a file, which the servo's registers then follow.
+        jaw_closed: The model's angle of the closed jaw [rad].
+        zero: What an arm joint's zero goes by.
+    """
+    at_zero = zero_ticks(found, zero)
+    if joint == GRIPPER_JOINT:
+        closed_ticks = found.range_max if found.drive_mode else found.range_min
+        at_zero = closed_ticks - (-1 if found.drive_mode else 1) * jaw_closed * TICKS_PER_RAD
+    return JointMap.from_calibration(
+        servo_id=found.id,
+        homing_offset=found.homing_offset if is_filed else None,
+        range_min=found.range_min,
+        range_max=found.range_max,
+        drive_mode=found.drive_mode,
+        zero_ticks=at_zero,
+    )
+
+
+def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: float) -> list[str]:
+    """The joints whose servos answer; gives required ones ``timeout`` seconds to do so."""
+    pause = threading.Event()
+    for attempt in range(1 + int(timeout / _TRY_PERIOD)):
+        if attempt:
+            pause.wait(_TRY_PERIOD)
+        answering = bus.answering(ids.values())
+        present = [joint for joint, servo_id in ids.items() if servo_id in answering]
+        if all(joint in present for joint in required):
+            break
+    return present
+
+
+def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
+    """End a calibration that a crash interrupted, before anybody goes by what it left."""
+    try:
+        said = None if path is None else journal.recover(bus, path)
+    except CalibrationError as error:
+        return (str(error),)
+    return (said,) if said else ()
+
+
+def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tuple[str, ...]]:
+    """What the file says; a bad file is a note, for the servos know as well."""
+    if path is None:
+        return None, ()
+    try:
+        found = store.load(path)
+    except CalibrationError as error:
+        elsewhere = _elsewhere(path)
+        if is_to_come and not path.exists() and not elsewhere:
+            return None, ()
+        note = f"the calibration file is not used: {error}. Asking the servos instead"
+        return None, (note + elsewhere,)
+    return found, found.notes
+
+
+def _elsewhere(path: Path) -> str:
+    """Where else there is a file of that name, in words: the published module lost track of its."""
+    if path.exists():
+        return ""
+    others = [str(f.path) for f in file_search.find() if f.path.name == path.name and f.stored]
+    return f". A file of that name is {' and '.join(others)}; copy it from there" if others else ""
+
+
+def _from_servo(
+    joint: str, servo_id: int, bus: Bus | None
+) -> tuple[JointCalibration, str, str | None]:
+    default = replace(record.default(joint), id=servo_id)
+    if bus is None:
+        return default, "defaults", None
+    try:
+        held = {
+            name: bus.read(servo_id, register)
+            for name, register in (
+                ("homing_offset", reg.HOMING_OFFSET),
+                ("range_min", reg.MIN_POSITION),
+                ("range_max", reg.MAX_POSITION),
+            )
+        }
+    except PortUnavailable:
+        raise
+    except BusError as error:
+        return default, "defaults", f"{joint}: {error}. Defaults are used"
+    found, note = record.from_registers(joint, servo_id, **held)
+    believed = (found.range_min, found.range_max) == (held["range_min"], held["range_max"])
+    return found, "registers" if believed else "defaults", note

@@ -1,0 +1,88 @@
+"""The interface of a rig that a viewer or a command line needs.
+
+Two fit it: ``Rig``, whose joints are simulated or on a serial port of this computer, and
+``machine.MachineRig``, whose joints belong to a running machine. Both have the same ``Arm``: goals
+are planned here either way, and what was planned is what moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import Jaw
+from so101_motion.common.clock import Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmConnection:
+    """Whether an arm can be reached.
+
+    Attributes:
+        to: What it is to, in words that fit behind "the": ``"arm on /dev/ttyACM0"``.
+        problem: Why it cannot be reached; None while it can.
+        lost_at: Since when, on the rig's clock [s]; None while it can.
+    """
+
+    to: str
+    problem: str | None = None
+    lost_at: float | None = None
+
+    @property
+    def is_up(self) -> bool:
+        """Whether it can be reached."""
+        return self.problem is None
+
+    def words(self, now: float) -> str:
+        """How it is, for people.
+
+        Args:
+            now: The time on the rig's clock [s].
+        """
+        if self.problem is None:
+            return "connected"
+        if self.lost_at is None:
+            return self.problem
+        return f"lost {now - self.lost_at:.0f} s ago: {self.problem}"
+
+
+class GripperLike(Jaw, Protocol):
+    """A jaw that opens and closes. See ``Gripper`` for what each method promises."""
+
+    @property
+    def q_jaw(self) -> float:
+        """Measured jaw angle [rad]."""
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion of the jaw is under way."""
+
+    def angle_of(self, aperture: float) -> float:
+        """The jaw angle [rad] that an aperture stands for."""
+
+    def stop(self) -> None:
+        """Slow to rest; returns when the jaw is at rest."""
+
+
+class RigLike(Protocol):
+    """An arm and its gripper."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+
+    @property
+    def gripper(self) -> GripperLike:
+        """The jaw."""
+
+    @property
+    def clock(self) -> Clock:
+        """What time it is; the arm's states are stamped with it."""
+
+    @property
+    def connection(self) -> ArmConnection:
+        """Whether they can be reached; never waits."""
+
+    def close(self) -> None:
+        """End what is under way and let go of everything. May be called twice."""

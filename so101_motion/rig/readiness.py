@@ -1,0 +1,82 @@
+"""Say whether the servos of a port have been found, and if not, why.
+
+The I/O thread notes what comes of each try; any thread may look.
+"""
+
+from __future__ import annotations
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import BusError, NotReady, PortUnavailable
+
+RETRY_PERIOD = 1.0
+"""How often servos that could not be set up are tried again [s]. Chosen: a try in which nobody
+answers takes 0.02 s."""
+
+
+class Readiness:
+    """Of the servos of one port.
+
+    Args:
+        clock: What time it is.
+
+    Attributes:
+        is_asked: Whether they have been tried since they were asked for.
+        is_met: Whether they have been set up since then.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self.is_asked = self.is_met = False
+        self._clock, self._begun = clock, clock.now()
+        self._why: BusError | None = None
+        self._due = self._begun
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is time for another try."""
+        return self._clock.now() >= self._due
+
+    @property
+    def has_port(self) -> bool:
+        """Whether the port was there at the last try, though the servos were not."""
+        return self._why is not None and not isinstance(self._why, PortUnavailable)
+
+    @property
+    def reason(self) -> str | None:
+        """Why nothing can be asked of the servos yet; None once they have been set up."""
+        if self.is_met:
+            return None
+        if self._why is None:
+            return "the servos have not been asked yet; try again"
+        tried = self._clock.now() - self._begun
+        return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
+
+    def ask_anew(self) -> None:
+        """Other servos are asked for from now on."""
+        self.is_asked = self.is_met = False
+        self._why = None
+        self._begun = self._due = self._clock.now()
+
+    def trying(self) -> None:
+        """A try begins."""
+        self.is_asked = True
+        self._due = self._clock.now() + RETRY_PERIOD
+
+    def met(self) -> None:
+        """The servos have been found and set up."""
+        self.is_asked = self.is_met = True
+        self._why = None
+
+    def failed(self, error: BusError) -> None:
+        """They have not."""
+        if not self.is_met:
+            self._why = error
+
+    def refuse(self) -> None:
+        """See that they have been found.
+
+        Raises:
+            NotReady: They have not.
+        """
+        reason = self.reason
+        if reason is not None:
+            raise NotReady(reason) from self._why

@@ -1,0 +1,147 @@
+"""An arm and a gripper on one driver, with their I/O thread and their planner.
+
+Whose driver that is, ``hardware_rig.py`` decides. All rigs of a process share one planning process,
+which ends with the last of them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable
+from types import TracebackType
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import JAW_LIMITS, Gripper
+from so101_motion.arm.planning_worker import PlanningWorker
+from so101_motion.common.clock import Clock
+from so101_motion.common.units import to_rad
+from so101_motion.control.executor import Executor, Tolerances
+from so101_motion.control.joint_driver import JointDriver
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.protocols import ArmConnection
+
+TICK = 0.01
+"""Period of the control loop [s]."""
+
+HARD_STOP = MotionLimits.uniform(velocity=to_rad(180.0), acceleration=to_rad(600.0), jerk=200.0)
+"""Caps of a stop, whatever the motion's own: 600 deg/s^2 is where the servos level off (460 to 620
+measured by the published module's authors); the jerk is chosen, braking builds up in 50 ms. A fifth
+more than any motion may have, so that a stop nearly always finds a way along the path."""
+
+JAW_HARD_STOP = MotionLimits.uniform(
+    velocity=JAW_LIMITS.velocity[0],
+    acceleration=1.2 * JAW_LIMITS.acceleration[0],
+    jerk=1.5 * JAW_LIMITS.jerk[0],
+    n=1,
+)
+"""The same for the jaw, which is light and moves faster than the arm."""
+
+_numbers = itertools.count(1)
+
+
+class Rig:
+    """An arm and a gripper on one driver, with their clock and their I/O thread.
+
+    Use it in a ``with`` block or call ``close``.
+    """
+
+    def __init__(
+        self,
+        driver: JointDriver,
+        *,
+        clock: Clock,
+        speed: float,
+        acceleration: float,
+        scene: Scene,
+        dt: float = TICK,
+        tolerances: Tolerances | None = None,
+        jaw_tolerances: Tolerances | None = None,
+        start: Callable[[Executor], None] = Executor.start,
+    ) -> None:
+        self.clock = clock
+        self.executor = Executor(
+            driver,
+            clock,
+            dt=dt,
+            stop_limits=HARD_STOP,
+            jaw_stop_limits=JAW_HARD_STOP,
+            tolerances=tolerances,
+            jaw_tolerances=jaw_tolerances,
+            name=f"so101-io-{next(_numbers)}",
+        )
+        self._worker = acquire_worker()
+        self._closed = False
+        try:
+            self.arm = Arm(
+                model=RobotModel.load(),
+                executor=self.executor,
+                planner=self._worker.plan,
+                speed=speed,
+                acceleration=acceleration,
+                scene=scene,
+            )
+            self.gripper = Gripper(executor=self.executor)
+            start(self.executor)
+        except BaseException:
+            driver.close()
+            release_worker()
+            raise
+
+    @property
+    def connection(self) -> ArmConnection:
+        """Whether the joints can be reached: the simulated ones always."""
+        return ArmConnection(to="simulated arm")
+
+    def warm_up(self) -> None:
+        """Start the planning process in the background, so that the first plan comes quickly."""
+        self._worker.start()
+
+    def close(self) -> None:
+        """Stop, end all threads, close the driver. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self.executor.close()  # first: it lets pass the time that its motions need to come to rest
+        self.arm.close()
+        release_worker()
+
+    def __enter__(self) -> Rig:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+_worker_lock = threading.Lock()
+_worker: PlanningWorker | None = None
+_worker_users = 0
+
+
+def acquire_worker() -> PlanningWorker:
+    """The planning process that all rigs share; give it back with ``release_worker``."""
+    global _worker, _worker_users
+    with _worker_lock:
+        if _worker is None:
+            _worker = PlanningWorker()
+        _worker_users += 1
+        return _worker
+
+
+def release_worker() -> None:
+    """One user less; the last one ends the planning process."""
+    global _worker, _worker_users
+    with _worker_lock:
+        _worker_users -= 1
+        if _worker_users > 0:
+            return
+        worker, _worker = _worker, None
+    if worker is not None:
+        worker.close()

@@ -1,0 +1,428 @@
+"""Drive the servos of one port, with their calibration, and say how they are.
+
+``ServoDriver`` is the ``JointDriver`` of a real arm. ``FeetechArm`` moves the bytes; this module
+decides before:
+
+* what the ticks mean: from the calibration file, else from the servos' registers, else defaults;
+* which servos must answer: an arm's five, a gripper's one;
+* when a joint is in trouble (``alarms``), so that the executor ends its motion and backs off.
+
+All of it can be decided anew while the arm is held (``rebuild``): when the calibration file was
+written, or a component joins that asks for more. It runs on the I/O thread, like every driver.
+
+While no component asks for a servo, or the bus is lent, a ``BusMonitor`` has the port: nothing is
+driven, and reading goes on as far as servos answer.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.common.clock import Clock
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import BusError, NotHolding, PortUnavailable
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, JointReading
+from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.command_record import CommandListener, SentCommand
+from so101_motion.drivers.feetech.feetech_arm import FeetechArm
+from so101_motion.drivers.feetech.gravity_compensation import Gravity
+from so101_motion.drivers.feetech.health import JointHealth
+from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
+from so101_motion.rig.bus_monitor import BusMonitor
+from so101_motion.rig.joint_setup import JointSetup, Survey
+from so101_motion.rig.port_settings import ServoSettings
+from so101_motion.rig.readiness import Readiness
+from so101_motion.rig.servo_finder import ServoFinder, ask
+
+__all__ = ["ServoDriver", "ServoSettings"]
+
+T = TypeVar("T")
+
+_log = logging.getLogger(__name__)
+
+_LOOK_PERIOD = 0.1  # [s], how often the servos' figures change
+
+
+class ServoDriver:
+    """The servos of one port; fits ``JointDriver``.
+
+    Until ``connect``, ``find`` or a later ``read`` has set them up every use raises ``NotReady``;
+    but ``read`` returns ``unseen`` as long as they have not been looked for.
+
+    Args:
+        settings: What is asked of them.
+        clock: What time it is.
+        gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
+        patience: How long to wait for an answer beyond the time on the wire [s].
+
+    Attributes:
+        settings: As given, as of the last ``rebuild``, or as somebody has said since.
+        in_force: What was asked of them when they were set up last.
+        setups: Calibration by joint, for every joint that has a servo.
+        notes: What a person should know about the calibration.
+        on_command: Called on the I/O thread with every command as it is sent; None for nobody.
+        unseen: What ``read`` returns before anybody was asked; its angles mean nothing.
+        readiness: Whether they have been found since they were asked for.
+        first_met: Called on the I/O thread when a ``read`` has set the servos up for the first
+            time since they were asked for; not called when ``connect`` has.
+    """
+
+    def __init__(
+        self,
+        settings: ServoSettings,
+        clock: Clock,
+        *,
+        gravity: Gravity,
+        patience: float = PATIENCE,
+    ) -> None:
+        self._clock = clock
+        self.settings = self.in_force = settings
+        self.setups: Mapping[str, JointSetup] = {}
+        self.notes: tuple[str, ...] = ()
+        self.on_command: CommandListener | None = None
+        self._losses = 0  # of arms before the present one
+        self._alarms: Mapping[str, str] = {}
+        self._look_due = clock.now()
+        self._finder = ServoFinder(settings, clock, gravity=gravity, patience=patience)
+        self._arm: FeetechArm | None = None
+        self._monitor: BusMonitor | None = None
+        self._is_lent = False
+        self.unseen = self._last = _unseen()
+        self.readiness = Readiness(clock)
+        self.first_met: Callable[[], None] | None = None
+
+    def probe(self) -> None:
+        """See that the port can be opened; asks no servo.
+
+        Raises:
+            PortUnavailable: It cannot.
+        """
+        self._finder.open_port().close()
+
+    def connect(self) -> None:
+        """Find the servos and set them up; waits ``settings.timeout`` for silent ones.
+
+        Raises:
+            BusError: The port cannot be opened, or a required servo cannot be set up.
+        """
+        self._begin(self.settings, self.settings.timeout or 0.0)
+
+    def look_on(self) -> None:
+        """Instead of ``connect``, when nobody asks for a servo: look at those that answer."""
+        self._monitor = self._finder.monitor(self.settings)
+
+    def forget(self) -> None:
+        """Let go of the port; ``find`` looks for whom the settings ask for by then."""
+        self.close()
+        self.unseen = self._last = _unseen()
+        self.readiness.ask_anew()
+
+    def find(self) -> None:
+        """Find the servos and set them up now, or, if that fails, with one of the next reads.
+
+        Raises:
+            NotReady: Some that are asked for do not answer.
+        """
+        if self._monitor is None:
+            self._driver()
+        else:
+            self._take_note(self._monitor)
+
+    # What a driver does
+
+    def read(self) -> JointReading:
+        """Measure all joints; see ``FeetechArm.read``.
+
+        While nothing is driven by us nothing is raised: a joint whose servo does not answer stays
+        where it was seen last, or at 0.
+
+        Raises:
+            NotReady: The servos have not been found yet.
+        """
+        if self._monitor is not None:
+            self._last = self._seen(self._monitor)
+            return self._last
+        if self._arm is None and not self.readiness.is_asked:
+            return self.unseen
+        arm = self._driver()
+        reading = arm.read()
+        now = self._clock.now()
+        if now >= self._look_due:
+            self._look_due = now + _LOOK_PERIOD
+            self._alarms = alarms(arm.health)
+        return replace(reading, alarms=self._alarms) if self._alarms else reading
+
+    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+        """Send the joints to ``q_cmd``, shape (5,), and the jaw; see ``FeetechArm.write``."""
+        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd)
+
+    def set_torque(self, on: bool) -> None:
+        """Hold the joints at the goal written last, or let go of them."""
+        if self._monitor is not None and not on:
+            self._monitor.let_go()
+        else:
+            self._driver().set_torque(on)
+
+    def guide(self, how: Compliance | None) -> None:
+        """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
+        self._driver().guide(how)
+
+    def close(self) -> None:
+        """Let go of the port; the servos stay as they are."""
+        arm, self._arm = self._arm, None
+        monitor, self._monitor = self._monitor, None
+        self._losses += arm.port_losses if arm is not None else 0
+        for user in (arm, monitor):
+            if user is not None:
+                user.close()
+
+    # What else can be asked, on the I/O thread
+
+    def rebuild(self, settings: ServoSettings) -> None:
+        """Set everything up anew; when that fails, go on as before.
+
+        Angles mean something else afterwards: use it with ``Executor.call_and_rehold``.
+
+        Raises:
+            BusError: A required servo cannot be reached or set up.
+        """
+        if self._arm is not None and self._arm.is_connected:
+            self._finder.require(
+                self._arm.bus.port, settings, settings.required()
+            )  # to learn it while all still works
+        before = self.settings
+        self.close()
+        try:
+            self._begin(settings, 0.0)  # the I/O thread must not wait
+        except BusError:
+            self._begin(before, 0.0)
+            raise
+        self.settings = settings
+
+    # Lending the bus, on the I/O thread
+
+    def lend(self) -> None:
+        """Leave the servos as they are; ``lent`` is for the borrower."""
+        self.close()
+        self._is_lent = True
+        self._monitor = self._finder.monitor(self.settings)
+
+    @property
+    def lent(self) -> BusMonitor:
+        """The bus while it is lent, for the borrower; on the port's thread."""
+        assert self._monitor is not None, "the bus has not been lent"
+        return self._monitor
+
+    def take_back(self, *, hold: bool) -> None:
+        """Set everything up anew after a lease, as the settings are by now.
+
+        Args:
+            hold: Whether the joints are to be held next, even if no component asks for them.
+
+        Raises:
+            BusError: A required servo cannot be reached or set up; it is tried again with each
+                ``read``.
+        """
+        self._is_lent = False
+        self.close()
+        now = self.settings
+        timeout = now.timeout or 0.0
+        if hold:
+            self._arm = self._build(now, now.required(), timeout)
+        else:
+            self._begin(now, timeout)
+
+    def set_torque_limit(self, joint: str, share: float) -> None:
+        """Let ``joint`` use at most ``share``, 0 to 1, of its motor's drive."""
+        self._driver().set_torque_limit(joint, share)
+
+    @property
+    def bus(self) -> Bus:
+        """For jobs that talk to the servos themselves.
+
+        Raises:
+            PortUnavailable: There is no port at present.
+        """
+        return self._driver().bus
+
+    # What any thread may ask
+
+    @property
+    def health(self) -> tuple[JointHealth, ...]:
+        """How each servo is, base to jaw."""
+        return self._arm.health if self._arm is not None else ()
+
+    @property
+    def has_port(self) -> bool:
+        """Whether the port is there, whatever answers on it."""
+        return self.is_connected or self.readiness.has_port
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the port is open and the servos have been found."""
+        user = self._arm or self._monitor
+        return user is not None and user.is_connected
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the servos are ours to drive."""
+        return self._monitor is None
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether the servos are ours to drive, and one of them drives its joint."""
+        return self._arm is not None and self._arm.is_driving
+
+    @property
+    def limp(self) -> tuple[str, ...]:
+        """The joints of an arm that is ours which no servo drives, base to jaw."""
+        return self._arm.limp if self._arm is not None else ()
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether any servo drives its joint, ours or not; None if nobody answers."""
+        if self._monitor is None:
+            return self.is_driving if self.is_connected else None
+        return bool(self._monitor.driven) if self._monitor.positions else None
+
+    @property
+    def positions(self) -> Mapping[str, int]:
+        """Where each servo is that answers while we drive nothing [tick], by joint."""
+        return self._monitor.positions if self._monitor is not None else {}
+
+    @property
+    def port_losses(self) -> int:
+        """How often the port went away."""
+        return self._losses + (self._arm.port_losses if self._arm is not None else 0)
+
+    @property
+    def calibration(self) -> dict[str, JointCalibration]:
+        """The calibration in use, by joint."""
+        return {joint: setup.calibration for joint, setup in self.setups.items()}
+
+    def to_ticks(self, joint: str, q: float) -> int:
+        """The servo position that ``joint`` has at angle ``q`` [rad]."""
+        return self.setups[joint].map.to_ticks(q)
+
+    def to_angle(self, joint: str, ticks: int) -> float:
+        """The angle of ``joint`` at a servo position [rad]."""
+        return self.setups[joint].map.to_rad(Ticks(ticks))
+
+    @property
+    def lower(self) -> Array:
+        """Smallest calibrated angles of the arm joints, shape (5,), [rad]."""
+        return self._ends("lower", -np.inf)
+
+    @property
+    def upper(self) -> Array:
+        """Largest calibrated angles of the arm joints, shape (5,), [rad]."""
+        return self._ends("upper", np.inf)
+
+    @property
+    def slowdown(self) -> float:
+        """What share of its speed the arm should use, 1 to 0.25, by its hottest servo."""
+        hottest = max((joint.temperature_c for joint in self.health), default=0)
+        return float(np.interp(hottest, (WARM_C, HOT_C), (1.0, 0.25)))
+
+    # How
+
+    def _ends(self, name: str, default: float) -> Array:
+        setups = self.setups
+        return np.array(
+            [getattr(setups[j].map, name) if j in setups else default for j in ARM_JOINTS]
+        )
+
+    def _begin(self, settings: ServoSettings, timeout: float) -> None:
+        """Drive the servos, or only monitor them if no component asks for any."""
+        required = settings.required()
+        if required:
+            self._arm = self._build(settings, required, timeout)
+        else:
+            self._take(settings, self._finder.survey(settings, required, timeout))
+            self._monitor = self._finder.monitor(settings)
+
+    def _seen(self, monitor: BusMonitor) -> JointReading:
+        monitor.look()
+        newcomers = monitor.positions.keys() - self.setups.keys()
+        if newcomers and not self._is_lent:  # somebody has switched the arm on
+            with suppress(BusError):
+                self._take_note(monitor)
+        q = [*self._last.q, self._last.q_jaw]
+        for joint, ticks in monitor.positions.items():
+            setup = self.setups.get(joint)
+            q[JOINTS.index(joint)] = (setup.map if setup else JointMap(servo_id=0)).to_rad(ticks)
+        return replace(self._last, q=np.array(q[:5]), q_jaw=float(q[5]))
+
+    def _take_note(self, monitor: BusMonitor) -> None:
+        now = self.settings
+        self._take(now, monitor.on_bus(lambda bus: ask(bus, now, now.required(), 0.0)))
+
+    def _driver(self) -> FeetechArm:
+        if self._monitor is not None:
+            raise NotHolding(
+                f"no component uses the arm on {self.settings.port}; configure an arm or a gripper"
+                " with this port"
+            )
+        if self._arm is None:
+            self._arm = self._found()
+        return self._arm
+
+    def _found(self) -> FeetechArm:
+        """Try to find the servos, if it is time; this is on the I/O thread, which must not wait.
+
+        A jaw that does not answer is left out: the arm can be used without it.
+        """
+        settings, readiness = self.settings, self.readiness
+        is_first = not readiness.is_met
+        if not readiness.is_due:
+            readiness.refuse()
+            raise PortUnavailable(
+                settings.port,
+                "the servos could not be set up again yet; check the USB cable and the arm's"
+                " power, it is tried again every second",
+            )
+        readiness.trying()
+        required = ARM_JOINTS if settings.servo_ids is not None else settings.required()
+        try:
+            self._finder.look(settings, required)
+            arm = self._build(settings, required, 0.0)
+        except BusError as error:
+            readiness.failed(error)
+            readiness.refuse()
+            raise
+        if is_first and self.first_met is not None:
+            self.first_met()
+        return arm
+
+    def _build(
+        self, settings: ServoSettings, required: Collection[str], timeout: float
+    ) -> FeetechArm:
+        found = self._finder.survey(settings, required, timeout)
+        arm = self._finder.arm(found, self._record)
+        self._take(settings, found)
+        return arm
+
+    def _record(self, command: SentCommand) -> None:
+        if self.on_command is not None:
+            self.on_command(command)
+
+    def _take(self, settings: ServoSettings, found: Survey) -> None:
+        known = self.notes  # a motor setup gives the bus back again and again
+        self.in_force, self.setups, self.notes = settings, found.setups, found.notes
+        self.readiness.met()
+        for note in found.notes:
+            if note not in known:
+                _log.warning("%s", note)
+
+
+def _unseen() -> JointReading:
+    return JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)

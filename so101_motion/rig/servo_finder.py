@@ -1,0 +1,149 @@
+"""Find the servos on a port, and make a driver of them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import BusError
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.bus import RETRIES, Bus, Port
+from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.command_record import CommandListener
+from so101_motion.drivers.feetech.feetech_arm import FeetechArm
+from so101_motion.drivers.feetech.gravity_compensation import Gravity
+from so101_motion.drivers.feetech.presence import not_there
+from so101_motion.drivers.port.serial_port import PortOpener
+from so101_motion.rig.bus_monitor import BusMonitor
+from so101_motion.rig.joint_setup import Survey, survey
+from so101_motion.rig.port_settings import ServoSettings
+
+SPEED_CAP = to_rad(220.0)
+"""Speed cap the servos keep by themselves [rad/s]: what is planned never exceeds 180 deg/s, and a
+joint must be able to catch up; the jaw is planned with 220."""
+
+ACCELERATION_CAP = to_rad(1000.0)
+"""Acceleration cap the servos keep by themselves [rad/s^2]: twice the largest that is planned."""
+
+JAW_DRIVE = 0.5
+"""Share of its drive the jaw may use at most, as in LeRobot. A jaw that closes on something
+stiff must not be able to overload itself."""
+
+_GLANCE = 2
+"""How often silent servos are asked in one try. Chosen: a try with nobody there takes 0.02 s, which
+a stop or the end of the process may have to wait for; the next try comes in a second."""
+
+
+class ServoFinder:
+    """Looks for the servos of one port. Used by one thread at a time.
+
+    Args:
+        settings: Which port, and at which rate it talks.
+        clock: What time it is.
+        gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
+        patience: How long to wait for an answer beyond the time on the wire [s].
+
+    Attributes:
+        open_port: Opens the port, wherever its adapter is by now.
+    """
+
+    def __init__(
+        self, settings: ServoSettings, clock: Clock, *, gravity: Gravity, patience: float
+    ) -> None:
+        self.open_port = PortOpener(settings.port, settings.baudrate)
+        self._clock, self._gravity, self._patience = clock, gravity, patience
+        self._tallies = Tallies()
+
+    def survey(self, settings: ServoSettings, required: Collection[str], timeout: float) -> Survey:
+        """Look who is there and what is known of them, before a driver takes the port.
+
+        Raises:
+            BusError: The port cannot be opened, or went away.
+        """
+        bus = self._bus(self.open_port(), settings)
+        try:
+            return ask(bus, settings, required, timeout)
+        finally:
+            bus.close()
+
+    def arm(self, found: Survey, on_command: CommandListener) -> FeetechArm:
+        """Take the servos of ``found`` in hand; ``on_command`` hears of all that is sent.
+
+        Raises:
+            BusError: One of them cannot be reached or set up.
+        """
+        arm = FeetechArm(
+            self.open_port,
+            self._clock,
+            {joint: setup.map for joint, setup in found.setups.items()},
+            gravity=self._gravity,
+            speed=SPEED_CAP,
+            acceleration=ACCELERATION_CAP,
+            patience=self._patience,
+            tallies=self._tallies,
+        )
+        arm.on_command = on_command
+        try:
+            if GRIPPER_JOINT in found.setups:
+                arm.set_torque_limit(GRIPPER_JOINT, JAW_DRIVE)
+        except BusError:
+            arm.close()
+            raise
+        return arm
+
+    def monitor(self, settings: ServoSettings) -> BusMonitor:
+        """Look at the servos and leave them alone."""
+        ids = settings.ids()
+        return BusMonitor(self.open_port, self._clock, ids=ids, patience=self._patience)
+
+    def look(self, settings: ServoSettings, required: Collection[str]) -> None:
+        """See at a glance that all answer who are required.
+
+        Raises:
+            PortUnavailable: The port cannot be opened, or went away.
+            NoReply: Who does not answer.
+        """
+        port = self.open_port()
+        try:
+            self.require(port, settings, required, tries=_GLANCE)
+        finally:
+            port.close()
+
+    def require(
+        self,
+        port: Port,
+        settings: ServoSettings,
+        required: Collection[str],
+        *,
+        tries: int = 1 + RETRIES,
+    ) -> None:
+        """See that all answer who are required; ``tries`` as in ``Bus.answering``.
+
+        Raises:
+            NoReply: Who does not.
+        """
+        bus, ids = self._bus(port, settings), settings.ids()
+        answering = bus.answering(ids.values(), tries=tries)
+        missing = [ids[joint] for joint in required if ids[joint] not in answering]
+        if missing:
+            raise not_there(bus, missing, answering)
+
+    def _bus(self, port: Port, settings: ServoSettings) -> Bus:
+        names = {servo_id: joint for joint, servo_id in settings.ids().items()}
+        return Bus(port, names=names, patience=self._patience)
+
+
+def ask(bus: Bus, settings: ServoSettings, required: Collection[str], timeout: float) -> Survey:
+    """Look who is there on ``bus`` and what is known of them; see ``survey``."""
+    return survey(
+        bus,
+        settings.ids(),
+        required=required,
+        timeout=timeout,
+        file=settings.file,
+        is_file_to_come=settings.is_file_to_come,
+        jaw_closed=JAW_CLOSED,
+        zero_offsets=settings.zero_offsets or {},
+    )

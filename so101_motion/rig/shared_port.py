@@ -1,0 +1,278 @@
+"""Share a serial port: its servos, its rig, and the components that use it.
+
+What the components ask for together is in ``servos.settings``, what was set up last in
+``servos.in_force``. Whoever can wait has the two made equal at once (``connect``, ``rebuild``). An
+event loop cannot: there the port's own thread does it (``set_up_soon``), and goes on trying while
+servos stay silent, exactly as it does after a cable was pulled.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from concurrent.futures import Future
+
+from so101_motion.common.clock import Clock, MonotonicClock
+from so101_motion.common.errors import ConfigError, MotionError, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.common.realtime import go_first
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.common.units import to_rad
+from so101_motion.control.executor import Executor, Tolerances
+from so101_motion.control.joint_controller import JointController
+from so101_motion.drivers.bus.bus import patience_in
+from so101_motion.drivers.feetech.feetech_arm import (
+    SETTLE_POSITION,
+    SETTLE_TIMEOUT,
+    SETTLE_VELOCITY,
+)
+from so101_motion.files.failure_record import FailureRecorder
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.rig import TICK, Rig
+from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
+
+_log = logging.getLogger(__name__)
+
+HARDWARE_TOLERANCES = Tolerances(
+    settle_position=SETTLE_POSITION,
+    settle_velocity=SETTLE_VELOCITY,
+    settle_timeout=SETTLE_TIMEOUT,
+    following_lag=0.15,
+)
+"""When a real arm has arrived; its servos are up to 0.1 s behind at speed."""
+
+JAW_TOLERANCES = Tolerances(
+    settle_position=to_rad(1.0),
+    settle_velocity=SETTLE_VELOCITY,
+    settle_timeout=0.4,
+    following_error=0.08,
+    following_lag=0.15,
+)
+"""The same for a real jaw. Nothing corrects its standing error of some ticks; and what it closes on
+must stop it soon: 0.08 rad are 5 mm between the tips. Chosen."""
+
+HARDWARE_JAW_LIMITS = MotionLimits.uniform(
+    velocity=to_rad(90.0), acceleration=10.0, jerk=200.0, n=1
+)
+"""How fast a real jaw moves: a third of its drive goes into the speed, so half of it suffices, and
+it is slow enough to feel what it meets. Chosen."""
+
+_CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
+"""When servos may be set up anew without anybody asking for it: never under a guiding hand."""
+
+
+class SharedPort:
+    """The rig of a port, and how many use it. ``hardware_rig.py`` calls its methods one at a time.
+
+    Args:
+        settings: What its first user asks of it.
+        clock: What time it is.
+        patience: How long to wait for an answer beyond the time on the wire [s]; None for what the
+            period of the setpoints has room for.
+        waits: Whether the servos are found before this returns, or soon after.
+
+    Attributes:
+        shares: What each component that uses it asks for.
+        is_closing: Whether the last one is leaving.
+        servos: Its servos.
+        rig: Its arm and gripper.
+        failures: Keeps what came before a failure.
+
+    Raises:
+        BusError: The port cannot be opened; or, if it waits, a servo cannot be reached.
+    """
+
+    def __init__(
+        self, settings: ServoSettings, clock: Clock, patience: float | None, *, waits: bool
+    ) -> None:
+        self.shares: list[ServoSettings] = []
+        self.is_closing = False
+        self._holding: Future[None] = Future()  # of servos that have just been found
+        self._holding.set_result(None)
+        self._trouble: str | None = None  # why what is asked for is not in force
+        dt = 1.0 / settings.rate if settings.rate else TICK
+        self._device = os.path.realpath(settings.port)
+        self.servos = ServoDriver(
+            settings,
+            clock,
+            gravity=RobotModel.load().gravity_torque,
+            patience=patience_in(dt) if patience is None else patience,
+        )
+        if waits:
+            self.servos.connect()
+        else:
+            self.servos.probe()
+            if not settings.required():
+                self.servos.look_on()
+        self.rig = Rig(
+            self.servos,
+            clock=clock,
+            speed=to_rad(50.0),
+            acceleration=to_rad(100.0),
+            scene=Scene(),
+            dt=dt,
+            tolerances=HARDWARE_TOLERANCES,
+            jaw_tolerances=JAW_TOLERANCES,
+            start=Executor.start if waits and settings.required() else Executor.start_limp,
+        )
+        self.servos.first_met = self._first_met
+        self.failures = FailureRecorder(settings.port)
+        self.rig.executor.on_failure(self.failures.record)
+        if isinstance(clock, MonotonicClock):
+            self.rig.executor.call(lambda _: go_first())
+        self.rig.gripper.limits = HARDWARE_JAW_LIMITS
+        self.rig.arm.slowdown = lambda: self.servos.slowdown
+        self.take_ranges()
+
+    def leave(self) -> None:
+        """Let go of the joints if that is how they are to be left."""
+        if not self.servos.settings.lets_go:
+            return
+        try:
+            self.rig.arm.set_torque(False)
+        except So101Error as error:
+            _log.warning("%s was not let go of: %s", self.servos.settings.port, error)
+
+    def is_on(self, port: str) -> bool:
+        """Whether ``port`` is another name, or the name, of this port."""
+        device = os.path.realpath(port)
+        return device in (self._device, os.path.realpath(self.servos.settings.port))
+
+    def take_ranges(self) -> None:
+        """Let arm and gripper know how far their joints go by the calibration in force."""
+        self.rig.arm.set_range(self.servos.lower, self.servos.upper)
+        jaw = self.servos.setups.get(GRIPPER_JOINT)
+        if jaw is not None:
+            self.rig.gripper.closed, self.rig.gripper.opened = jaw.map.lower, jaw.map.upper
+
+    def close(self) -> None:
+        """Come to rest and let go of everything."""
+        self.rig.close()
+        self.failures.close()
+
+    # Letting another component in
+
+    def join(self, settings: ServoSettings) -> ServoSettings:
+        """What all would ask for together.
+
+        Raises:
+            ConfigError: ``settings`` contradict the others.
+        """
+        joined = self.servos.settings.joined_with(settings)
+        running = 1.0 / self.rig.executor.dt
+        if joined.rate is not None and abs(joined.rate - running) > 1e-6:
+            raise ConfigError(
+                "control_rate_hz",
+                joined.rate,
+                f"the port runs at {running:g} Hz already, for another component; give every"
+                " component on it the same",
+            )
+        return joined
+
+    def admit(self, joined: ServoSettings) -> None:
+        """Ask for what ``joined`` says; what it asks for beyond the present is set up.
+
+        While the bus is lent that waits until it is given back.
+
+        Raises:
+            BusError: What it asks for is not there.
+        """
+        if self.rig.executor.state.lent_to is None and self._differs(joined):
+            self.rebuild(joined)
+        self.servos.settings = joined
+
+    def rebuild(self, settings: ServoSettings) -> None:
+        """Set the servos up anew; held joints stay put, and what nobody drove until now is held."""
+        executor, first = self.rig.executor, not self.servos.in_force.required()
+        executor.call_and_rehold(lambda _: self._rebuild(settings)).result()
+        if first and settings.required():
+            executor.hold().result()
+        self.rig.gripper.regrip()
+
+    def _rebuild(self, settings: ServoSettings) -> None:
+        self.servos.rebuild(settings)
+        self.take_ranges()
+
+    def _differs(self, wanted: ServoSettings) -> bool:
+        """Whether the servos have to be set up anew for ``wanted``."""
+        now, ids = self.servos.in_force, wanted.ids()
+        in_use = {joint: setup.map.servo_id for joint, setup in self.servos.setups.items()}
+        return (
+            not now.required()
+            or wanted.file != now.file
+            or wanted.zero_offsets != now.zero_offsets
+            or any(joint not in in_use for joint in wanted.required())
+            or any(ids.get(joint) != servo_id for joint, servo_id in in_use.items())
+        )
+
+    @property
+    def _is_in_force(self) -> bool:
+        wanted, servos = self.servos.settings, self.servos
+        if servos.in_force == wanted:
+            return all(joint in servos.setups for joint in wanted.required())
+        return not self._differs(wanted)
+
+    # Without waiting
+
+    def not_ready(self, joints: tuple[str, ...]) -> str | None:
+        """Why ``joints`` cannot be used yet; None once their servos have been found."""
+        servos = self.servos
+        if servos.readiness.reason is not None:
+            return servos.readiness.reason
+        if self.rig.executor.state.reading is servos.unseen or not self._holding.done():
+            return "the servos have just been found; try again"
+        missing = [joint for joint in joints if joint not in servos.setups]
+        if not missing:
+            return None
+        first, ids = missing[0], servos.settings.ids()
+        plain = f"servo {ids[first]} ({first}) did not answer; check its cable"
+        return f"{self._trouble or plain} (it is asked again with every request)"
+
+    def set_up_soon(self) -> Future[None]:
+        """Have what is asked for set up by the port's thread, unless it is in force.
+
+        Returns:
+            Done when that was tried once, whatever came of it.
+        """
+        tried: Future[None] = Future()
+        ask = self.rig.executor.ask
+
+        def go_on(_: Future[None]) -> None:  # in a turn of its own: what was forgotten is told
+            ask(self._set_up).add_done_callback(end)
+
+        def end(setting_up: Future[None]) -> None:
+            error = setting_up.exception()
+            self._trouble = None if error is None else str(error)
+            self._holding.add_done_callback(lambda _: tried.set_result(None))
+
+        ask(self._forget).add_done_callback(go_on)
+        return tried
+
+    def _forget(self, control: JointController) -> None:
+        """Forget servos that were only looked at, if there are some to be driven now."""
+        servos = self.servos
+        if control.mode is Mode.LIMP and not servos.is_ours and servos.settings.required():
+            servos.forget()
+
+    def _set_up(self, control: JointController) -> None:
+        servos = self.servos
+        if control.mode is Mode.CALIBRATING:
+            return  # it is set up when the bus comes back
+        if not servos.readiness.is_met:
+            servos.find()
+        elif not self._is_in_force:
+            if control.mode not in _CALM:
+                raise MotionError(
+                    f"the arm on {servos.settings.port} is {control.mode.value}, so nothing else on"
+                    " the port can be set up; stop it or wait for its end"
+                )
+            control.call_and_rehold(lambda _: self._rebuild(servos.settings))
+            self.rig.gripper.regrip()
+
+    def _first_met(self) -> None:
+        """The servos have answered at last: have them hold where they stand."""
+        self.take_ranges()
+        _log.info("the servos on %s have been found", self.servos.settings.port)
+        self._holding = self.rig.executor.hold()

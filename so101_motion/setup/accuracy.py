@@ -1,0 +1,292 @@
+"""Figures and verdicts of a test by small motions: how well each joint follows its goals.
+
+For each joint: how far off it stands at rest, how much that depends on the side it came from
+(friction, dead band and play of the gears together; one encoder cannot tell them apart), how far
+behind it runs while it moves, and how long it takes to settle. Nothing here moves anything;
+``move_test`` does.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from so101_motion.common.state import GRIPPER_JOINT, JointState
+from so101_motion.common.units import to_deg, to_mm, to_rad
+
+Verdict = Literal["ok", "warn", "fail", "not tested"]
+
+SCHEMA = "so101/move-test/1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bounds:
+    """From where on a figure is a warning, and from where on a failure."""
+
+    warn: float
+    fail: float
+
+    def judge(self, value: float | None) -> Verdict:
+        """What ``value`` is; one that is not known is no reason to complain."""
+        if value is None or value <= self.warn:
+            return "ok"
+        return "warn" if value <= self.fail else "fail"
+
+
+ERROR = Bounds(warn=to_rad(0.5), fail=to_rad(1.5))
+"""At rest [rad]. The driver trims a joint to a quarter of a degree; 1.5 deg are 8 mm at full
+stretch. Chosen."""
+
+JAW_ERROR = Bounds(warn=to_rad(2.5), fail=to_rad(6.0))
+"""The same for the jaw, whose standing error nobody corrects. Chosen."""
+
+HYSTERESIS = Bounds(warn=to_rad(0.6), fail=to_rad(1.5))
+"""Between the two sides [rad]: a trimmed joint may stop at either end of the trim's dead band.
+Chosen."""
+
+LAG = Bounds(warn=0.15, fail=0.30)
+"""While it moves [s]. Servos were seen up to 0.1 s behind. Chosen."""
+
+SETTLE = Bounds(warn=1.0, fail=2.0)
+"""After the end of a motion [s]; the driver gives up after 2 s. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointAccuracy:
+    """How well one joint does as it is told.
+
+    Attributes:
+        error: How far off it stood at most, at rest [rad]; None if it never came to rest.
+        hysteresis: By how much that differs with the side it came from [rad]; None if not known.
+        lag: How far behind it ran [s]; None where nobody tells where it should have been.
+        settle: How long it took at most to come to rest [s]; None likewise.
+        tool: How far the tool was off at most through all joints together [m]; None for the jaw.
+        trouble: Why it could not be tested to the end; empty if it was.
+    """
+
+    joint: str
+    error: float | None = None
+    hysteresis: float | None = None
+    lag: float | None = None
+    settle: float | None = None
+    tool: float | None = None
+    trouble: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of its figures."""
+        if self.error is None:
+            return "fail" if self.trouble else "not tested"
+        return "fail" if self.trouble else _worst(verdict for verdict, _ in self._findings())
+
+    @property
+    def sentence(self) -> str:
+        """What there is to say of it, and what to do; empty when all is well."""
+        if self.trouble:
+            return self.trouble
+        return "; ".join(said for verdict, said in self._findings() if verdict != "ok")
+
+    def _findings(self) -> list[tuple[Verdict, str]]:
+        error = JAW_ERROR if self.joint == GRIPPER_JOINT else ERROR
+        return [
+            (error.judge(self.error), "it stands off: free the joint, look for weight or a cable"),
+            (HYSTERESIS.judge(self.hysteresis), "it sticks or has play: look at horn and screws"),
+            (LAG.judge(self.lag), "it runs behind: look at the supply and its voltage"),
+            (SETTLE.judge(self.settle), "it settles slowly: something holds it back"),
+        ]
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs; degrees, millimetres, milliseconds."""
+        return {
+            "joint": self.joint,
+            "verdict": self.verdict,
+            "error_deg": _deg(self.error),
+            "hysteresis_deg": _deg(self.hysteresis),
+            "lag_ms": None if self.lag is None else _rounded(1e3 * self.lag),
+            "settle_ms": None if self.settle is None else _rounded(1e3 * self.settle),
+            "tool_mm": None if self.tool is None else _rounded(to_mm(self.tool)),
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveReport:
+    """What test motions have shown.
+
+    Attributes:
+        began_at: When, as an ISO date and time with its zone.
+        seconds: How long it took [s].
+        ended_by: Why it ended early; empty if it did not.
+        as_shown: Whether a person saw the arm do what its picture did, which no encoder tells;
+            None if nobody said.
+    """
+
+    arm: str
+    joints: tuple[JointAccuracy, ...]
+    began_at: str
+    seconds: float
+    ended_by: str = ""
+    as_shown: bool | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether all joints were tested and none has failed; warnings do not count."""
+        fit = all(joint.verdict in ("ok", "warn") for joint in self.joints)
+        return fit and not self.ended_by and self.as_shown is not False
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        if self.ended_by:
+            return f"The test was not finished: {self.ended_by}"
+        if self.as_shown is False:
+            return (
+                "Failed: the arm does not do what its picture does. Two motors may have changed"
+                " places: set the motors up again, then calibrate"
+            )
+        bad = [joint.joint for joint in self.joints if joint.verdict not in ("ok", "warn")]
+        if bad:
+            return f"Failed: {', '.join(bad)}"
+        warned = [joint.joint for joint in self.joints if joint.verdict == "warn"]
+        return f"Passed, but look at {', '.join(warned)}" if warned else "Passed: all joints obey"
+
+    @property
+    def tool(self) -> float | None:
+        """How far the tool was off at most [m]; None if that was not measured."""
+        return max((j.tool for j in self.joints if j.tool is not None), default=None)
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "arm": self.arm,
+            "began_at": self.began_at,
+            "seconds": _rounded(self.seconds),
+            "passed": self.passed,
+            "sentence": self.sentence,
+            "as_shown": self.as_shown,
+            "tool_mm": None if self.tool is None else _rounded(to_mm(self.tool)),
+            "joints": [joint.to_json() for joint in self.joints],
+        }
+
+    def file(self, versions: Mapping[str, str] | None = None) -> bytes:
+        """All of it as a JSON file."""
+        content = {"schema": SCHEMA, **(versions or {}), **self.to_json()}
+        return json.dumps(content, indent=2).encode() + b"\n"
+
+    def text(self) -> str:
+        """All of it as a table."""
+        lines = [
+            f"{self.sentence}.",
+            f"{self.arm}, {self.began_at}, {self.seconds:.0f} s",
+            "",
+            f"{'':12}{'joint':<15}{'off':>8}{'sides':>8}{'behind':>9}{'settles':>9}{'tool':>9}",
+        ]
+        for joint in self.joints:
+            lines.append(
+                f"{joint.verdict:<12}{joint.joint:<15}{degrees(joint.error):>8}"
+                f"{degrees(joint.hysteresis):>8}{milliseconds(joint.lag):>9}"
+                f"{milliseconds(joint.settle):>9}{millimetres(joint.tool):>9}"
+            )
+            if joint.sentence:
+                lines.append(f"{'':12}{joint.sentence}")
+        return "\n".join(lines) + "\n"
+
+
+class Measurements:
+    """What has been measured of one joint so far.
+
+    Attributes:
+        tool: How far the tool was off at most [m].
+    """
+
+    def __init__(self, joint: str) -> None:
+        self._joint = joint
+        self.tool = self._settle = 0.0
+        self._error: float | None = None
+        self._behind: list[tuple[float, float]] = []  # (error, speed) while it moved
+        self._visits: dict[float, dict[bool, list[float]]] = {}  # place: from below: angles
+
+    def note_motion(self, i: int, states: list[JointState]) -> None:
+        """How arm joint ``i`` went to its stop."""
+        moving = [state for state in states if state.arm_moving]
+        told = [state for state in moving if state.qd_ref[i] != 0.0]
+        self._behind += [(float(s.q_ref[i] - s.q[i]), float(s.qd_ref[i])) for s in told]
+        if told:
+            self._settle = max(self._settle, moving[-1].t - told[-1].t)
+
+    def note_stop(self, wanted: float, here: float, *, is_from_below: bool) -> None:
+        """Where the joint stood, and where it should have [rad]."""
+        self._error = max(self._error or 0.0, abs(here - wanted))
+        visits = self._visits.setdefault(round(wanted, 4), {False: [], True: []})
+        visits[is_from_below].append(here)
+
+    def note_jaw(self, off: float) -> None:
+        """How far the jaw stood off [rad]."""
+        self._error = max(self._error or 0.0, abs(off))
+
+    def accuracy(self) -> JointAccuracy:
+        """The figures."""
+        lag, is_jaw = self._lag(), self._joint == GRIPPER_JOINT
+        return JointAccuracy(
+            joint=self._joint,
+            error=self._error,
+            hysteresis=self._hysteresis(),
+            lag=lag,
+            settle=None if lag is None else self._settle,
+            tool=None if is_jaw or self._error is None else self.tool,
+        )
+
+    def _hysteresis(self) -> float | None:
+        """The most that two stops in one place differ with the side they were reached from."""
+        apart = [
+            abs(float(np.mean(sides[True])) - float(np.mean(sides[False])))
+            for sides in self._visits.values()
+            if sides[True] and sides[False]
+        ]
+        return max(apart, default=None)
+
+    def _lag(self) -> float | None:
+        """How late the joint is where it should have been [s], by least squares.
+
+        To first order a joint that is late by ``lag`` is off by ``lag`` times its speed. None where
+        the arm does not tell setpoints apart from measurements.
+        """
+        pairs = np.array(self._behind).reshape(-1, 2)
+        error, speed = pairs[:, 0], pairs[:, 1]
+        if not np.any(error):
+            return None
+        return max(float(error @ speed / (speed @ speed)), 0.0)
+
+
+def degrees(angle: float | None) -> str:
+    """An angle [rad] for people."""
+    return "–" if angle is None else f"{to_deg(angle):.1f}°"
+
+
+def milliseconds(duration: float | None) -> str:
+    """A time [s] for people."""
+    return "–" if duration is None else f"{1e3 * duration:.0f} ms"
+
+
+def millimetres(length: float | None) -> str:
+    """A length [m] for people."""
+    return "–" if length is None else f"{to_mm(length):.1f} mm"
+
+
+_RANK: tuple[Verdict, ...] = ("ok", "warn", "fail")
+
+
+def _worst(verdicts: Any) -> Verdict:
+    return max(verdicts, key=_RANK.index)
+
+
+def _deg(angle: float | None) -> float | None:
+    return None if angle is None else _rounded(to_deg(angle), 3)
+
+
+def _rounded(value: float, digits: int = 1) -> float:
+    return round(float(value), digits) + 0.0

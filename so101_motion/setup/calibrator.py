@@ -1,0 +1,385 @@
+"""Calibrate and set up motors on a serial port that an arm may be using.
+
+``calib`` knows how a calibration goes and how a servo is set up; ``rig`` knows who has the port.
+Here the two meet. The bus is borrowed when a calibration starts, and for the length of each motor
+setup request. It goes back when the calibration is saved, aborted or reset, whoever asks for that,
+and what it finds then is in force at once: a saved calibration for a running arm, with the joints
+held where they stand; after an abort the former calibration, with the joints held if they were.
+
+Commands may come from any thread, are carried out one at a time, and take as long as they take.
+``situation`` never waits.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.calib.motors.setup_view import SetupView, Verification
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.view import CalibrationView, JointView
+from so101_motion.calib.record import record, store
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import expected_travel
+from so101_motion.common.errors import CalibrationError, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.common.units import to_deg
+from so101_motion.drivers.bus.bus import PATIENCE
+from so101_motion.drivers.bus.defaults import BAUDRATE
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
+from so101_motion.rig.bus_lease import BusLease
+from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.joint_setup import JointSetup
+from so101_motion.rig.servo_driver import ServoSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepResult:
+    """What a step of a calibration has come to.
+
+    Attributes:
+        stored: What the file says now; None if nothing was saved.
+        trouble: Why the arm does not do what it should now; None if it does.
+    """
+
+    stored: Stored | None = None
+    holds: bool = False
+    trouble: str | None = None
+
+    @property
+    def put_back(self) -> str:
+        """How the arm is left after an abort, in words."""
+        trouble = f". But: {self.trouble}" if self.trouble else ""
+        return f"the motors hold what they held before; {about_torque(self.holds)}{trouble}"
+
+
+def about_torque(holds: bool | None) -> str:
+    """Whether the joints are held, in words; None if no motor answers."""
+    if holds is None:
+        return "no motor answers"
+    if holds:
+        return "the joints are held where they stand"
+    return "the joints are limp, so support the arm"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Situation:
+    """Everything there is to know at one instant.
+
+    Attributes:
+        joints: The joints that are calibrated, base to jaw: of the calibration under way, else of
+            the one in force.
+        angles: Where they are [rad], those that are known. From ``set_homing`` on that is counted
+            from the middle of the joint's limits, for no calibration is in force then.
+        calibration_file: Where a calibration is saved, absolute.
+        holds: Whether any joint is driven; None if no servo answers.
+    """
+
+    view: CalibrationView
+    setup: SetupView
+    joints: Mapping[str, JointView]
+    angles: Mapping[str, float]
+    calibration_file: Path
+    is_connected: bool
+    holds: bool | None
+    notes: tuple[str, ...]
+
+    @property
+    def saved(self) -> Path | None:
+        """The file of the calibration in force, if none is under way and it has all joints."""
+        is_whole = bool(self.joints) and all(view.is_done for view in self.joints.values())
+        return self.calibration_file if is_whole and self.view.state is State.IDLE else None
+
+    @property
+    def untouched(self) -> str:
+        """How the arm is left when no calibration is under way, in words."""
+        return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
+
+
+class SetsUpMotors(Protocol):
+    """Gives motors their ids; see ``MotorSetup``. All but ``view`` waits for the bus."""
+
+    @property
+    def view(self) -> SetupView: ...  # noqa: D102
+
+    def discover(self, joint: str) -> object: ...  # noqa: D102
+
+    def assign(self, joint: str) -> object: ...  # noqa: D102
+
+    def skip(self, joint: str) -> object: ...  # noqa: D102
+
+    def verify(self) -> Verification: ...  # noqa: D102
+
+    def recall(self, joints: Collection[str]) -> None: ...  # noqa: D102
+
+    def reset(self) -> None: ...  # noqa: D102
+
+
+class CalibratesArm(ABC):
+    """Calibrates an arm on a port or of a machine. All but ``situation`` waits for the bus."""
+
+    motor_setup: SetsUpMotors
+
+    @property
+    @abstractmethod
+    def situation(self) -> Situation:
+        """Everything there is to know now; never waits."""
+
+    @abstractmethod
+    def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
+        """Carry out a step of the calibration; see ``Session.step`` for arguments and errors."""
+
+    @abstractmethod
+    def hold(self) -> object:
+        """Hold the joints where they stand."""
+
+    @abstractmethod
+    def restore(self, number: int | None = None) -> StepResult:
+        """Let the file and the servos hold a former version; the last other one by default."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give up the port or the machine; call it once."""
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether a calibration is."""
+        return self.situation.view.state is not State.IDLE
+
+
+class Calibrator(CalibratesArm):
+    """Calibrates the arm on a port, and sets its servos up.
+
+    Args:
+        rig: A share of the port, closed by ``close``. Its settings' ``calibration_file``, else
+            their ``fallback_file``, is where a calibration is saved.
+
+    Raises:
+        ConfigError: There is no such joint, or none at all.
+    """
+
+    def __init__(self, rig: HardwareRig, joints: Collection[str] = JOINTS) -> None:
+        self._rig = rig
+        self._lock = threading.RLock()  # one command at a time, those of the motor setup included
+        self._session = Session(self._file(), joints)
+        self._loan: BusLease | None = None
+        self.motor_setup: MotorSetup = MotorSetup(self._borrow)
+
+    @classmethod
+    def open(
+        cls,
+        port: str,
+        file: Path,
+        joints: Collection[str] = JOINTS,
+        *,
+        baudrate: int = BAUDRATE,
+        patience: float = PATIENCE,
+    ) -> Calibrator:
+        """Open a port to calibrate what is on it into ``file``; nothing is driven."""
+        asked = ServoSettings(port=port, baudrate=baudrate, timeout=None, fallback_file=file)
+        rig = open_hardware(asked, patience=patience)
+        try:
+            return cls(rig, joints)
+        except BaseException:
+            rig.close()
+            raise
+
+    # Looking
+
+    @property
+    def port(self) -> str:
+        """The serial port."""
+        return self._rig.settings.port
+
+    @property
+    def situation(self) -> Situation:
+        """Everything there is to know now; never waits."""
+        session, servos = self._session, self._rig.servos
+        view, is_active = session.view, session.is_active
+        joints = view.joints  # none yet while a start is on its way
+        if not is_active or not joints:
+            joints = {joint: self._at_rest(joint) for joint in session.joints}
+        notes = servos.notes if view.note is None else (view.note, *servos.notes)
+        return Situation(
+            view=view,
+            setup=self.motor_setup.view,
+            joints=joints,
+            angles=self._angles(joints, is_active and view.state is not State.STARTED),
+            calibration_file=session.calibration_file if is_active else self._file(),
+            is_connected=servos.has_port,
+            holds=servos.holds,
+            notes=notes,
+        )
+
+    # Calibrating
+
+    def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
+        """Carry out a step. ``start`` borrows the bus; whatever ends the calibration returns it.
+
+        After ``save`` the arm has the new calibration, and the joints are held where they stand.
+
+        Raises:
+            MotionError: Something moves, or the bus is lent to somebody else.
+            BusError: As ``Session.step``; so are CalibrationError and ConfigError.
+        """
+        with self._lock:
+            if command is Command.START:
+                self._start()
+                return StepResult()
+            self._session.step(command, accept=accept)
+            if command is Command.SAVE:
+                return self._give_back(hold=True, stored=self._session.stored)
+            if command in (Command.ABORT, Command.RESET):
+                return self._give_back(hold=self._session.held_before)
+            return StepResult()
+
+    def hold(self) -> StepResult:
+        """Take the servos in hand, with the joints where they stand, even if no component asks.
+
+        Raises:
+            CalibrationError: A calibration is under way.
+            MotionError: Something moves, or the bus is lent to somebody else.
+        """
+        with self._lock:
+            self._refuse_active("hold the joints")
+            self._loan = self._rig.lend_bus("holding")
+            return self._give_back(hold=True)
+
+    def restore(self, number: int | None = None) -> StepResult:
+        """Let the file say again what it said in a version, and the servos with it.
+
+        Args:
+            number: Which version; the last that says something else if not given.
+
+        Raises:
+            CalibrationError: A calibration is under way, or there is no such version.
+            MotionError: Something moves, or the bus is lent to somebody else.
+        """
+        with self._lock:
+            self._refuse_active("go back")
+            was_held = self._rig.arm.state.mode is Mode.HOLDING
+            self._loan = self._rig.lend_bus("an earlier calibration")
+            try:
+                stored = store.restore(self._file(), number)
+            except CalibrationError:
+                self._give_back(hold=was_held)
+                raise
+            return self._give_back(hold=was_held, stored=stored)
+
+    def close(self) -> None:
+        """Abort what is under way and give up the port; what is being done is finished first."""
+        with self._lock:
+            self._session.close()
+            self._give_back(hold=self._session.held_before)
+            self._rig.close()
+
+    # How
+
+    def _file(self) -> Path:
+        settings = self._rig.settings
+        file = settings.calibration_file or settings.fallback_file
+        assert file is not None  # who calibrates has said where to
+        return file
+
+    def _refuse_active(self, then: str) -> None:
+        if self._session.is_active:
+            raise CalibrationError(
+                None, "a calibration is under way", f"save or abort it, then {then}"
+            )
+
+    def _start(self) -> None:
+        loan = self._loan
+        if loan is None:
+            loan = self._rig.lend_bus("calibration")
+            if self._session.calibration_file != self._file():
+                self._session = Session(self._file(), self._session.joints)
+        try:
+            self._session.step(Command.START, loan)
+        finally:
+            self._loan = loan if self._session.is_active else None
+            if self._loan is None:  # it failed, and nothing has to be put back
+                loan.abandon()
+
+    def _give_back(self, *, hold: bool, stored: Stored | None = None) -> StepResult:
+        loan, self._loan = self._loan, None
+        trouble = None
+        if loan is not None:
+            try:
+                loan.give_back(hold=hold)
+            except So101Error as error:
+                trouble = str(error)
+        servos, mode = self._rig.servos, self._rig.arm.state.mode
+        if hold and trouble is None and servos.limp:
+            trouble = (
+                f"{', '.join(servos.limp)} stands outside the range that was recorded, and is limp:"
+                " move it inside by hand, then let the arm hold"
+            )
+        return StepResult(
+            stored=stored, holds=mode is Mode.HOLDING and servos.is_driving, trouble=trouble
+        )
+
+    @contextmanager
+    def _borrow(self) -> Iterator[BusAccess]:
+        """The bus for one request of the motor setup."""
+        with self._lock:
+            loan = self._rig.lend_bus("motor setup")
+            try:
+                yield loan
+            finally:
+                loan.abandon()  # servos are missing during a setup, and that is no error
+
+    def _at_rest(self, joint: str) -> JointView:
+        """A joint that is not being calibrated."""
+        setup = self._rig.servos.setups.get(joint)
+        ticks = self._ticks(joint, setup)
+        entry = record.default(joint) if setup is None else setup.calibration
+        return JointView(
+            joint=joint,
+            servo_id=SERVO_IDS[joint],
+            ticks=ticks,
+            homing_offset=entry.homing_offset,
+            range_min=entry.range_min,
+            range_max=entry.range_max,
+            recorded_min=None,
+            recorded_max=None,
+            expected_deg=to_deg(expected_travel(joint) * RAD_PER_TICK),
+            verdict=None,
+            sentence="its servo does not answer" if ticks is None else "",
+            is_done=setup is not None and setup.source == "file",
+        )
+
+    def _ticks(self, joint: str, setup: JointSetup | None) -> int | None:
+        """Where a joint's servo is; None if that is not known."""
+        servos = self._rig.servos
+        if not servos.is_ours:
+            ticks = servos.positions.get(joint)
+            return None if ticks is None else ticks % TICKS_PER_TURN
+        silent = (health.joint for health in servos.health if health.is_silent)
+        if not servos.is_connected or setup is None or joint in silent:
+            return None
+        reading = self._rig.arm.state.reading
+        q = reading.q_jaw if joint == GRIPPER_JOINT else float(reading.q[JOINTS.index(joint)])
+        return setup.map.to_ticks(q) % TICKS_PER_TURN
+
+    def _angles(self, joints: Mapping[str, JointView], by_middle: bool) -> dict[str, float]:
+        setups, angles = self._rig.servos.setups, {}
+        for joint, view in joints.items():
+            if view.ticks is None:
+                continue
+            if by_middle or joint not in setups:
+                middle = (view.range_min + view.range_max) / 2.0
+                angles[joint] = (view.ticks - middle) * RAD_PER_TICK
+            else:
+                angles[joint] = setups[joint].map.to_rad(Ticks(view.ticks))
+        return angles

@@ -1,0 +1,338 @@
+"""Judge whether an arm is fit to be moved: a list of checks with verdict and what to do.
+
+A check judges ``Findings`` and touches nothing, so the terminal, the page and a request over the
+network show the same list. A failed check means that the arm must not or cannot be moved as it is.
+A warning means that it works, but not as well as it could.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.record import compare
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.calib.record.store import Stored
+from so101_motion.common.attributes import SPEED_RANGE_DEG
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.feetech.servo_judgement import BROKEN, LOSSY, sag
+from so101_motion.setup.findings import Findings
+
+Verdict = Literal["ok", "warn", "fail"]
+
+_PERIOD = 0.01  # [s], the control loop's
+_FREE_SPEED = {7.4: to_rad(312.0), 12.0: to_rad(270.0)}
+"""What a servo turns at without load at its rated voltage [rad/s]: data sheets of the C001 and the
+C018. It is proportional to the voltage."""
+_USABLE = 0.7  # share of it that is left under the arm's loads; chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes:
+        verdict: ``"ok"``, ``"warn"`` or ``"fail"``.
+        fix: What to do about it; empty when all is well.
+    """
+
+    name: str
+    verdict: Verdict
+    sentence: str
+    fix: str = ""
+
+
+def ok(name: str, sentence: str) -> Check:
+    """All is well."""
+    return Check(name=name, verdict="ok", sentence=sentence)
+
+
+def warn(name: str, sentence: str, fix: str) -> Check:
+    """It works, but not as well as it could."""
+    return Check(name=name, verdict="warn", sentence=sentence, fix=fix)
+
+
+def fail(name: str, sentence: str, fix: str) -> Check:
+    """The arm must not or cannot be moved like this; in a setup, one cannot go on yet."""
+    return Check(name=name, verdict="fail", sentence=sentence, fix=fix)
+
+
+def check_up(seen: Findings) -> tuple[Check, ...]:
+    """All checks, in the order in which to mend what they find."""
+    return tuple(check for checks in _CHECKS for check in checks(seen))
+
+
+def is_healthy(checks: Iterable[Check]) -> bool:
+    """Whether none has failed; warnings do not count."""
+    return all(check.verdict != "fail" for check in checks)
+
+
+def _software(seen: Findings) -> Iterator[Check]:
+    missing = [name for name, version in seen.software.items() if not version]
+    if missing:
+        yield fail("software", f"{', '.join(missing)} missing", "install so101-motion again")
+    elif seen.software:
+        told = ", ".join(f"{name} {version}" for name, version in seen.software.items())
+        yield ok("software", told)
+
+
+def _port(seen: Findings) -> Iterator[Check]:
+    for adapter in seen.lost_adapters:
+        sentence, _, fix = adapter.partition(": ")
+        yield fail("adapter", sentence, fix)
+    if seen.port is None:
+        if seen.port_trouble:
+            yield fail("port", seen.port_trouble, _PLUG_IN)
+        return
+    if seen.port_trouble:
+        yield fail(
+            "port",
+            f"{seen.port} cannot be used: {seen.port_trouble}",
+            "so101 ports lists the ports and why one cannot be used",
+        )
+        return
+    yield ok("port", f"{seen.port} ({seen.adapter or 'no USB'})")
+    for name, harm in seen.interfering_programs.items():
+        yield warn(name, harm, "so101 install-udev")
+    if seen.supply_trouble and seen.servos is None:
+        sentence, fix = seen.supply_trouble
+        yield warn("supply", f"the first servo: {sentence}", fix)
+
+
+def _planner(seen: Findings) -> Iterator[Check]:
+    if seen.planning_trouble:
+        fix = "install so101-motion again; if that does not help, report it"
+        yield fail("planner", seen.planning_trouble, fix)
+    elif seen.planning_time is not None:
+        told = f"a motion takes {1e3 * seen.planning_time:.0f} ms to plan"
+        yield ok("planner", told)
+
+
+_PLUG_IN = "plug the adapter in, switch the arm's power supply on, or name the port with --port"
+
+
+def _servos(seen: Findings) -> Iterator[Check]:
+    if seen.servos is None:
+        return
+    wrong = [check for check in seen.servos.motors.values() if check.error]
+    is_silent = wrong and all(check.status == "not_responding" for check in wrong)
+    if is_silent and not seen.facts:
+        yield fail("servos", seen.servos.sentence, wrong[0].fix)
+        return
+    for check in wrong:
+        fix = check.fix
+        if check.status in ("duplicate", "wrong_settings"):
+            fix += f" (so101 setup --joint {check.joint})"
+        name = f"servo {check.servo_id}"
+        yield fail(name, check.error, fix)
+    if seen.servos.unexpected_ids:
+        ids = ", ".join(map(str, seen.servos.unexpected_ids))
+        yield fail(
+            "servos",
+            f"servos with ids that are not an arm's answer: {ids}",
+            "take them off the cable, or so101 setup",
+        )
+    elif not wrong:
+        models = ", ".join({facts.model for facts in seen.facts.values()})
+        told = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
+        yield ok("servos", told)
+
+
+def _firmware(seen: Findings) -> Iterator[Check]:
+    versions = {joint: facts.firmware for joint, facts in seen.facts.items()}
+    if len(set(versions.values())) > 1:
+        told = ", ".join(f"{joint} {version}" for joint, version in versions.items())
+        yield warn(
+            "firmware",
+            f"different versions: {told}",
+            "it does not hurt; the maker's program FD (Windows) brings them up to date",
+        )
+    elif versions:
+        yield ok("firmware", next(iter(versions.values())))
+
+
+def _supply(seen: Findings) -> Iterator[Check]:
+    volts = [facts.volts for facts in seen.facts.values()]
+    if not volts:
+        return
+    trouble = sag(volts)
+    if trouble is not None:
+        yield warn("supply", trouble.sentence, trouble.fix)
+        return
+    kind = next(iter(seen.facts.values())).nominal_volts
+    told = f"{volts[0]:.1f} V at the first servo, {volts[-1]:.1f} V at the last, {kind:g} V type"
+    yield ok("supply", told)
+
+
+def _temperature(seen: Findings) -> Iterator[Check]:
+    celsius = {joint: facts.holds(reg.PRESENT_TEMPERATURE) for joint, facts in seen.facts.items()}
+    if not celsius:
+        return
+    joint, hottest = max(celsius.items(), key=lambda item: item[1])
+    told = f"{min(celsius.values())} to {hottest} degC, {joint} is the warmest"
+    for trouble in seen.facts[joint].troubles:
+        if trouble.kind == "temperature":
+            verdict: Verdict = "fail" if trouble.level == "stop" else "warn"
+            yield Check(name="temperature", verdict=verdict, sentence=told, fix=trouble.fix)
+            return
+    yield ok("temperature", told)
+
+
+def _faults(seen: Findings) -> Iterator[Check]:
+    found = [
+        fail("fault", f"{joint}: {one.sentence}", one.fix)
+        for joint, facts in seen.facts.items()
+        for one in facts.troubles
+        if one.kind in ("load", "fault")
+    ]
+    yield from found
+    if seen.facts and not found:
+        held = [joint for joint, facts in seen.facts.items() if facts.holds(reg.TORQUE_ENABLE)]
+        told = f"held: {', '.join(held)}" if 0 < len(held) < 6 else "held" if held else "limp"
+        yield ok("faults", f"none reported; the joints are {told}")
+
+
+def _hearing(seen: Findings) -> Iterator[Check]:
+    heard = seen.hearing
+    if heard is None:
+        return
+    spoiled = (heard.lost + heard.corrupt) / heard.asked
+    told = (
+        f"{heard.asked} answers asked for, {heard.lost} lost, {heard.corrupt} garbled; all servos"
+        f" in {1e3 * heard.median:.1f} ms, 99 % within {1e3 * heard.p99:.1f} ms"
+    )
+    if heard.median > 0.8 * _PERIOD:
+        timer = seen.latency_timer
+        is_slow = timer is not None and timer > 0.002
+        fix = "this computer is too busy, or its USB hub is slow: plug the adapter in directly"
+        if is_slow and timer is not None:
+            fix = f"its adapter holds bytes back for {1e3 * timer:.0f} ms: so101 install-udev"
+        yield fail("bus", f"{told}: too slow to move", fix)
+    elif spoiled > LOSSY:
+        yield Check(
+            name="bus",
+            verdict="fail" if spoiled > BROKEN else "warn",
+            sentence=told,
+            fix="look for a loose cable, a weak supply, or a servo whose id another has too",
+        )
+    else:
+        yield ok("bus", told)
+
+
+def _calibration(seen: Findings) -> Iterator[Check]:
+    if seen.is_unfinished:
+        yield warn(
+            "calibration",
+            f"a calibration to {seen.file} was interrupted",
+            "so101 calibrate, or whatever opens the arm with that file, ends it well",
+        )
+    if seen.file_trouble:
+        fix = f"so101 calibration restore {seen.file}, or so101 calibrate"
+        yield fail("calibration", seen.file_trouble, fix)
+    elif seen.stored is not None:
+        yield from _against_servos(seen, seen.stored)
+    elif seen.facts and not any(facts.is_calibrated for facts in seen.facts.values()):
+        yield fail("calibration", "there is none", "so101 calibrate")
+    elif seen.facts:
+        yield warn(
+            "calibration",
+            "there is no file, so what the servos hold counts",
+            "so101 calibrate, or so101 calibration import, and name the file where the arm is"
+            " configured",
+        )
+
+
+def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
+    missing = [joint for joint in SERVO_IDS if joint not in stored.calibration]
+    if missing:
+        yield fail(
+            "calibration",
+            f"{stored.path} does not know {', '.join(missing)}",
+            f"so101 calibrate --joint {missing[0]}",
+        )
+    there = {joint: held(facts) for joint, facts in seen.facts.items()}
+    differing = [row for row in compare.diff(stored.calibration, there) if row.differs]
+    for row in differing:
+        yield warn(
+            "calibration",
+            row.sentence,
+            "the file counts, and the servos get it when the arm is opened with it; if it is"
+            " not this arm's, so101 calibrate",
+        )
+    if not differing and not missing:
+        told = f"{stored.path}" + (", as the servos have it" if there else "")
+        yield ok("calibration", told)
+
+
+def held(facts: ServoFacts) -> dict[str, int]:
+    """What a servo holds of a calibration, under the names of the file."""
+    return {
+        "homing_offset": facts.holds(reg.HOMING_OFFSET),
+        "range_min": facts.holds(reg.MIN_POSITION),
+        "range_max": facts.holds(reg.MAX_POSITION),
+    }
+
+
+def _zeros(seen: Findings) -> Iterator[Check]:
+    *each, together = seen.meanings or (None,)
+    if together is None:
+        return
+    knows_nothing = together.by == "middle"  # then a sentence about all joints says it all
+    for meaning in () if knows_nothing else each:
+        is_guess = meaning.by == "middle" and meaning.joint != "wrist_roll"
+        yield Check(
+            name=f"zero of {meaning.joint}",
+            verdict="warn" if is_guess else "ok",
+            sentence=meaning.sentence,
+            fix=f"so101 calibrate --joint {meaning.joint}, from stop to stop" if is_guess else "",
+        )
+    yield Check(
+        name="zeros",
+        verdict="warn" if knows_nothing else "ok",
+        sentence=together.sentence,
+        fix="so101 calibrate, every joint from stop to stop" if knows_nothing else "",
+    )
+
+
+def _speed(seen: Findings) -> Iterator[Check]:
+    if seen.speed is None or seen.acceleration is None:
+        return
+    planned_deg = to_deg(seen.speed)
+    told = f"{planned_deg:.0f} deg/s and {to_deg(seen.acceleration):.0f} deg/s^2 are planned with"
+    weakest = min(seen.facts.values(), key=_free_speed, default=None)
+    if weakest is None:
+        yield ok("speed", told)
+        return
+    usable_deg = to_deg(_USABLE * _free_speed(weakest))
+    told += f"; these servos manage about {usable_deg:.0f} deg/s at {weakest.volts:.1f} V"
+    fix = "use a stronger supply, or a lower speed_degs_per_sec"
+    if usable_deg < planned_deg:
+        yield fail("speed", told, fix)
+    elif usable_deg < SPEED_RANGE_DEG[1]:
+        most = f"; more than {usable_deg:.0f} deg/s must not be asked of them"
+        yield warn("speed", told + most, fix)
+    else:
+        yield ok("speed", told)
+
+
+def _free_speed(facts: ServoFacts) -> float:
+    return _FREE_SPEED[facts.nominal_volts] * facts.volts / facts.nominal_volts
+
+
+_CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
+    _software,
+    _planner,
+    _port,
+    _servos,
+    _firmware,
+    _supply,
+    _temperature,
+    _faults,
+    _hearing,
+    _calibration,
+    _zeros,
+    _speed,
+)

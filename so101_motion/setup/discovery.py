@@ -1,0 +1,308 @@
+"""Discover which arms are plugged in, and suggest how to configure them.
+
+Every port is looked at in a thread of its own, so that one that hangs or fails hides no other. A
+port that a component of this process uses is not opened; its rig says what is on it. A port that
+another program has open is left alone as well. What is opened is only asked, never written to.
+
+An arm is suggested once all five of its servos answer, a gripper if its servo does as well. For
+anything less there is the calibration sensor, with which motors are set up. Names go by the
+adapter's serial number, and ports are called by the name that stays, so what was configured from a
+suggestion still fits when the adapters are plugged in differently.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from so101_motion.calib.motors import arm_identification
+from so101_motion.calib.motors.arm_identification import Role, ServosOnBus
+from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST
+from so101_motion.calib.record import file_search
+from so101_motion.calib.record.file_search import FoundFile
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.attributes import Attributes
+from so101_motion.common.errors import BusError, ConfigError
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_mm
+from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.defaults import BAUDRATE
+from so101_motion.drivers.port.port_list import (
+    FoundPort,
+    adapters_without_port,
+    find_ports,
+    obstacle,
+)
+from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.rig import hardware_rig
+from so101_motion.rig.port_settings import ServoSettings
+from so101_motion.setup.port_report import PortReport, file_name, name_in_data
+
+_log = logging.getLogger(__name__)
+
+APART = 0.5
+"""How far apart arms are said to stand [m]; chosen, so that two arms that are configured as they
+were found are not in one place. Where they really stand has to be measured."""
+
+LONGEST = 1.8
+"""How long all ports together are looked at [s]; chosen. An arm takes 0.1 s, an adapter without
+servos 0.6 s."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Discovery:
+    """What is plugged in."""
+
+    reports: tuple[PortReport, ...]
+    notes: tuple[str, ...]
+
+
+def ports_asked_for(attributes: Mapping[str, object]) -> tuple[str, ...]:
+    """The further ports to look at, from the settings of ``devrel:so101:discovery``.
+
+    The published module has no settings; ``ports`` lists what no search finds: a Raspberry Pi's own
+    port, one behind a network, a link of the user's.
+
+    Raises:
+        ConfigError: A name is unknown or a value cannot be used.
+    """
+    given = Attributes(attributes, ("ports",))
+    if not given.given("ports"):
+        return ()
+    value = attributes["ports"]
+    if not isinstance(value, (list, tuple)):
+        raise ConfigError("ports", value, 'must be a list of serial ports, e.g. ["/dev/ttyAMA0"]')
+    for name in value:
+        if not isinstance(name, str) or not name:
+            raise ConfigError("ports", value, f"must hold names of serial ports, not {name!r}")
+    return tuple(value)
+
+
+def discover(
+    extra: Collection[str] = (),
+    *,
+    find: Callable[[Collection[str]], Sequence[FoundPort]] = find_ports,
+    patience: float = PATIENCE,
+) -> Discovery:
+    """Look at all ports; takes less than two seconds.
+
+    Args:
+        extra: Further ports to look at, by any name.
+        find: Lists the ports.
+        patience: How long to wait for an answer beyond the time on the wire [s].
+    """
+    ports, files = find(extra), file_search.find()
+    reports = _side_by_side(_in_parallel(ports, lambda port: _look_at(port, files, patience)))
+    notes = list(adapters_without_port())
+    if sum(report.has_arm for report in reports) > 1:
+        notes.append(
+            f"where the arms stand is not known: their frames are {to_mm(APART):.0f} mm apart; set"
+            " the frame of each arm to where it stands"
+        )
+    if not ports and not notes:
+        notes.append(
+            "no USB serial adapter is plugged in; check the cable (some only carry power). A port"
+            " that is no USB adapter has to be named, with --port or in the attribute ports"
+        )
+    return Discovery(reports=tuple(reports), notes=tuple(notes))
+
+
+def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
+    """The reports with a place for each arm."""
+    arms = [report.port for report in reports if report.has_arm]
+    return [
+        replace(report, stands_at=APART * arms.index(report.port)) if report.has_arm else report
+        for report in reports
+    ]
+
+
+def _in_parallel(
+    ports: Sequence[FoundPort], look: Callable[[FoundPort], PortReport]
+) -> list[PortReport]:
+    """What ``look`` says of each port; one that takes too long is reported as such."""
+    found: dict[FoundPort, PortReport] = {}
+
+    def run(port: FoundPort) -> None:
+        found[port] = look(port)
+
+    threads = [
+        threading.Thread(target=run, args=(port,), name=f"so101-look-{port.key}", daemon=True)
+        for port in ports
+    ]
+    for thread in threads:
+        thread.start()
+    until = time.monotonic() + LONGEST
+    for thread in threads:
+        thread.join(max(0.0, until - time.monotonic()))
+    late = "it takes too long to answer; unplug it and plug it in again"
+    return [found.get(port, PortReport(port=port, sentence=late)) for port in ports]
+
+
+# One port
+
+
+def _look_at(port: FoundPort, files: Sequence[FoundFile], patience: float) -> PortReport:
+    use = hardware_rig.use_of(port.name)
+    if use is not None:
+        return _report_use(port, use)
+    reason = obstacle(port.name)
+    if reason is not None:
+        return PortReport(port=port, sentence=reason)
+    try:
+        return _judge(port, _ask(port, patience), files)
+    except BusError as error:
+        _log.debug("%s: %s", port.name, error)
+        return PortReport(port=port, sentence=getattr(error, "reason", str(error)))
+
+
+def _report_use(port: FoundPort, use: hardware_rig.PortUse) -> PortReport:
+    return PortReport(
+        port=port,
+        sentence=f"used by a component of this machine, with {_counted(use.joints)}",
+        joints=use.joints,
+        servo_ids=tuple(use.settings.ids()[joint] for joint in use.joints),
+        baudrate=use.settings.baudrate,
+        configured=_configured(use.shares),
+        calibration=use.settings.file,
+    )
+
+
+def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
+    """The parts of an arm that components on a port are, by what each asked for."""
+    parts = set()
+    for asked in shares:
+        if asked.servo_ids is not None:
+            parts.add("arm")
+        elif asked.gripper_id is not None:
+            parts.add("gripper")
+        else:
+            parts.add("calibration")
+    return frozenset(parts)
+
+
+def _ask(port: FoundPort, patience: float) -> ServosOnBus:
+    """Who is there; if nobody, perhaps at another rate than servos have as new."""
+    with _opened(port, BAUDRATE, patience) as bus:
+        seen = arm_identification.look(bus)
+    if not seen.is_empty or not port.is_servo_adapter:
+        return seen
+    for baud in LIKELIEST_FIRST:
+        if baud == BAUDRATE:
+            continue
+        with _opened(port, baud, patience) as bus:
+            if bus.answering(SERVO_IDS.values(), tries=2):
+                return arm_identification.look(bus)
+    return seen
+
+
+@contextmanager
+def _opened(port: FoundPort, baud: int, patience: float) -> Iterator[Bus]:
+    bus = Bus(SerialPort(port.name, baud), patience=patience)
+    try:
+        yield bus
+    finally:
+        bus.close()
+
+
+def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> PortReport:
+    report = PortReport(
+        port=port,
+        sentence="",
+        joints=tuple(joint for joint, i in SERVO_IDS.items() if _is_ours(seen, i)),
+        servo_ids=tuple(sorted((*seen.servos, *seen.shared))),
+        baudrate=seen.baud,
+    )
+    if seen.servos:
+        first = seen.servos[min(seen.servos)]
+        report = replace(
+            report,
+            volts=first.volts,
+            nominal_volts=first.nominal_volts,
+            supply_trouble=first.supply_trouble,
+        )
+    if not seen.has_arm:
+        return replace(report, sentence=_about_no_arm(seen))
+    fitting = [found for found in files if arm_identification.fits(seen, found)]
+    role, because = arm_identification.role(seen, fitting)
+    file, about_file = _calibration(port, seen, files, fitting)
+    return replace(
+        report,
+        role=role,
+        because=because,
+        calibration=file,
+        sentence=f"{_about_arm(seen, role, report.joints)}; {about_file}",
+    )
+
+
+def _is_ours(seen: ServosOnBus, servo_id: int) -> bool:
+    facts = seen.servos.get(servo_id)
+    return facts is not None and facts.is_sts3215
+
+
+def _calibration(
+    port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile], fitting: Sequence[FoundFile]
+) -> tuple[Path | None, str]:
+    """Which calibration file to configure, and a sentence about it.
+
+    One that says what the servos hold; else one that carries this adapter's name. Only files of
+    this module are configured: the calibration sensor will write to them, and LeRobot does not read
+    what others wrote into its files.
+    """
+    own = [found for found in fitting if _is_own(found)]
+    if own:
+        return _place(own[0]), f"its servos hold what {_place(own[0])} says"
+    for found in files:
+        place = _place(found)
+        if found.stored is not None and _is_own(found) and place.name == file_name(port):
+            return place, f"{place} is its calibration file, though its servos hold something else"
+    if fitting:
+        return None, f"its servos hold what {fitting[0].path} says"
+    if any(seen.servos[i].is_calibrated for i in SERVO_IDS.values() if i in seen.servos):
+        return None, "its servos hold a calibration, no file does"
+    return None, "it is not calibrated"
+
+
+def _is_own(found: FoundFile) -> bool:
+    return found.origin == "saved" or name_in_data(_place(found)) is not None
+
+
+def _place(found: FoundFile) -> Path:
+    """Where the file belongs; a kept copy belongs to the file that is gone."""
+    return Path(found.name) if found.origin == "kept copy" else found.path
+
+
+# Sentences
+
+
+def _about_no_arm(seen: ServosOnBus) -> str:
+    if seen.is_empty:
+        return (
+            "the adapter is there, but no servo answers; check that the arm's power supply is on"
+            " and that the first cable is plugged in"
+        )
+    others = [facts for facts in seen.servos.values() if not facts.is_sts3215]
+    if others:
+        return f"servo {others[0].servo_id} is a {others[0].model}, no servo of an SO-101"
+    ids = ", ".join(map(str, sorted((*seen.servos, *seen.shared)))) or "none"
+    shared = ", and several share an id" if seen.shared or seen.garbled else ""
+    return (
+        f"no complete arm: the servos that answer have the ids {ids}{shared}. Check the cables, or"
+        " set the motors up with the calibration sensor"
+    )
+
+
+def _about_arm(seen: ServosOnBus, role: Role, joints: Sequence[str]) -> str:
+    kind = {"follower": "a follower arm", "leader": "a leader arm"}.get(role, "an arm")
+    first = seen.servos[SERVO_IDS[ARM_JOINTS[0]]]
+    rate = "" if seen.baud == BAUDRATE else f", at {seen.baud} baud"
+    return f"{kind} with {_counted(joints)}, {first.nominal_volts:g} V type{rate}"
+
+
+def _counted(joints: Sequence[str]) -> str:
+    arm = sum(joint in ARM_JOINTS for joint in joints)
+    return f"{arm} joints and {'a' if GRIPPER_JOINT in joints else 'no'} gripper"

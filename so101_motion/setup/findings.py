@@ -1,0 +1,157 @@
+"""Collect what is seen of an arm before it is judged: servos, bus quality, calibration.
+
+``examine`` asks the servos and writes nothing; the caller fills in the port and the file.
+``checkup`` judges all of it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import platform
+import re
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.calib.access import BusAccess
+from so101_motion.calib.motors import chain_check
+from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.motors.servo_search import Tuner
+from so101_motion.calib.motors.setup_view import Verification
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero_report import Meaning
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
+
+CYCLES = 200
+"""How often all servos are read to judge the bus; takes half a second. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hearing:
+    """How well the servos can be heard.
+
+    Attributes:
+        median: How long it takes to read all servos [s].
+        p99: The same, exceeded by one reading in a hundred [s].
+        longest: The longest [s].
+    """
+
+    asked: int
+    lost: int
+    corrupt: int
+    median: float
+    p99: float
+    longest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What was seen. Whatever could not be looked at is None or empty.
+
+    Attributes:
+        software: Versions of what matters, by name; empty text for what is missing.
+        port: The serial port; None for the simulated arm.
+        supply_trouble: What is wrong with the supply of the first servo and what to do about it, as
+            long as not all servos were looked at.
+        latency_timer: For how long the adapter holds bytes back [s].
+        file: The calibration file; None when there is none.
+        stored: What it says; None when it cannot be used.
+        speed: Joint speed that is planned with [rad/s]; None when nothing can be moved.
+        acceleration: Joint acceleration that is planned with [rad/s^2]; likewise.
+        planning_time: How long a motion took to plan [s].
+    """
+
+    software: Mapping[str, str] = field(default_factory=dict)
+    port: str | None = None
+    adapter: str = ""
+    port_trouble: str = ""
+    interfering_programs: Mapping[str, str] = field(default_factory=dict)
+    lost_adapters: tuple[str, ...] = ()
+    supply_trouble: tuple[str, str] | None = None
+    latency_timer: float | None = None
+    servos: Verification | None = None
+    hearing: Hearing | None = None
+    file: Path | None = None
+    stored: Stored | None = None
+    file_trouble: str = ""
+    is_unfinished: bool = False
+    meanings: tuple[Meaning, ...] = ()
+    speed: float | None = None
+    acceleration: float | None = None
+    planning_time: float | None = None
+    planning_trouble: str = ""
+
+    @property
+    def facts(self) -> dict[str, ServoFacts]:
+        """What each servo that answers says of itself, by joint, base to jaw."""
+        if self.servos is None:
+            return {}
+        found = {joint: check.facts for joint, check in self.servos.motors.items()}
+        return {joint: facts for joint, facts in found.items() if facts is not None}
+
+
+def software() -> dict[str, str]:
+    """Versions of this package and of what it needs, by name; empty text for what is missing.
+
+    What only some systems need is there if it is installed.
+    """
+    names, sometimes = ["so101-motion"], set()
+    with contextlib.suppress(metadata.PackageNotFoundError):
+        needed = metadata.requires("so101-motion") or ()
+        needed = [line for line in needed if "extra ==" not in line]
+        names += map(_name, needed)
+        sometimes = {_name(line) for line in needed if ";" in line}
+    found = {}
+    for name in names:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            if name not in sometimes:
+                found[name] = ""
+    return {**found, "Python": platform.python_version(), "platform": platform.platform()}
+
+
+def _name(requirement: str) -> str:
+    return re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
+
+
+def examine(access: BusAccess) -> tuple[Verification, Hearing | None]:
+    """How the servos are, and how well they are heard; takes a second and writes nothing.
+
+    Returns:
+        The second is None when nobody answers.
+    """
+    with Tuner(access) as tuner:
+        servos = chain_check.verify(tuner)
+    ids = [check.servo_id for check in servos.motors.values() if check.facts is not None]
+    return servos, access.call(lambda bus: listen(bus, ids)) if ids else None
+
+
+def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> Hearing:
+    """Read all servos again and again as the control loop does, on the port's thread."""
+    ids = tuple(ids)
+    before = _counted(bus, ids)
+    times = []
+    for _ in range(cycles):
+        begin = time.perf_counter()
+        bus.sync_read(ids, VITALS_START, VITALS_COUNT)
+        times.append(time.perf_counter() - begin)
+    lost, corrupt = (now - then for now, then in zip(_counted(bus, ids), before, strict=True))
+    return Hearing(
+        asked=cycles * len(ids),
+        lost=lost,
+        corrupt=corrupt,
+        median=float(np.median(times)),
+        p99=float(np.quantile(times, 0.99)),
+        longest=max(times),
+    )
+
+
+def _counted(bus: Bus, ids: Iterable[int]) -> tuple[int, int]:
+    tallies = [bus.tallies[servo_id] for servo_id in ids if servo_id in bus.tallies]
+    return sum(tally.lost for tally in tallies), sum(tally.corrupt for tally in tallies)

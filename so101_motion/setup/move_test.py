@@ -1,0 +1,346 @@
+"""Test a whole arm: each joint moves a little, slowly, and is measured against its goals.
+
+One joint after the other leaves its place by ``SWING`` to one side, comes back, does the same to
+the other side, and comes back again. So it stands in one place three times, once from either side,
+and at both ends of its swing. At each stop its angle is averaged for a moment. The jaw opens a
+little and closes again.
+
+Nothing moves before ``outline`` has found, for every joint, a swing that keeps within its range and
+clear of everything. A person is told what will move how far and agrees; then ``move_and_measure``
+runs it as one motion, so that a stop ends all of it whenever it comes. Each leg is planned once
+more from where the arm then stands. The first trouble ends the test, and so does ``cancel``; the
+arm holds where it is.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import Interrupted, PlanningError, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.request_queue import running_future
+from so101_motion.planning.goals import PathGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.protocols import GripperLike
+from so101_motion.setup.accuracy import JointAccuracy, Measurements, MoveReport
+
+SWING = to_rad(6.0)
+"""How far a joint leaves its place [rad]; chosen: 40 mm at the jaws of an arm at full stretch."""
+
+JAW_SWING = 0.12
+"""How far the jaw opens, share of its travel; chosen: 13 deg."""
+
+LIMITS = MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(60.0), jerk=to_rad(600.0))
+"""How fast; chosen: a hand can get out of the way."""
+
+AVERAGED = 0.3
+"""For how long a standing joint is averaged [s]; chosen: 30 readings."""
+
+_MARGIN = to_rad(1.0)  # [rad] of its range that a joint is not sent into
+_SLOW = 0.4  # [s] that a stop takes about, beyond being measured: to slow down and to settle
+_SHIFTS = (0.0, 1.0, -1.0)  # where the middle of a swing may be, in swings from where it stands
+_LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Swing:
+    """What one joint will do.
+
+    Attributes:
+        stops: Where it will stand, one after the other: angles [rad], of the jaw apertures. It
+            begins and ends where it stands now.
+        duration: How long that takes about [s].
+    """
+
+    joint: str
+    stops: tuple[float, ...]
+    duration: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outline:
+    """What a test will do, for whoever has to agree to it."""
+
+    swings: tuple[Swing, ...]
+    obstacles: tuple[tuple[str, str], ...]
+
+    @property
+    def duration(self) -> float:
+        """How long it takes about [s]."""
+        return sum(swing.duration for swing in self.swings)
+
+    @property
+    def sentence(self) -> str:
+        """What will move how far."""
+        moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
+        jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
+        by = f"one after the other, by {to_deg(SWING):.0f}° to and fro"
+        told = [f"{', '.join(moved)}: {by}"] if moved else []
+        told += ["the jaw opens and closes a little"] if jaw else []
+        speed_deg = to_deg(float(LIMITS.velocity[0]))
+        return f"{'; '.join(told)}. At most {speed_deg:.0f}°/s, about {self.duration:.0f} s."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveTestProgress:
+    """How far a test is.
+
+    Attributes:
+        share: How much of the test is done, 0 to 1.
+    """
+
+    joint: str
+    share: float
+    results: tuple[JointAccuracy, ...]
+
+
+class MoveTest:
+    """Tests an arm by moving it a little, once.
+
+    Args:
+        gripper: Its jaw; None to leave it alone.
+        clock: The time the arm's states are stamped with.
+    """
+
+    def __init__(
+        self, *, arm: Arm, gripper: GripperLike | None, clock: Clock, name: str = "arm"
+    ) -> None:
+        self._arm, self._gripper, self._clock, self._name = arm, gripper, clock, name
+        self._motion: Motion | None = None
+        self._cancelled = threading.Event()
+
+    def outline(self) -> Outline:
+        """What would be moved from where the arm stands now; moves nothing, plans a lot."""
+        swings, obstacles = [], []
+        q = self._arm.state.q_ref
+        for i, joint in enumerate(ARM_JOINTS):
+            try:
+                swings.append(self._swing(i, q))
+            except PlanningError as error:
+                obstacles.append((joint, f"{error}. Bring the arm to a freer pose"))
+        if self._gripper is not None:
+            if self._gripper.is_holding:
+                obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))
+            else:
+                swings.append(_jaw_swing(self._gripper.aperture))
+        return Outline(swings=tuple(swings), obstacles=tuple(obstacles))
+
+    def cancel(self) -> None:
+        """End the test; the arm slows to rest and holds. From any thread; returns at once."""
+        self._cancelled.set()
+        if self._motion is not None:
+            self._motion.interrupt("stop")
+
+    def move_and_measure(
+        self, outline: Outline, tell: Callable[[MoveTestProgress], None] = lambda _: None
+    ) -> MoveReport:
+        """Move each joint as outlined and measure it. Blocks; the arm moves.
+
+        Args:
+            outline: What ``outline`` returned; the arm still stands there.
+            tell: Hears how far the test is, on this thread.
+
+        Returns:
+            What was measured. Troubles of the arm are in it, not raised.
+        """
+        began_at, t_begin = datetime.now(UTC), self._clock.now()
+        run = _Run(self._arm, self._gripper, outline, tell)
+        with self._clock.attend():
+            self._motion = motion = self._arm.start_series(run.steps())
+            if self._cancelled.is_set():  # before there was a motion
+                motion.interrupt("stop")
+            while not motion.future.done():
+                self._clock.wait(self._clock.now() + _LOOK, threading.Event())
+                run.look(self._arm.state)
+        ended_by = run.end(motion.future.exception())
+        report = MoveReport(
+            arm=self._name,
+            joints=run.results(outline),
+            began_at=began_at.isoformat(timespec="seconds"),
+            seconds=self._clock.now() - t_begin,
+            ended_by=ended_by,
+        )
+        tell(MoveTestProgress(joint="", share=1.0, results=report.joints))
+        return report
+
+    def _swing(self, i: int, q: Array) -> Swing:
+        lower, upper = self._arm.range
+        trouble: PlanningError | None = None
+        for shift in _SHIFTS:
+            stops = _stops(float(q[i]), float(q[i]) + shift * SWING)
+            if not lower[i] + _MARGIN <= min(stops) <= max(stops) <= upper[i] - _MARGIN:
+                continue
+            try:
+                way = self._arm.plan(_through(q, i, stops[1:]), limits=LIMITS)
+            except PlanningError as error:
+                trouble = trouble or error
+                continue
+            pauses = (len(stops) - 1) * (AVERAGED + _SLOW)
+            return Swing(joint=ARM_JOINTS[i], stops=stops, duration=way.duration + pauses)
+        raise trouble or PlanningError(
+            f"{ARM_JOINTS[i]} stands at {to_deg(float(q[i])):.0f} deg, too near an end of its range"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Stop:
+    """A stop that is being measured.
+
+    Attributes:
+        q_goal: Where the arm should stand, shape (5,), [rad]; None while the jaw is measured.
+    """
+
+    over: Future[None]
+    q_goal: Array | None
+    is_from_below: bool = False
+
+
+class _Run:
+    """One test, from the first motion to the last.
+
+    The motion's own thread goes through ``steps``; whoever called looks at the arm meanwhile
+    (``look``) and measures. At each stop the motion waits until that is done.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        gripper: GripperLike | None,
+        outline: Outline,
+        tell: Callable[[MoveTestProgress], None],
+    ) -> None:
+        self._arm, self._gripper, self._outline, self._tell = arm, gripper, outline, tell
+        self._model = RobotModel.load()
+        self._joint = self._told = ""
+        self._taken: dict[str, Measurements] = {}
+        self._trouble: dict[str, str] = dict(outline.obstacles)
+        self._stop: _Stop | None = None
+        self._states: list[JointState] = []
+        self._stood: list[JointState] = []
+
+    # The motion's thread
+
+    def steps(self) -> Iterator[Plan | Callable[[Motion], None]]:
+        """The whole test, each plan made when it is its turn."""
+        for swing in self._outline.swings:
+            self._taken[swing.joint] = Measurements(swing.joint)
+            self._joint = swing.joint
+            if swing.joint == GRIPPER_JOINT:
+                yield partial(self._move_jaw, swing.stops)
+                continue
+            i = ARM_JOINTS.index(swing.joint)
+            for begin, end in pairwise(swing.stops):
+                plan = self._arm.plan(_through(self._arm.state.q_ref, i, (end,)), limits=LIMITS)
+                yield plan
+                yield partial(self._stand, plan.q_goal, end > begin)
+
+    def _stand(self, q_goal: Array | None, is_from_below: bool, motion: Motion) -> None:
+        over: Future[None] = running_future()
+        self._stop = _Stop(over=over, q_goal=q_goal, is_from_below=is_from_below)
+        motion.wait_for(over)
+
+    def _move_jaw(self, stops: tuple[float, ...], motion: Motion) -> None:
+        assert self._gripper is not None  # its swing was outlined
+        for aperture in stops[1:]:
+            moving = self._gripper.start_move(aperture)
+            try:
+                motion.wait_for(moving.future)
+            except Interrupted:
+                moving.interrupt("stop")
+                raise
+            self._stand(None, False, motion)
+
+    # The caller's thread
+
+    def look(self, state: JointState) -> None:
+        """Take a state of the arm into account."""
+        if self._joint != self._told:
+            self._told = self._joint
+            self._tell(self._progress())
+        stop = self._stop
+        if stop is None:
+            self._states.append(state)
+            return
+        if not self._stood or state is not self._stood[-1]:
+            self._stood.append(state)
+        if state.t - self._stood[0].t >= AVERAGED:
+            self._measure(stop)
+            self._stop, self._states, self._stood = None, [], []
+            stop.over.set_result(None)
+
+    def end(self, error: BaseException | None) -> str:
+        """Take note of how the motion ended; why the test did early, empty if it did not."""
+        if error is None:
+            return ""
+        if isinstance(error, Interrupted):
+            return str(error)
+        if not isinstance(error, So101Error):
+            raise error
+        self._trouble[self._joint] = str(error)
+        return f"{self._joint} is in trouble" if self._joint else str(error)
+
+    def results(self, outline: Outline) -> tuple[JointAccuracy, ...]:
+        """What was measured of each joint, base to jaw."""
+        asked = {swing.joint for swing in outline.swings} | set(self._trouble)
+        return tuple(
+            self._result(joint) for joint in (*ARM_JOINTS, GRIPPER_JOINT) if joint in asked
+        )
+
+    def _result(self, joint: str) -> JointAccuracy:
+        taken = self._taken.get(joint)
+        found = JointAccuracy(joint=joint) if taken is None else taken.accuracy()
+        return replace(found, trouble=self._trouble.get(joint, ""))
+
+    def _progress(self) -> MoveTestProgress:
+        swings = self._outline.swings
+        done = [swing for swing in swings if swing.joint in self._taken][:-1]
+        share = sum(swing.duration for swing in done) / max(self._outline.duration, 1e-9)
+        results = tuple(self._taken[swing.joint].accuracy() for swing in done)
+        return MoveTestProgress(joint=self._joint, share=share, results=results)
+
+    def _measure(self, stop: _Stop) -> None:
+        taken = self._taken[self._joint]
+        if stop.q_goal is None:
+            off = [state.q_jaw - state.q_jaw_ref for state in self._stood]
+            taken.note_jaw(float(np.mean(off)))
+            return
+        q = np.mean([state.q for state in self._stood], axis=0)
+        p_wanted = self._model.frame(stop.q_goal).p
+        taken.tool = max(taken.tool, float(np.linalg.norm(self._model.frame(q).p - p_wanted)))
+        i = ARM_JOINTS.index(self._joint)
+        taken.note_motion(i, self._states)
+        taken.note_stop(float(stop.q_goal[i]), float(q[i]), is_from_below=stop.is_from_below)
+
+
+def _jaw_swing(aperture: float) -> Swing:
+    here = min(max(aperture, 0.0), 1.0)
+    there = here + JAW_SWING if here + JAW_SWING <= 1.0 else here - JAW_SWING
+    return Swing(joint=GRIPPER_JOINT, stops=(here, there, here), duration=2.0)
+
+
+def _stops(here: float, middle: float) -> tuple[float, ...]:
+    """From ``here`` through a swing that stops at ``middle`` from both sides, and back."""
+    swing = (middle, middle + SWING, middle, middle - SWING, middle)
+    return swing if middle == here else (here, *swing, here)
+
+
+def _through(q: Array, i: int, stops: tuple[float, ...]) -> PathGoal:
+    """Joint ``i`` alone along ``stops``, the others at ``q``."""
+    waypoints = np.tile(q, (len(stops), 1))
+    waypoints[:, i] = stops
+    return PathGoal(waypoints=waypoints, tolerance=0.0)

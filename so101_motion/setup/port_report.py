@@ -1,0 +1,163 @@
+"""Report what was found on a port, and what could be configured for it.
+
+Suggestions have the published module's names and shape, with these differences. A gripper gets a
+port of its own, as in that module's documentation, so that it works whatever the arm ends up being
+called. The calibration sensor always gets a file of its own, so that two arms on one machine do not
+write to the same one; the file need not exist before the first calibration. And an arm and a
+gripper get a frame, without which no motion service knows where they are. What a component has
+already is not suggested again.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.calib.motors.arm_identification import Role
+from so101_motion.calib.record import store
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.drivers.bus.defaults import BAUDRATE
+from so101_motion.drivers.port.port_list import FoundPort
+
+PART_BY_MODEL = {
+    "devrel:so101:arm": "arm",
+    "devrel:so101:gripper": "gripper",
+    "devrel:so101:calibration": "calibration",
+}
+"""Which part of an arm a component of each model is."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """Where a component is said to be.
+
+    Attributes:
+        y: How far to the left of it [m].
+    """
+
+    parent: str
+    y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suggestion:
+    """A resource that could be configured.
+
+    Attributes:
+        api: Its API, such as ``"rdk:component:arm"``.
+        model: Its model, such as ``"devrel:so101:arm"``.
+        frame: Where it is; None for what is nowhere.
+    """
+
+    name: str
+    api: str
+    model: str
+    attributes: Mapping[str, object]
+    frame: Frame | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortReport:
+    """What is on a port.
+
+    Attributes:
+        baudrate: At which rate [bit/s].
+        configured: The parts that components of this process have on the port: ``"arm"``,
+            ``"gripper"``, ``"calibration"``.
+        arm_name: What the arm on the port is called; empty for what is suggested.
+        stands_at: How far the arm is said to stand to the left of the first one [m].
+        volts: What the first servo is fed with [V]; None if none answers.
+        nominal_volts: What it is made for [V]: 7.4 or 12; likewise.
+        supply_trouble: What is wrong with that and what to do about it; None if nothing is.
+        calibration: The calibration file to configure; None if there is none.
+    """
+
+    port: FoundPort
+    sentence: str
+    joints: tuple[str, ...] = ()
+    servo_ids: tuple[int, ...] = ()
+    baudrate: int = BAUDRATE
+    configured: frozenset[str] = frozenset()
+    arm_name: str = ""
+    stands_at: float = 0.0
+    volts: float | None = None
+    nominal_volts: float | None = None
+    supply_trouble: tuple[str, str] | None = None
+    role: Role = "unknown"
+    because: str = ""
+    calibration: Path | None = None
+
+    @property
+    def in_use(self) -> bool:
+        """Whether a component of this process uses the port."""
+        return bool(self.configured)
+
+    @property
+    def has_arm(self) -> bool:
+        """Whether an arm can be configured."""
+        return all(joint in self.joints for joint in ARM_JOINTS)
+
+    @property
+    def suggestions(self) -> tuple[Suggestion, ...]:
+        """What could be configured, in the order to do it."""
+        found = _suggest(self)
+        return tuple(one for one in found if PART_BY_MODEL[one.model] not in self.configured)
+
+
+def _suggest(report: PortReport) -> Iterator[Suggestion]:
+    if not report.servo_ids and not report.joints:
+        return
+    key = report.port.key
+    base: dict[str, object] = {"port": report.port.name}
+    if report.baudrate != BAUDRATE:
+        base["baudrate"] = report.baudrate
+    name = None
+    if report.calibration is not None:
+        name = name_in_data(report.calibration) or str(report.calibration)
+    shared = base if name is None else {**base, "calibration_file": name}
+    arm_name = report.arm_name or f"so101-arm-{key}"
+    if report.has_arm:
+        yield Suggestion(
+            name=arm_name,
+            api="rdk:component:arm",
+            model="devrel:so101:arm",
+            attributes=shared,
+            frame=Frame(parent="world", y=report.stands_at),
+        )
+    if report.has_arm and GRIPPER_JOINT in report.joints:
+        kind = {"gripper_type": "leader"} if report.role == "leader" else {}
+        yield Suggestion(
+            name=f"so101-gripper-{key}",
+            api="rdk:component:gripper",
+            model="devrel:so101:gripper",
+            attributes={**shared, **kind},
+            frame=Frame(parent=arm_name),
+        )
+    yield Suggestion(
+        name=f"so101-calibration-{key}",
+        api="rdk:component:sensor",
+        model="devrel:so101:calibration",
+        attributes={**base, "calibration_file": name or file_name(report.port)},
+    )
+
+
+def file_name(port: FoundPort) -> str:
+    """The calibration file of what is on a port; the published module's name for it."""
+    return f"{port.key}_calibration.json"
+
+
+def name_in_data(file: Path) -> str | None:
+    """What a file in the module's data directory is called in a configuration.
+
+    None for any other file, which has to be called by its path, and where there is no such
+    directory: on the command line a name means what lies in the current one.
+    """
+    if not os.environ.get("VIAM_MODULE_DATA"):
+        return None
+    try:
+        return file.name if store.resolve(file.name) == file else None
+    except CalibrationError:
+        return None

@@ -1,0 +1,124 @@
+"""Find the port the arm is on, and what is wrong with it, by looking at all ports.
+
+The terminal, the doctor and the setup page all ask here. Nothing is written to a servo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from so101_motion.calib.record import versions
+from so101_motion.common.errors import CalibrationError
+from so101_motion.drivers.bus.bus import PATIENCE as PATIENCE
+from so101_motion.drivers.port import host_checks
+from so101_motion.drivers.port.port_list import adapters_without_port, obstacle
+from so101_motion.setup.discovery import discover
+from so101_motion.setup.findings import Findings
+from so101_motion.setup.port_report import PortReport, file_name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """A port on which servos may be."""
+
+    report: PortReport
+    findings: Findings
+
+    @property
+    def name(self) -> str:
+        """The port's lasting name."""
+        return self.report.port.name
+
+    def calibration_file(self) -> Path:
+        """Where the calibration of its arm is kept; see ``calibration_file``."""
+        return calibration_file(self.report)
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether it can be opened, as far as can be told."""
+        return not self.findings.port_trouble
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortsSeen:
+    """What is plugged in now.
+
+    Attributes:
+        candidates: The ports with servo adapters and those that were named, the likeliest first.
+    """
+
+    candidates: tuple[Candidate, ...] = ()
+    nothing: Findings = field(default_factory=Findings)
+
+    @property
+    def usable(self) -> tuple[Candidate, ...]:
+        """Those that can be opened."""
+        return tuple(candidate for candidate in self.candidates if candidate.is_usable)
+
+
+def look(named: Collection[str] = (), *, patience: float = PATIENCE) -> PortsSeen:
+    """Look at the adapters that are plugged in; takes less than two seconds.
+
+    Args:
+        named: Ports that are looked at whatever they are. If there are any, no other is.
+        patience: How long to wait for an answer beyond the time on the wire [s].
+    """
+    found = discover(named, patience=patience)
+    lost = adapters_without_port()
+    candidates = tuple(
+        Candidate(report=report, findings=about(report))
+        for report in found.reports
+        if report.port.name in named or (not named and report.port.is_servo_adapter)
+    )
+    others = [f"{report.port.name}: {report.sentence}" for report in found.reports]
+    return PortsSeen(
+        candidates=candidates,
+        nothing=Findings(
+            port_trouble=". ".join((*others, *(note for note in found.notes if note not in lost))),
+            lost_adapters=lost,
+        ),
+    )
+
+
+def about(report: PortReport) -> Findings:
+    """What there is to judge of a port, and of whatever meddles with ports."""
+    name = report.port.name
+    return Findings(
+        port=name,
+        adapter=report.port.description,
+        port_trouble="" if report.in_use else obstacle(name) or "",
+        supply_trouble=report.supply_trouble,
+        interfering_programs={}
+        if host_checks.is_rule_installed()
+        else host_checks.interfering_programs(),
+        lost_adapters=adapters_without_port(),
+        latency_timer=host_checks.latency_timer(name),
+    )
+
+
+def calibration_file(report: PortReport) -> Path:
+    """Where the calibration of what is on a port is kept.
+
+    That is the file that is this arm's already, by what its servos hold or by its name; else one in
+    the user's own data directory, named after the adapter.
+
+    Raises:
+        CalibrationError: This user has no home.
+    """
+    return report.calibration or own_folder() / file_name(report.port)
+
+
+def own_folder() -> Path:
+    """Where this package keeps what belongs to this user.
+
+    Raises:
+        CalibrationError: This user has no home.
+    """
+    try:
+        return versions.root().parent
+    except OSError as error:
+        raise CalibrationError(
+            None, f"there is no home directory: {error}", "name a file"
+        ) from error

@@ -1,0 +1,316 @@
+"""The steps from a box of parts to a moving arm, in order, and whether each is done.
+
+The page, the terminal, the calibration sensor and ``so101 doctor`` all use this list. Each step
+judges a ``SetupState`` and touches nothing.
+
+A check that fails means that one cannot go on yet: its sentence says what is missing, its fix what
+to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from so101_motion.calib.motors.setup_view import SetupView, Verification
+from so101_motion.calib.procedure import view as calibration_view
+from so101_motion.calib.procedure.steps import State
+from so101_motion.calib.procedure.view import CalibrationView
+from so101_motion.setup.calibrator import Calibrator
+from so101_motion.setup.checkup import Check, check_up, fail, ok, warn
+from so101_motion.setup.findings import Findings
+
+
+def _untouched() -> CalibrationView:
+    return calibration_view.show(calibration_view.CalibrationProgress(), None, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetupState:
+    """What is known of an arm on its way.
+
+    Attributes:
+        seen: What was looked at: the port, and the servos of the finished chain.
+        saved: Where the calibration that counts is kept; None before it is saved.
+        tested: What the final test has found; None before it.
+    """
+
+    seen: Findings = field(default_factory=Findings)
+    setup: SetupView = field(default_factory=SetupView)
+    view: CalibrationView = field(default_factory=_untouched)
+    saved: Path | None = None
+    tested: Check | None = None
+
+    @classmethod
+    def found(cls, seen: Findings) -> SetupState:
+        """What a check-up has found by looking, without a setup under way."""
+        is_saved = seen.stored is not None and not seen.file_trouble and not seen.is_unfinished
+        return cls(seen=seen, saved=seen.file if is_saved else None)
+
+    @classmethod
+    def of(cls, calibrator: Calibrator) -> SetupState:
+        """What a calibrator tells by itself; the port is not looked at."""
+        now = calibrator.situation
+        return cls(
+            seen=Findings(
+                port=calibrator.port,
+                adapter="in use",
+                port_trouble="" if now.is_connected else "there is no connection at present",
+                servos=calibrator.motor_setup.checked,
+            ),
+            setup=now.setup,
+            view=now.view,
+            saved=now.saved,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetupStep:
+    """One step.
+
+    Attributes:
+        minutes: How long it takes somebody who does it for the first time. Chosen.
+    """
+
+    name: str
+    title: str
+    instruction: str
+    minutes: int
+    check: Callable[[SetupState], Check]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Workflow:
+    """Some of the steps, for a purpose."""
+
+    name: str
+    title: str
+    purpose: str
+    steps: tuple[SetupStep, ...]
+
+    @property
+    def minutes(self) -> int:
+        """How long it takes, the time to screw an arm together not counted."""
+        return sum(step.minutes for step in self.steps)
+
+    @property
+    def extent(self) -> str:
+        """How many steps, and how long they take, in words."""
+        return f"{len(self.steps)} steps, about {self.minutes} minutes"
+
+    def place(self, name: str) -> int | None:
+        """The place of a step by its name, from 0; None if it is not among these."""
+        return next((k for k, step in enumerate(self.steps) if step.name == name), None)
+
+    def next_open(self, known: SetupState) -> SetupStep | None:
+        """The first step that is not done; None when all are."""
+        return next((step for step in self.steps if step.check(known).verdict == "fail"), None)
+
+
+# Whether a step is done
+
+
+def worst(name: str, checks: Iterable[Check]) -> Check | None:
+    """The first of the worst among ``checks``, under another name; None if there is none."""
+    ranked = sorted(checks, key=lambda check: ("fail", "warn", "ok").index(check.verdict))
+    if not ranked:
+        return None
+    first = ranked[0]
+    return Check(name=name, verdict=first.verdict, sentence=first.sentence, fix=first.fix)
+
+
+def _connected(known: SetupState) -> Check:
+    seen = known.seen
+    about_port = Findings(
+        port=seen.port,
+        adapter=seen.adapter,
+        port_trouble=seen.port_trouble,
+        supply_trouble=seen.supply_trouble,
+        interfering_programs=seen.interfering_programs,
+        lost_adapters=() if seen.port is not None else seen.lost_adapters,
+    )
+    return worst("connect", check_up(about_port)) or fail(
+        "connect", "no port is chosen yet", "plug the adapter in with a USB cable"
+    )
+
+
+def _numbered(known: SetupState) -> Check:
+    setup = known.setup
+    joint = setup.next_joint
+    if joint is None:
+        left_out = [motor.joint for motor in setup.motors.values() if motor.state == "skipped"]
+        if left_out:
+            told = f"left as they are: {', '.join(left_out)}"
+            return warn("motors", told, "set them up later")
+        return ok("motors", "all six motors have their ids")
+    servos = known.seen.servos
+    if not setup.in_progress and servos is not None and _have_ids(servos):
+        return ok("motors", "the motors have their ids already")
+    motor = setup.motors[joint]
+    told = f"{6 - setup.step} of 6 motors are still to be set up, next {joint}"
+    if motor.state == "failed":
+        told = f"{joint}: {motor.sentence}"
+    return fail("motors", told, setup.next_step)
+
+
+def _have_ids(servos: Verification) -> bool:
+    """Whether nobody answers who has no id of his own; a silent one may have a loose cable."""
+    shared = any(check.status == "duplicate" for check in servos.motors.values())
+    return bool(not shared and not servos.unexpected_ids)
+
+
+def _complete(known: SetupState) -> Check:
+    servos = known.seen.servos
+    if servos is None:
+        return fail(
+            "chain",
+            "the finished chain has not been verified yet",
+            "connect all six servos in a chain, shoulder_pan at the adapter, then verify",
+        )
+    about_chain = check_up(Findings(servos=servos))
+    found = worst("chain", (check for check in about_chain if check.name != "calibration"))
+    assert found is not None  # of servos that were looked at something is always told
+    return found
+
+
+def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
+    """Whether a calibration has come so far."""
+    view = known.view
+    if known.saved is not None:
+        return ok(name, f"calibrated: {known.saved}")
+    if view.state in states and view.error is None:
+        return ok(name, f"done: {view.state.value}")
+    return fail(name, view.error or left, view.instruction)
+
+
+def _posed(known: SetupState) -> Check:
+    states = (State.HOMED, State.RECORDING, State.COMPLETED)
+    return _reached(known, "pose", *states, left="the homing pose is not taken yet")
+
+
+def _recorded(known: SetupState) -> Check:
+    left = "the travel of the joints is not recorded yet"
+    if known.view.state is State.RECORDING:
+        joints = [joint for joint, view in known.view.joints.items() if not view.is_done]
+        left = f"still to do: {', '.join(joints)}" if joints else "the recording goes on"
+    return _reached(known, "record", State.COMPLETED, left=left)
+
+
+def _saved(known: SetupState) -> Check:
+    return _reached(known, "save", left="the calibration is not saved yet")
+
+
+def _tested(known: SetupState) -> Check:
+    return known.tested or warn(
+        "test",
+        "the arm has not been tested yet",
+        "let it make small slow motions and compare them with what was asked for",
+    )
+
+
+def _usable(known: SetupState) -> Check:
+    if known.saved is None:
+        return fail(
+            "configure", "there is no calibration to configure yet", "calibrate the arm first"
+        )
+    return ok("configure", "ready to be used")
+
+
+# The steps
+
+CONNECT = SetupStep(
+    name="connect",
+    title="Connection",
+    instruction="Plug the adapter board into this computer with a USB cable, and switch the arm's"
+    " own power supply on: USB does not feed the motors.",
+    minutes=1,
+    check=_connected,
+)
+
+MOTORS = SetupStep(
+    name="motors",
+    title="Motor ids",
+    instruction="A motor goes by its number, its id. New ones all have 1, so they get their own"
+    " one at a time, from the gripper to the shoulder. Connect only the motor that is asked for.",
+    minutes=6,
+    check=_numbered,
+)
+
+CHAIN = SetupStep(
+    name="chain",
+    title="All six together",
+    instruction="Put all six motors on the cable, one after the other: the adapter, shoulder_pan,"
+    " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper. Then verify them.",
+    minutes=2,
+    check=_complete,
+)
+
+POSE = SetupStep(
+    name="pose",
+    title="Homing pose",
+    instruction="Once the arm is screwed together: hold it, let its joints go limp, and bring each"
+    " about into the middle of its travel.",
+    minutes=2,
+    check=_posed,
+)
+
+RECORD = SetupStep(
+    name="record",
+    title="Travel",
+    instruction="Move every joint slowly through its whole travel, to both stops.",
+    minutes=2,
+    check=_recorded,
+)
+
+SAVE = SetupStep(
+    name="save",
+    title="Save",
+    instruction="Look at what was recorded, then store it in the motors and in a file.",
+    minutes=1,
+    check=_saved,
+)
+
+TEST = SetupStep(
+    name="test",
+    title="Final test",
+    instruction="Let the arm make small slow motions, joint by joint, and see whether it does what"
+    " it is told.",
+    minutes=2,
+    check=_tested,
+)
+
+CONFIGURE = SetupStep(
+    name="configure",
+    title="Use it",
+    instruction="Copy the configuration, or move the arm in the preview.",
+    minutes=1,
+    check=_usable,
+)
+
+_CALIBRATION = (POSE, RECORD, SAVE, TEST, CONFIGURE)
+
+FULL = Workflow(
+    name="full",
+    title="Full Setup",
+    purpose="A new kit: each motor gets its number, the id. You screw the arm together, which takes"
+    " an hour or two more. Then it is calibrated and tested.",
+    steps=(CONNECT, MOTORS, CHAIN, *_CALIBRATION),
+)
+
+MOTORS_ONLY = Workflow(
+    name="motors",
+    title="Motor Setup Only",
+    purpose="Before the arm is screwed together, or after a motor was replaced.",
+    steps=(CONNECT, MOTORS, CHAIN),
+)
+
+CALIBRATION_ONLY = Workflow(
+    name="calibration",
+    title="Calibration Only",
+    purpose="The motors have their ids, and the arm is together.",
+    steps=(CONNECT, CHAIN, *_CALIBRATION),
+)
+
+WORKFLOWS = (FULL, MOTORS_ONLY, CALIBRATION_ONLY)
+"""Which there are, by what a beginner wants first."""

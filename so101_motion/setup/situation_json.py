@@ -1,0 +1,197 @@
+"""Write a calibrator's situation as the calibration sensor's readings, and read it back.
+
+Keys and types are the published module's, and a few more. Nulls are not sent, for they read back
+as 0: what is not known has no key. The published module sends the extremes of a 32-bit number for
+a travel that was not recorded yet; here it is absent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from so101_motion.calib.motors.setup_view import MotorView, SetupView
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.procedure.view import CalibrationView, JointView
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.errors import CalibrationError
+from so101_motion.setup.calibrator import Situation
+
+Json = Mapping[str, Any]
+_Row = tuple[str, Callable[[Any], Any], Callable[[Any], Any]]
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _whole(value: Any) -> int | None:
+    return None if value is None else round(value)
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else str(value)
+
+
+def _tenths(value: float | None) -> float | None:
+    return None if value is None else round(value, 1)
+
+
+def _or_none(text: str) -> str | None:
+    return text or None
+
+
+_JOINT: Mapping[str, _Row] = {
+    "servo_id": ("id", _same, round),
+    "ticks": ("current_position", _same, _whole),
+    "homing_offset": ("homing_offset", _same, round),
+    "range_min": ("range_min", _same, round),
+    "range_max": ("range_max", _same, round),
+    "recorded_min": ("recorded_min", _same, _whole),
+    "recorded_max": ("recorded_max", _same, _whole),
+    "is_done": ("is_completed", _same, bool),
+    "expected_deg": ("expected_range_degs", _tenths, float),
+    "sentence": ("message", _or_none, _text),
+}
+"""Each field of a ``JointView``: its key, how it is written, and how it is read."""
+
+_SERVO: Mapping[str, _Row] = {
+    "found_id": ("current_id", _same, _whole),
+    "model": ("model", _same, _same),
+    "baud": ("found_baudrate", _same, _whole),
+    "firmware": ("firmware", _same, _same),
+    "volts": ("volts", _tenths, _same),
+}
+"""The same for what a ``MotorView`` has of the servo that was found."""
+
+_MOTOR: Mapping[str, _Row] = {
+    **_SERVO,
+    "target_id": ("target_id", _same, round),
+    "state": ("state", _same, str),
+    "sentence": ("message", _or_none, _text),
+    "fix": ("fix", _or_none, _text),
+}
+
+
+def _write(value: object, rows: Mapping[str, _Row]) -> dict[str, Any]:
+    return {key: to_json(getattr(value, field)) for field, (key, to_json, _) in rows.items()}
+
+
+def _read(told: Json, rows: Mapping[str, _Row]) -> dict[str, Any]:
+    return {field: from_json(told.get(key)) for field, (key, _, from_json) in rows.items()}
+
+
+# Writing
+
+
+def readings(now: Situation) -> dict[str, Any]:
+    """Everything there is to know, under the sensor's keys; what is None is not to be sent."""
+    view, setup = now.view, now.setup
+    told: dict[str, Any] = {
+        "calibration_state": view.state.value,
+        "instruction": view.instruction,
+        "available_commands": [command.value for command in view.commands],
+        "servo_count": len(now.joints),
+        "joints": {joint: _joint(of_joint) for joint, of_joint in now.joints.items()},
+        "motor_setup": {
+            "in_progress": setup.in_progress,
+            "step": setup.step,
+            "status": setup.doing or setup.status,
+            "next_motor": setup.next_joint,
+            "next_step": setup.next_step,
+            "fix": setup.fix or None,
+            "motors": {joint: _write(motor, _MOTOR) for joint, motor in setup.motors.items()},
+        },
+        "calibration_file": str(now.calibration_file),
+        "connected": now.is_connected,
+        "torque_enabled": now.holds,
+        "error": view.error,
+    }
+    if view.state in (State.RECORDING, State.COMPLETED):
+        told["recording_time_seconds"] = round(view.recording_time, 3)
+        told["position_samples"] = view.samples
+    if now.notes:
+        told["notes"] = list(now.notes)
+    return told
+
+
+def _joint(joint: JointView) -> dict[str, Any]:
+    told = _write(joint, _JOINT)
+    if joint.verdict is not None:
+        told["verdict"] = joint.verdict.value
+        told["recorded_range_degs"] = round(joint.travel_deg, 1)
+    return told
+
+
+def about_servo(motor: MotorView) -> dict[str, Any]:
+    """What is known of the servo that was found for a motor."""
+    return _write(motor, _SERVO)
+
+
+# Reading
+
+
+def from_readings(told: Json, angles: Mapping[str, float]) -> Situation:
+    """The situation that a sensor's readings tell of, as far as they do.
+
+    Args:
+        told: The readings.
+        angles: Where the joints are [rad].
+
+    Raises:
+        CalibrationError: They are no calibration sensor's.
+    """
+    try:
+        return _situation(told, angles)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise CalibrationError(
+            None,
+            f"what the sensor reads is not what so101_motion's calibration sensor does: {error!r}",
+            "name the sensor of the model devrel:so101:calibration, and update its module",
+        ) from error
+
+
+def _situation(told: Json, angles: Mapping[str, float]) -> Situation:
+    state = State(told["calibration_state"])
+    joints = {
+        joint: _joint_view(joint, told["joints"][joint])
+        for joint in JOINTS
+        if joint in told["joints"]
+    }
+    motors, setup = told["motor_setup"]["motors"], told["motor_setup"]
+    view = CalibrationView(
+        state=state,
+        instruction=str(told["instruction"]),
+        joints={} if state is State.IDLE else joints,
+        commands=tuple(map(Command, told["available_commands"])),
+        error=told.get("error"),
+        note=None,
+        recording_time=float(told.get("recording_time_seconds", 0.0)),
+        samples=round(told.get("position_samples", 0)),
+    )
+    return Situation(
+        view=view,
+        setup=SetupView(
+            motors={
+                joint: replace(motor, **_read(motors[joint], _MOTOR))
+                for joint, motor in SetupView().motors.items()
+            },
+            status=_text(setup.get("status")),
+            fix=_text(setup.get("fix")),
+        ),
+        joints=joints,
+        angles={joint: angle for joint, angle in angles.items() if joint in joints},
+        calibration_file=Path(str(told["calibration_file"])),
+        is_connected=told.get("connected") is True,
+        holds=told.get("torque_enabled"),
+        notes=tuple(map(str, told.get("notes", ()))),
+    )
+
+
+def _joint_view(joint: str, told: Json) -> JointView:
+    verdict = told.get("verdict")
+    found = None if verdict is None else Verdict(verdict)
+    return JointView(joint=joint, verdict=found, **_read(told, _JOINT))

@@ -1,0 +1,12 @@
+"""Paths that a hand has shown: recorded while the arm is guided, saved, replayed.
+
+``path.py`` is the path and what is left of it within a tolerance, ``recorder.py`` records it,
+``files.py`` saves it, ``replay.py`` plans it under the arm's own caps, ``run.py`` runs that.
+"""
+
+from so101_motion.tasks.guided.path import GuidedPath
+from so101_motion.tasks.guided.recorder import PathRecorder
+from so101_motion.tasks.guided.replay import Replay, plan_replay
+from so101_motion.tasks.guided.run import start_replay
+
+__all__ = ["GuidedPath", "PathRecorder", "Replay", "plan_replay", "start_replay"]

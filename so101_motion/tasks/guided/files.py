@@ -1,0 +1,167 @@
+"""Guided paths as JSON files, that people can read and programs can make.
+
+A file looks like this::
+
+    {
+      "schema": "so101/guided-path/1",
+      "recorded_at": "2026-03-01T10:15:00+00:00",
+      "joints": ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"],
+      "time_s": [0.0, 0.04],
+      "q_deg": [[0.0, -20.1, 30.2, 5.0, 0.0], [0.3, -20.1, 30.2, 5.0, 0.0]],
+      "aperture_percent": [40.0, 40.0]
+    }
+
+Degrees with the zero of the model, the jaw in per cent of its travel, left out for an arm without
+one. A file is there whole or not at all, whenever the computer stops.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files import user_storage
+from so101_motion.tasks.guided.path import GuidedPath
+
+SCHEMA = "so101/guided-path/1"
+
+LARGEST = 20_000_000
+"""Largest file that is read [byte]; the longest recording has a fifth of that."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SavedPath:
+    """A path in a folder.
+
+    Attributes:
+        name: What it is called: the file's name without its ending.
+        path: The path.
+        recorded_at: When it was recorded, as it was written down.
+    """
+
+    name: str
+    path: GuidedPath
+    recorded_at: str
+
+
+def file_of(folder: Path, name: object) -> Path:
+    """The file of the path called ``name``, there or not.
+
+    Raises:
+        ConfigError: It cannot be a name.
+    """
+    if not isinstance(name, str) or not re.fullmatch(r"\w[\w .-]{0,79}", name):
+        raise ConfigError("name", name, "must be letters, digits, spaces and _ . -, such as wave")
+    user_storage.refuse_reserved(name, what="name")
+    return folder / f"{name.removesuffix('.json')}.json"
+
+
+def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
+    """Save a path; its folder is made if need be.
+
+    Args:
+        path: The path.
+        file: Where; ends with ``.json``.
+        replace: Whether a file that is there already may be lost.
+
+    Raises:
+        ConfigError: It cannot be written, or is there already.
+    """
+    refuse_taken(file, replace=replace)
+    content: dict[str, Any] = {
+        "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        "joints": list(ARM_JOINTS),
+        "time_s": np.round(path.t, 4).tolist(),
+        "q_deg": np.round(to_deg(path.q), 4).tolist(),
+    }
+    if path.aperture is not None:
+        content["aperture_percent"] = np.round(100.0 * path.aperture, 2).tolist()
+    user_storage.write(file, content, schema=SCHEMA, indent=None)
+
+
+def refuse_taken(file: Path, *, replace: bool = False) -> None:
+    """Refuse a file that ``write`` would refuse, before anything has been recorded for it.
+
+    Raises:
+        ConfigError: It is there already, or has another ending.
+    """
+    if file.suffix.lower() != ".json":
+        raise ConfigError("path", str(file), "must end with .json")
+    if not replace and file.exists():
+        raise ConfigError("path", str(file), "is there already; choose another name or replace it")
+
+
+def read(file: Path) -> GuidedPath:
+    """The path in a file.
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    return _read(file).path
+
+
+def listed(folder: Path) -> list[SavedPath]:
+    """The paths in a folder, by name; what is no path is left out."""
+    found = []
+    for file in sorted(folder.glob("*.json")):
+        try:
+            found.append(_read(file))
+        except ConfigError:
+            continue
+    return found
+
+
+def delete(file: Path) -> None:
+    """Remove the path in a file.
+
+    Raises:
+        ConfigError: There is none, or it cannot be removed.
+    """
+    _read(file)  # nobody else's file is removed
+    try:
+        file.unlink()
+    except OSError as error:
+        raise ConfigError("path", str(file), f"cannot be removed: {error.strerror}") from error
+
+
+def _read(file: Path) -> SavedPath:
+    if not file.exists():
+        names = ", ".join(sorted(each.stem for each in file.parent.glob("*.json")))
+        hint = f"; there are: {names}" if names else ""
+        raise ConfigError("path", str(file), f"there is no such path{hint}")
+    content = user_storage.read(file, schema=SCHEMA, largest=LARGEST)
+    return SavedPath(
+        name=file.stem, path=_understood(content), recorded_at=str(content.get("recorded_at", ""))
+    )
+
+
+def _understood(content: Mapping[str, object]) -> GuidedPath:
+    joints = content.get("joints")
+    if joints != list(ARM_JOINTS):
+        raise ConfigError("joints", joints, f"must be {', '.join(ARM_JOINTS)}, in this order")
+    jaw = _numbers(content, "aperture_percent") if "aperture_percent" in content else None
+    try:
+        return GuidedPath(
+            t=_numbers(content, "time_s"),
+            q=to_rad(_numbers(content, "q_deg")),
+            aperture=None if jaw is None else jaw / 100.0,
+        )
+    except ValueError as error:
+        raise ConfigError("path", "...", str(error)) from error
+
+
+def _numbers(content: Mapping[str, object], key: str) -> Array:
+    try:
+        return np.array(content.get(key), dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConfigError(key, "...", "must be a list of numbers, of equal length") from error

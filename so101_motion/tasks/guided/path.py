@@ -1,0 +1,164 @@
+"""A path that a hand has shown, and how it is reduced to few points.
+
+How it is thinned. Between two kept points the arm will go straight, so a stretch may be replaced by
+a straight line if every point of it is near that line, *in the order of the points*: a hand that
+wipes to and fro over one place does so again. So each point is compared with the farthest place on
+the line that has been reached until then, not with the nearest. Where that is too far off, the
+worst point is kept and both halves are looked at (after Douglas and Peucker, 1973). The jaw is one
+more coordinate of the same points, so arm and jaw stay together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.geometry import Array, frozen_array
+
+TOLERANCE = np.radians(2.0)
+"""How far a joint may be from the path that was shown unless somebody says otherwise [rad]; chosen:
+a hand trembles by some tenths of a degree, and a wider one makes a swifter and smoother motion."""
+
+JAW_TOLERANCE = 0.02
+"""The same for the jaw, share of its travel; chosen."""
+
+
+_SPACING = np.radians(0.5)  # of the places on a polyline that points are compared with [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GuidedPath:
+    """Where a hand has led the arm.
+
+    Attributes:
+        t: When, from 0 on, increasing, shape (n,), n >= 1, [s].
+        q: Joint angles, shape (n, 5), [rad].
+        aperture: How far the jaw was open, 0 to 1, shape (n,); None for an arm without a jaw.
+    """
+
+    t: Array
+    q: Array
+    aperture: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
+        n = len(self.t)
+        object.__setattr__(self, "q", frozen_array(self.q, (-1, 5)))
+        if self.aperture is not None:
+            object.__setattr__(self, "aperture", frozen_array(self.aperture, (-1,)))
+        jaw = np.zeros(n) if self.aperture is None else self.aperture
+        if n == 0 or len(self.q) != n or len(jaw) != n:
+            raise ValueError(f"{n} times, {len(self.q)} configurations and {len(jaw)} apertures")
+        if not (np.isfinite(self.t).all() and np.isfinite(self.q).all() and np.isfinite(jaw).all()):
+            raise ValueError("a path must be finite")
+        if self.t[0] != 0.0 or np.any(np.diff(self.t) <= 0.0):
+            raise ValueError("the times of a path must begin at 0 and increase")
+        if np.any((jaw < 0.0) | (jaw > 1.0)):
+            raise ValueError("an aperture must be 0 to 1")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def duration(self) -> float:
+        """How long the hand took [s]."""
+        return float(self.t[-1])
+
+    def taken(self, chosen: NDArray[np.intp] | slice) -> GuidedPath:
+        """Some of its points, by index; times count from the first of them."""
+        t = self.t[chosen]
+        jaw = None if self.aperture is None else self.aperture[chosen]
+        return GuidedPath(t=t - t[0], q=self.q[chosen], aperture=jaw)
+
+    def thinned(self, tolerance: float = TOLERANCE) -> GuidedPath:
+        """The points that are left when straight lines between them do as well.
+
+        Args:
+            tolerance: How far any joint of any point of this path may be from the lines [rad].
+        """
+        return self.taken(self.corners(tolerance))
+
+    def corners(self, tolerance: float) -> NDArray[np.intp]:
+        """The indices of the points that ``thinned`` keeps, the ends among them."""
+        x = self.q if self.aperture is None else np.column_stack(
+            [self.q, self.aperture * (tolerance / JAW_TOLERANCE)]
+        )  # fmt: skip
+        return corners_of(x, tolerance)
+
+
+def corners_of(x: Array, tolerance: float) -> NDArray[np.intp]:
+    """The indices of as few of the points ``x``, shape (n, d), as stay near all of them, in order.
+
+    Both ends are among them. No coordinate of a point that is left out is further than
+    ``tolerance`` from the straight line between the kept ones beside it.
+    """
+    kept, spans = {0, len(x) - 1}, [(0, len(x) - 1)]
+    while spans:
+        begin, end = spans.pop()
+        off = _off_line(x[begin : end + 1])
+        worst = int(np.argmax(off))
+        if off[worst] > tolerance:
+            kept.add(begin + worst)
+            spans += [(begin, begin + worst), (begin + worst, end)]
+    return np.array(sorted(kept))
+
+
+def _off_line(x: Array) -> Array:
+    """How far points are from the line between the first and the last, in order, shape (m,).
+
+    Args:
+        x: The points, shape (m, d).
+    """
+    line = x[-1] - x[0]
+    square = float(line @ line)
+    share = np.zeros(len(x)) if square == 0.0 else np.clip((x - x[0]) @ line / square, 0.0, 1.0)
+    share = np.maximum.accumulate(share)
+    off = np.abs(x - x[0] - share[:, None] * line).max(axis=1)
+    off[[0, -1]] = 0.0
+    return np.asarray(off)
+
+
+def along(corners: Array, points: Array) -> Array:
+    """Where on a polyline points are that go along it, as corner number and share of what follows.
+
+    Args:
+        corners: Shape (m, d), m >= 2, [rad].
+        points: Near the polyline and in its order, shape (n, d), [rad].
+
+    Returns:
+        From 0 to ``m - 1``, never falling, shape (n,).
+    """
+    parts = 1 + np.ceil(np.abs(np.diff(corners, axis=0)).max(axis=1) / _SPACING).astype(int)
+    where = np.concatenate(
+        [k + np.arange(parts[k]) / parts[k] for k in range(len(parts))] + [[float(len(parts))]]
+    )
+    places = np.column_stack([np.interp(where, np.arange(len(corners)), x) for x in corners.T])
+    near = _in_order(places, points)
+    ends = np.clip(near[None] + np.array([[-1, 0], [0, 1]])[..., None], 0, len(places) - 1)
+    off, found = [], []
+    for a, b in ends:
+        line = places[b] - places[a]
+        square = np.maximum((line * line).sum(axis=1), 1e-300)
+        share = np.clip(((points - places[a]) * line).sum(axis=1) / square, 0.0, 1.0)
+        off.append(np.square(points - places[a] - share[:, None] * line).sum(axis=1))
+        found.append(where[a] + share * (where[b] - where[a]))
+    return np.maximum.accumulate(np.where(off[0] < off[1], found[0], found[1]))
+
+
+def _in_order(places: Array, points: Array) -> NDArray[np.intp]:
+    """The place for each point, never going back, with the least sum of squared distances."""
+    all_places = np.arange(len(places))
+    total = np.square(places - points[0]).sum(axis=1)
+    came_from = np.zeros((len(points), len(places)), dtype=np.intp)
+    for k in range(1, len(points)):
+        best = np.minimum.accumulate(total)
+        # The last place up to each one at which the least was reached.
+        came_from[k] = np.maximum.accumulate(np.where(total <= best, all_places, 0))
+        total = best + np.square(places - points[k]).sum(axis=1)
+    chosen = np.empty(len(points), dtype=np.intp)
+    chosen[-1] = int(np.argmin(total))
+    for k in range(len(points) - 1, 0, -1):
+        chosen[k - 1] = came_from[k, chosen[k]]
+    return chosen

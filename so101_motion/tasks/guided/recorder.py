@@ -1,0 +1,129 @@
+"""Record where a hand leads the arm, from the measurements of the I/O thread.
+
+A point is taken when a joint or the jaw has moved by more than an encoder that cannot decide, so a
+hand that rests costs nothing and a recording is as long as its path. It ends by itself with manual
+mode: when its time is up, with a stop, a motion, a fault. What was shown until then is kept.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Future
+
+import numpy as np
+
+from so101_motion.arm.gripper import Gripper
+from so101_motion.common.errors import MotionError
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_rad
+from so101_motion.control.executor import Executor
+from so101_motion.tasks.guided.path import GuidedPath
+
+STEP = to_rad(0.25)
+"""How far a joint moves between two points [rad]; chosen: not quite three ticks of the encoder."""
+
+JAW_STEP = 0.01
+"""The same for the jaw, share of its travel; chosen."""
+
+REST = 0.1
+"""An arm from which nothing was taken for so long rested [s]; chosen. The end of a rest is a point
+too, so that it is known what moved first."""
+
+MOST = 60_000
+"""So many points at most, ten minutes of unceasing motion; then the recording ends. Chosen."""
+
+_ENDED = {
+    Mode.LIMP: "the arm was let go of",
+    Mode.FAULT: "the arm could not be reached any more",
+    Mode.CALIBRATING: "the servos are being set up",
+}
+
+
+class PathRecorder:
+    """Records the path of an arm in manual mode, from now on. Any thread may ask it.
+
+    Args:
+        executor: The I/O thread of the arm.
+        gripper: Its gripper; None to leave the jaw out.
+
+    Attributes:
+        future: Completes with the path when the recording is over, by itself or by ``end``.
+        ended_by: Why it ended by itself; empty before, and after ``end``.
+
+    Raises:
+        MotionError: The arm is not in manual mode.
+    """
+
+    def __init__(self, executor: Executor, gripper: Gripper | None = None) -> None:
+        state = executor.state
+        if state.mode not in (Mode.GUIDING, Mode.LIMP):
+            raise MotionError(
+                "a path is recorded while a hand guides the arm, but the arm is"
+                f" {state.mode.value}; enter manual mode first"
+            )
+        self.future: Future[GuidedPath] = Future()
+        self.future.set_running_or_notify_cancel()
+        self.ended_by = ""
+        self._mode, self._gripper, self._lock = state.mode, gripper, threading.Lock()
+        self._newest = self._row(state)
+        self._rows = [self._newest]
+        end_listening = executor.listen(self._hear)
+        self.future.add_done_callback(lambda _: end_listening())
+
+    @property
+    def points(self) -> int:
+        """How many points have been taken."""
+        return len(self._rows)
+
+    @property
+    def path(self) -> GuidedPath:
+        """The path until now, where the arm is at this moment included."""
+        with self._lock:
+            rows = list(self._rows)
+            if rows[-1] is not self._newest and self._newest[0] > rows[-1][0]:
+                rows.append(self._newest)
+        table = np.array(rows)
+        jaw = None if self._gripper is None else table[:, 6]
+        return GuidedPath(t=table[:, 0] - table[0, 0], q=table[:, 1:6], aperture=jaw)
+
+    def end(self) -> GuidedPath:
+        """End the recording, if it has not ended yet; the arm stays in manual mode."""
+        self._end("")
+        return self.future.result()
+
+    # How
+
+    def _hear(self, state: JointState) -> None:
+        """A snapshot; on the I/O thread."""
+        if self.future.done():
+            return
+        if state.mode is not self._mode:
+            self._end(_ENDED.get(state.mode, "manual mode ended"))
+        elif state.t > self._newest[0] and not state.reading.unheard.intersection(ARM_JOINTS):
+            self._take(self._row(state))
+            if self.points >= MOST:
+                self._end(f"{MOST} points are as many as one recording may have")
+
+    def _row(self, state: JointState) -> tuple[float, ...]:
+        jaw = 0.0 if self._gripper is None else min(max(self._gripper.aperture, 0.0), 1.0)
+        return (state.t, *state.q.tolist(), jaw)
+
+    def _take(self, row: tuple[float, ...]) -> None:
+        with self._lock:
+            before, self._newest = self._newest, row
+            last = self._rows[-1]
+            moved = max(abs(row[i] - last[i]) for i in range(1, 6))
+            if moved < STEP and abs(row[6] - last[6]) < JAW_STEP:
+                return
+            if before[0] - last[0] > REST:
+                self._rows.append(before)  # where it rested
+            self._rows.append(row)
+
+    def _end(self, why: str) -> None:
+        path = self.path
+        with self._lock:
+            if self.future.done():
+                return
+            self.ended_by = why
+            self.future.set_result(path)

@@ -1,0 +1,351 @@
+"""Plan the replay of a guided path, all of it before anything moves.
+
+The hand's own timing does not count. The path is thinned (``path.py``) and cut where the arm stood
+and only the jaw moved, where a jaw that had closed begins to open, and at either end of a stretch
+on which the jaw leads: it needs much longer than the arm. What lies between two cuts is a *leg*:
+the planner gives it time, as fast as the caps allow and without stopping at its points, and looks
+at it for contact like at any plan. Two fifths of the tolerance go to the thinning, two fifths to
+the rounding of what is left, and an arm that stays within the last fifth stands. So does one that
+stays within the tolerance where the jaw leads: a hand that closes the jaw nudges the arm.
+
+The jaw moves with the arm: how far it is open is a matter of where on its leg the arm is, not of
+time. A leg on which it would have to be faster than it may is run slower. See ``run.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import Gripper
+from so101_motion.common.errors import ConfigError, InCollision, OutsideLimits, PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.goals import JointGoal, PathGoal
+from so101_motion.planning.motion_builder import MARGIN_TOLERANCE
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import slowed
+from so101_motion.tasks.guided.path import TOLERANCE, GuidedPath, along
+from so101_motion.tasks.program.rehearsal import error_about
+
+TOLERANCE_RANGE = (to_rad(0.5), to_rad(15.0))
+"""Tolerances that can be asked for [rad]; chosen: less follows every tremor of the hand, more is
+another path."""
+
+_SHARE = 0.4  # of the tolerance, for the thinning, and for the rounding
+_STANDS = 0.2  # likewise, within which an arm is said to stand
+_RESERVE = 0.8  # share of the jaw's speed that a leg may ask for; the rest lets it catch up
+_LEADS = 2.0
+"""How many times as long as the arm the jaw must need from one corner to the next to be said to
+lead there. Chosen: a whole leg is run slower for its jaw, and a hand that gives the arm a nudge of
+half a degree while the jaw closes made a path of four seconds one of four minutes."""
+
+_JAW_LOOK = to_rad(5.0)  # between two jaw angles at which a leg is looked at for contact; chosen
+_LOOKS = 25  # at a jaw that moves while the arm stands
+_STILL = 1e-3  # changes of the aperture below this are none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReplayLeg:
+    """A part of the path that is gone in one go.
+
+    Attributes:
+        begin: How far the jaw is opened or closed before, while the arm stands; None to leave it.
+        plan: The motion of the arm; None after a last motion of the jaw.
+        aperture: How far the jaw is open at each sample of it, shape (n,); None to leave it.
+    """
+
+    begin: float | None
+    plan: Plan | None
+    aperture: Array | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Replay:
+    """A guided path, planned.
+
+    Attributes:
+        path: As it was shown.
+        tolerance: How far any joint may be from it [rad].
+        approach: From where the arm stands to its beginning.
+        legs: What follows.
+    """
+
+    path: GuidedPath
+    tolerance: float
+    approach: Plan
+    legs: tuple[ReplayLeg, ...]
+
+    @property
+    def plans(self) -> tuple[Plan, ...]:
+        """What the arm does, one after the other; the approach first."""
+        return (self.approach, *(leg.plan for leg in self.legs if leg.plan is not None))
+
+    @property
+    def duration(self) -> float:
+        """How long the arm moves [s]; what the jaw does while it stands comes on top."""
+        return sum(plan.duration for plan in self.plans)
+
+
+def plan_replay(
+    arm: Arm,
+    path: GuidedPath,
+    *,
+    gripper: Gripper | None = None,
+    tolerance: float = TOLERANCE,
+    limits: MotionLimits | None = None,
+) -> Replay:
+    """Plan to go to the beginning of a path and along it; moves nothing.
+
+    Args:
+        arm: Whose caps, range and scene count.
+        path: As it was recorded. Where it is beyond the arm's range by less than ``tolerance``, as
+            a hand does that pushes against a stop, the arm goes to the limit.
+        gripper: The arm's; None to leave the jaw alone.
+        tolerance: How far any joint may be from the path [rad].
+        limits: Caps of the motion; the arm's own if not given.
+
+    Raises:
+        PlanningError: The path cannot be gone, and when in the recording.
+        ConfigError: The tolerance is out of range.
+    """
+    lower, upper = TOLERANCE_RANGE
+    if not lower <= tolerance <= upper:
+        raise ConfigError(
+            "tolerance_deg", to_deg(tolerance), f"must be {to_deg(lower):g} to {to_deg(upper):g}"
+        )
+    if gripper is None:
+        path = replace(path, aperture=None)
+    corners = _within_range(arm, path, tolerance).thinned(_SHARE * tolerance)
+    approach = arm.plan(JointGoal(q=corners.q[0]), limits=limits)
+    legs, q_from = [], approach.q_goal
+    maker = _LegMaker(arm, gripper, _SHARE * tolerance, limits)
+    pace = None if gripper is None else _Pace.of(gripper, limits or arm.limits)
+    for cut in _cut(corners, tolerance, pace):
+        leg = maker.leg(cut, q_from)
+        legs.append(leg)
+        q_from = q_from if leg.plan is None else leg.plan.q_goal
+    return Replay(path=path, tolerance=tolerance, approach=approach, legs=tuple(legs))
+
+
+# Planning
+
+
+def _within_range(arm: Arm, path: GuidedPath, tolerance: float) -> GuidedPath:
+    lower, upper = arm.range
+    over = np.maximum(lower - path.q, path.q - upper)
+    k, i = np.unravel_index(int(np.argmax(over)), over.shape)
+    if over[k, i] > tolerance:
+        raise OutsideLimits(
+            f"{path.t[k]:.1f} s into the recording {ARM_JOINTS[i]} is at"
+            f" {to_deg(float(path.q[k, i])):.1f} deg, but this arm goes from"
+            f" {to_deg(float(lower[i])):.1f} to {to_deg(float(upper[i])):.1f} deg; show it again"
+            " with this arm",
+            joint=ARM_JOINTS[i],
+            value=float(path.q[k, i]),
+            lower=float(lower[i]),
+            upper=float(upper[i]),
+        )
+    return replace(path, q=np.clip(path.q, lower, upper))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cut:
+    """Corners between two cuts.
+
+    Attributes:
+        corners: One at least; their times are those of the recording.
+        begin: How far the jaw is opened or closed before; None to leave it.
+        t: When in the recording they begin and end [s].
+    """
+
+    corners: GuidedPath
+    begin: float | None
+    t: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pace:
+    """How fast arm and jaw may go.
+
+    Attributes:
+        joints: Shape (5,), [rad/s].
+        jaw: Shares of its travel [1/s].
+    """
+
+    joints: Array
+    jaw: float
+
+    @classmethod
+    def of(cls, gripper: Gripper, limits: MotionLimits) -> _Pace:
+        span = abs(gripper.opened - gripper.closed)
+        return cls(joints=limits.velocity, jaw=_RESERVE * float(gripper.limits.velocity[0]) / span)
+
+    def jaw_leads(self, corners: GuidedPath, k: int) -> bool:
+        """Whether the jaw needs much longer than the arm from corner ``k - 1`` to ``k``."""
+        assert corners.aperture is not None
+        jaw = abs(float(corners.aperture[k] - corners.aperture[k - 1])) / self.jaw
+        arm = float((np.abs(corners.q[k] - corners.q[k - 1]) / self.joints).max())
+        return jaw > _LEADS * arm
+
+
+def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[_Cut]:
+    """A path cut where the jaw needs the arm to stand, or to wait for it; see above.
+
+    Args:
+        corners: The path.
+        tolerance: An arm that no joint of which moves further than a fifth of it stands [rad], and
+            where the jaw leads, than all of it.
+        pace: How fast arm and jaw may go; None without a jaw.
+    """
+    if corners.aperture is None or pace is None:
+        yield _Cut(corners=corners, begin=None, t=(0.0, corners.duration))
+        return
+    corners = corners.taken(_without_halves(corners, _STANDS * tolerance))
+    jaw = corners.aperture
+    assert jaw is not None
+    start, begin, closes, led = 0, float(jaw[0]), False, False
+    for k in range(1, len(corners)):
+        change = float(jaw[k] - jaw[k - 1])
+        moves = abs(change) > _STILL
+        leads = moves and pace.jaw_leads(corners, k)
+        standing = moves and _is_near(corners, k - 1, k, (1.0 if leads else _STANDS) * tolerance)
+        opens = moves and closes and change > 0.0
+        if standing or opens or ((leads or led) and k > 1):
+            yield _part(corners, start, k - 1, begin)
+            # The jaw has arrived before the arm goes on, wherever it was while the arm stood.
+            start, begin = k - 1, float(jaw[k] if standing else jaw[k - 1])
+        led = leads and not standing
+        closes = change < 0.0 if moves else closes
+    yield _part(corners, start, len(corners) - 1, begin)
+
+
+def _without_halves(corners: GuidedPath, stands: float) -> NDArray[np.intp]:
+    """Which corners are left when the jaw goes in one go where the arm stands."""
+    jaw = corners.aperture
+    assert jaw is not None
+    kept = [0]
+    for k in range(1, len(corners)):
+        if len(kept) > 1:
+            before, last = kept[-2:]
+            first, second = jaw[last] - jaw[before], jaw[k] - jaw[last]
+            if (
+                abs(first) > _STILL
+                and first * second > 0.0
+                and _is_near(corners, before, k, stands)
+            ):
+                kept.pop()
+        kept.append(k)
+    return np.array(kept)
+
+
+def _is_near(corners: GuidedPath, a: int, b: int, within: float) -> bool:
+    return float(np.abs(corners.q[b] - corners.q[a]).max()) <= within
+
+
+def _part(corners: GuidedPath, first: int, last: int, begin: float) -> _Cut:
+    part = corners.taken(slice(first, last + 1))
+    jaw = np.array(part.aperture)
+    jaw[0] = begin
+    return _Cut(
+        corners=replace(part, aperture=jaw),
+        begin=begin,
+        t=(float(corners.t[first]), float(corners.t[last])),
+    )
+
+
+class _LegMaker:
+    """Plans the legs of one replay, one after the other."""
+
+    def __init__(
+        self, arm: Arm, gripper: Gripper | None, tolerance: float, limits: MotionLimits | None
+    ) -> None:
+        self._arm, self._gripper = arm, gripper
+        self._tolerance, self._limits = tolerance, limits
+        self._aperture = 0.0 if gripper is None else min(max(gripper.aperture, 0.0), 1.0)
+
+    def leg(self, cut: _Cut, q_from: Array) -> ReplayLeg:
+        """The leg between two cuts, from where the one before ends, shape (5,), [rad].
+
+        Raises:
+            PlanningError: It cannot be gone, and when in the recording.
+        """
+        try:
+            if self._gripper is None or cut.begin is None or cut.corners.aperture is None:
+                return ReplayLeg(begin=None, plan=self._plan(cut.corners, q_from, None))
+            return self._with_jaw(self._gripper, cut, cut.begin, cut.corners.aperture, q_from)
+        except PlanningError as error:
+            when = f"{cut.t[0]:.1f} to {cut.t[1]:.1f} s into the recording"
+            raise error_about(error, when) from None
+
+    def _plan(self, corners: GuidedPath, q_from: Array, q_jaw: float | None) -> Plan | None:
+        if len(corners) == 1:
+            return None
+        goal = PathGoal(waypoints=corners.q[1:], tolerance=self._tolerance)
+        return self._arm.plan(goal, limits=self._limits, q_start=q_from, q_jaw=q_jaw)
+
+    def _with_jaw(
+        self, gripper: Gripper, cut: _Cut, begin: float, jaw: Array, q_from: Array
+    ) -> ReplayLeg:
+        turn = np.linspace(self._aperture, begin, _LOOKS)
+        self._check(gripper, np.tile(q_from, (_LOOKS, 1)), turn)
+        self._aperture = begin
+        plan = self._plan(cut.corners, q_from, float(angles(gripper, np.array([begin]))[0]))
+        if plan is None or np.ptp(jaw) <= _STILL:
+            return ReplayLeg(begin=begin, plan=plan)
+        plan, aperture = _together(plan, cut.corners.q, jaw, gripper)
+        self._check(gripper, plan.trajectory.q, aperture)
+        self._aperture = float(aperture[-1])
+        return ReplayLeg(begin=begin, plan=plan, aperture=aperture)
+
+    def _check(self, gripper: Gripper, q: Array, aperture: Array) -> None:
+        """Look at a motion, shape (n, 5), with the jaw as far open as it is at each place."""
+        q_jaws = angles(gripper, aperture)
+        level = np.round(q_jaws / _JAW_LOOK).astype(int)
+        changes = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
+        for begin, end in pairwise(changes):
+            q_jaw = float(np.mean(q_jaws[begin:end]))
+            part = q[max(begin - 1, 0) : end]
+            blocked = self._collision.first_blocked(part, q_jaw, tolerance=MARGIN_TOLERANCE)
+            if blocked is not None:
+                found = self._collision.clearance(blocked, q_jaw)
+                raise InCollision(
+                    f"with the jaw as it was there, {found.message()}; show it again further away",
+                    first=found.first,
+                    second=found.second,
+                    where="path",
+                )
+
+    @cached_property
+    def _collision(self) -> CollisionModel:
+        return CollisionModel(self._arm.model, self._arm.scene)
+
+
+def _together(plan: Plan, q: Array, jaw: Array, gripper: Gripper) -> tuple[Plan, Array]:
+    """A plan slow enough for the jaw, and how far that is open at each sample of it."""
+    aperture = _apertures(plan, q, jaw)
+    span = abs(gripper.opened - gripper.closed)
+    fastest = float(np.abs(np.diff(aperture)).max()) * span / plan.trajectory.dt
+    share = fastest / (_RESERVE * float(gripper.limits.velocity[0]))
+    if share <= 1.0:
+        return plan, aperture
+    plan = replace(plan, trajectory=slowed(plan.trajectory, share))
+    return plan, _apertures(plan, q, jaw)
+
+
+def _apertures(plan: Plan, q: Array, jaw: Array) -> Array:
+    return np.interp(along(q, plan.trajectory.q), np.arange(len(jaw)), jaw)
+
+
+def angles(gripper: Gripper, aperture: Array) -> Array:
+    """Jaw angles [rad] of apertures."""
+    return np.asarray(gripper.closed + aperture * (gripper.opened - gripper.closed))

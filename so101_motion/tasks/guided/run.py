@@ -1,0 +1,141 @@
+"""Run a planned replay: one motion of the arm, and a jaw that moves with it.
+
+On a leg the jaw runs after what belongs to where the arm is wanted at that instant. A stop of
+the arm stops the jaw, and a late arm has a late jaw. The jaw grips what it closes on and holds it
+until the path opens it again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from functools import partial
+
+import numpy as np
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import Gripper, set_jaw
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import FollowingError
+from so101_motion.common.geometry import Array
+from so101_motion.control.request_queue import running_future
+from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.tasks.guided.replay import Replay, angles
+
+_AHEAD = 4
+"""How many samples ahead the place of the arm on its leg is looked for in each period; chosen, more
+than can be left out in a row."""
+
+
+def start_replay(
+    arm: Arm, gripper: Gripper | None, replay: Replay | Callable[[], Future[Replay]]
+) -> Motion:
+    """Go along a planned path; supersedes what is under way.
+
+    A stop, a newer motion or ``Motion.interrupt`` ends it at any point, and the jaw stops too.
+
+    Args:
+        arm: As it was planned for; it must stand where the plan begins.
+        gripper: Likewise.
+        replay: The plan; or begins to make it, called once the arm is at rest.
+    """
+    runs: list[_JawRun] = []
+    motion = arm.start_series(_steps(arm, gripper, replay, runs))
+    motion.future.add_done_callback(lambda _: _close(runs))
+    return motion
+
+
+def _steps(
+    arm: Arm,
+    gripper: Gripper | None,
+    replay: Replay | Callable[[], Future[Replay]],
+    runs: list[_JawRun],
+) -> Iterator[Plan | Callable[[Motion], None]]:
+    """What is done, one after the other; each step is asked for when the one before is done."""
+    if callable(replay):
+        planning, planned = replay(), list[Replay]()
+        yield lambda motion: planned.append(motion.wait_for(planning))
+        replay = planned[0]
+    yield replay.approach
+    for leg in replay.legs:
+        if gripper is not None and leg.begin is not None:
+            yield partial(set_jaw, gripper, leg.begin)
+        if leg.plan is None:
+            continue
+        if gripper is None or leg.aperture is None:
+            yield leg.plan
+            continue
+        run = _JawRun(arm, gripper, leg.plan, leg.aperture)
+        runs.append(run)
+        yield run.begin
+        yield leg.plan
+        yield run.end
+
+
+def _close(runs: list[_JawRun]) -> None:
+    for run in runs:
+        run.close()
+
+
+class _JawRun:
+    """The jaw on one leg: it runs after what belongs to where the arm is wanted."""
+
+    def __init__(self, arm: Arm, gripper: Gripper, plan: Plan, aperture: Array) -> None:
+        self._arm, self._gripper = arm, gripper
+        self._q, self._aperture, self._dt = plan.trajectory.q, aperture, plan.trajectory.dt
+        self._rate = np.gradient(aperture, self._dt)
+        self._at = 0
+        self._pursuit: Pursuit | None = None
+        self._gripped: Future[None] = running_future()  # what the jaw met, if it met something
+
+    def begin(self, motion: Motion) -> None:
+        """Let it run; a jaw that grips and shall not open goes on gripping."""
+        if self._gripper.is_holding and self._aperture.max() <= self._gripper.aperture:
+            return
+        self._pursuit = self._gripper.open_pursuit(self._aim)
+        self._pursuit.future.add_done_callback(self._met)
+
+    def end(self, motion: Motion) -> None:
+        """The arm has arrived; wait for the jaw."""
+        pursuit = self._pursuit
+        if pursuit is None:
+            return
+        try:
+            motion.wait_for(pursuit.close())
+        except FollowingError:
+            if not self._closes:
+                raise
+            motion.wait_for(self._gripped)
+
+    def close(self) -> None:
+        """Let the jaw come to rest; has no effect when it has."""
+        if self._pursuit is not None:
+            self._pursuit.close()
+
+    @property
+    def _closes(self) -> bool:
+        """Whether it does at the place that the arm has reached."""
+        return bool(self._rate[self._at] <= 0.0)
+
+    # The I/O thread
+
+    def _aim(self, now: Setpoint) -> TrackingTarget | None:
+        q_ref = self._arm.state.q_ref
+        ahead = self._q[self._at : self._at + _AHEAD]
+        self._at += int(np.argmin(np.abs(ahead - q_ref).max(axis=1)))
+        gripper = self._gripper
+        coming = min(self._at + 1, len(self._q) - 1)  # where the arm is wanted after this period
+        here = slice(coming, coming + 1)
+        return TrackingTarget(
+            q=angles(gripper, self._aperture[here]),
+            qd=self._rate[here] * (gripper.opened - gripper.closed),
+            limits=gripper.limits,
+        )
+
+    def _met(self, done: Future[None]) -> None:
+        """What stops a jaw that closes is gripped."""
+        if isinstance(done.exception(), FollowingError) and self._closes:
+            grab = self._gripper.start_grab(float(self._aperture.min()))
+            grab.future.add_done_callback(lambda _: self._gripped.set_result(None))

@@ -1,0 +1,161 @@
+"""Programs as JSON files, that people can read and programs can make.
+
+A file looks like this::
+
+    {
+     "schema": "so101/program/1",
+     "rounds": 3,
+     "waypoints": [
+      {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true},
+      {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80},
+      {"name": "at the mug", "q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5}
+     ]
+    }
+
+``"rounds": "endless"`` runs it until it is stopped; a jaw that is not named stays as it is. The arm
+stops at each waypoint, but for those with ``"pass": true``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+from so101_motion.common.attributes import Attributes, suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.files import user_storage
+from so101_motion.tasks.program.waypoints import LONGEST_PAUSE, Program, Waypoint
+
+SCHEMA = "so101/program/1"
+
+_FILE_NAME = re.compile(r"\w[\w .-]*")
+_ENDLESS = "endless"
+
+
+def folder() -> Path:
+    """Where the user's programs are.
+
+    Raises:
+        ConfigError: This user has no home.
+    """
+    return user_storage.folder() / "programs"
+
+
+def file_of(name: str) -> Path:
+    """The file of the user's program ``name``, there or not.
+
+    Raises:
+        ConfigError: It cannot be the name of a file.
+    """
+    name = user_storage.checked_name(name, what="program")
+    if not _FILE_NAME.fullmatch(name):
+        raise ConfigError(
+            "program name", name, "must be letters, digits, spaces and _ . -, such as stack cubes"
+        )
+    user_storage.refuse_reserved(name, what="program name")
+    return folder() / f"{name}.json"
+
+
+def names() -> tuple[str, ...]:
+    """The user's programs, by name."""
+    return tuple(sorted(file.stem for file in folder().glob("*.json")))
+
+
+def find(name: str) -> Path:
+    """The file that is meant by the name of a program, or of a file.
+
+    Raises:
+        ConfigError: There is none; the message names the nearest program.
+    """
+    if Path(name).suffix == ".json" or Path(name).is_file():
+        return Path(name)
+    known = names()
+    if name not in known:
+        raise ConfigError(
+            "program", name, f"is no program of yours and no file; {suggest(name, known)}"
+        )
+    return file_of(name)
+
+
+def read(path: Path) -> Program:
+    """The program in a file.
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    content = user_storage.read(path, schema=SCHEMA)
+    Attributes(content, ("schema", "rounds", "waypoints"), kind="entry of a program")
+    given = content.get("waypoints")
+    if not isinstance(given, list):
+        raise ConfigError("waypoints", given, "must be a list of waypoints")
+    return Program(
+        waypoints=tuple(_waypoint(number, each) for number, each in enumerate(given, 1)),
+        rounds=_rounds(content.get("rounds", 1)),
+    )
+
+
+def write(program: Program, path: Path) -> None:
+    """Save a program; its folder is made if need be.
+
+    Raises:
+        ConfigError: It cannot be written; what was there is as it was.
+    """
+    rounds = _ENDLESS if program.rounds is None else program.rounds
+    waypoints = [_written(waypoint) for waypoint in program.waypoints]
+    user_storage.write(path, {"rounds": rounds, "waypoints": waypoints}, schema=SCHEMA)
+
+
+def delete(name: str) -> None:
+    """Remove the user's program ``name``.
+
+    Raises:
+        ConfigError: There is none, or it cannot be removed.
+    """
+    file = file_of(name)
+    try:
+        file.unlink()
+    except OSError as error:
+        raise ConfigError("program", name, f"cannot be removed: {error.strerror}") from error
+
+
+def _rounds(given: object) -> int | None:
+    if given == _ENDLESS:
+        return None
+    if isinstance(given, bool) or not isinstance(given, int):
+        raise ConfigError("rounds", given, f'must be a whole number, or "{_ENDLESS}"')
+    return given
+
+
+def _written(waypoint: Waypoint) -> dict[str, object]:
+    said: dict[str, object] = {
+        "name": waypoint.name,
+        "q_deg": user_storage.joints_to_deg(waypoint.q),
+    }
+    if waypoint.aperture is not None:
+        said["aperture_percent"] = round(100.0 * waypoint.aperture, 2)
+    if waypoint.pause > 0.0:
+        said["pause_s"] = waypoint.pause
+    if waypoint.passes:
+        said["pass"] = True
+    return said
+
+
+def _waypoint(number: int, content: object) -> Waypoint:
+    what = f"waypoint {number}"
+    if not isinstance(content, Mapping):
+        raise ConfigError(what, content, 'must be {"name": ..., "q_deg": [...]}')
+    try:
+        given = Attributes(
+            content, ("name", "q_deg", "aperture_percent", "pause_s", "pass"), kind="entry"
+        )
+        aperture = given.number("aperture_percent", -1.0, lower=0.0, upper=100.0, unit="%")
+        return Waypoint(
+            name=user_storage.checked_name(content.get("name", what), what="waypoint"),
+            q=user_storage.joints_from_deg(content.get("q_deg"), key="q_deg"),
+            aperture=aperture / 100.0 if given.given("aperture_percent") else None,
+            pause=given.number("pause_s", 0.0, lower=0.0, upper=LONGEST_PAUSE, unit="s"),
+            passes=given.flag("pass", False),
+        )
+    except ConfigError as error:
+        raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None

@@ -1,0 +1,220 @@
+"""Decide in every period where the follower goes, and how fast.
+
+The pilot puts the parts together: the predictor says where the leader will be, the mirror which
+angles of the follower that is, the gate whether it may go there. It is asked by a ``Pursuit`` of
+the arm and one of the jaw, or by what sends goals to an arm elsewhere.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.target_tracking import TrackingTarget
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.tasks.teleop.gate import GATE, Gate, Phase
+from so101_motion.tasks.teleop.mirror import Mirror
+from so101_motion.tasks.teleop.predictor import LONGEST, SLOW, Predictor
+
+HORIZON = 0.045
+"""How far ahead of now the leader is aimed at [s]: what a servo of the follower is behind, but for
+some 10 ms, because what is foretold further ahead overshoots more at every turn. By trial."""
+
+LOST_AFTER = 0.05
+"""After how long without an answer from all joints of the leader the follower holds [s]. With the
+period after, it brakes within 0.06 s. Single lost replies are asked for again long before."""
+
+BEYOND = to_rad(0.5)
+"""How far beyond the follower's range the leader must be for it to be told [rad]; chosen."""
+
+_REST = 1.6 * to_rad(360.0 / 4096.0)
+"""A target that hardly moves is left where it is while it is no further off [rad]: an encoder that
+wavers between two or three ticks shall not make the follower hum. Chosen."""
+
+
+FULL_JERK = 500.0
+"""Jerk cap while mirroring [rad/s^3]: full acceleration within two periods. Chosen; a lower one
+makes the follower swing around a hand that trembles."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How fast the follower goes.
+
+    Attributes:
+        full: Caps of the arm while it mirrors.
+        approach: Caps of the arm while it comes to the leader.
+    """
+
+    full: MotionLimits = field(
+        default_factory=lambda: MotionLimits.uniform(
+            velocity=to_rad(180.0), acceleration=to_rad(500.0), jerk=FULL_JERK
+        )
+    )
+    approach: MotionLimits = field(
+        default_factory=lambda: MotionLimits.uniform(
+            velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0
+        )
+    )
+
+
+class Pilot:
+    """Aims; safe to be asked from several threads.
+
+    Args:
+        clock: What time it is, for both sides.
+        predictor: Where the leader will be.
+        mirror: Which angles of the follower that is.
+        pace: How fast to go.
+        horizon: How far ahead to aim [s].
+        lost_after: After how long without an answer of the leader to hold [s].
+
+    Attributes:
+        gate: Whether the follower may go there.
+        beyond: The joints that the leader wants beyond the follower's range, by name.
+    """
+
+    def __init__(
+        self,
+        clock: Clock,
+        predictor: Predictor,
+        mirror: Mirror,
+        pace: Pace,
+        *,
+        horizon: float = HORIZON,
+        lost_after: float = LOST_AFTER,
+    ) -> None:
+        self.gate = Gate(pace.full, pace.approach)
+        self.beyond: tuple[str, ...] = ()
+        self._clock, self._predictor, self._mirror = clock, predictor, mirror
+        self._horizon, self._lost_after = horizon, lost_after
+        self._lower, self._upper = np.full(5, -np.inf), np.full(5, np.inf)
+        self._granted: Callable[[MotionLimits], MotionLimits] = lambda limits: limits
+        self._jumps = 0
+        self._rest: Array | None = None
+        self._lock = threading.Lock()
+
+    def fit(
+        self, lower: Array, upper: Array, granted: Callable[[MotionLimits], MotionLimits]
+    ) -> None:
+        """Learn the follower's range, shapes (5,), [rad], and what caps it grants."""
+        with self._lock:
+            self._lower, self._upper, self._granted = lower, upper, granted
+
+    # Deciding
+
+    def begin(self) -> None:
+        """Come to the leader and then mirror it."""
+        with self._lock:
+            track = self._predictor.track
+            self._jumps = track.jumps if track is not None else 0
+            self.gate.begin()
+
+    def stop(self) -> None:
+        """Hold, for good."""
+        with self._lock:
+            self.gate.stop()
+
+    def trouble(self, reason: str) -> None:
+        """Hold until the gate opens."""
+        with self._lock:
+            self.gate.trouble(reason)
+
+    def hold_back(self) -> None:
+        """Something keeps the follower from mirroring; once it may, it comes at its slow pace."""
+        with self._lock:
+            self.gate.hold_back()
+
+    def may_begin(self, q: Array) -> bool:
+        """Whether a follower that stands at ``q``, shape (5,), [rad], may set off."""
+        with self._lock:
+            target = self._target()
+            if target is None:
+                return False
+            return self.gate.phase is Phase.APPROACHING or self.gate.is_open(target[0] - q)
+
+    # Aiming
+
+    def arm(self, now: Setpoint) -> TrackingTarget | None:
+        """Where the arm goes from ``now``; None to hold."""
+        with self._lock:
+            target = self._target()
+            if target is None:
+                return None
+            q, qd = target
+            if not now.qd.any():
+                self.gate.resume()
+            limits = self.gate.decide(self._clock.now(), q - now.q)
+            if limits is None:
+                self._rest = None
+                return None
+            return TrackingTarget(q=q, qd=qd, limits=self._granted(limits))
+
+    def jaw(self, limits: MotionLimits) -> tuple[float, float, MotionLimits] | None:
+        """The aperture that is wanted, 0 to 1, how fast it changes, and caps; None to hold.
+
+        Args:
+            limits: The jaw's own caps.
+        """
+        with self._lock:
+            seen = self._seen()
+            if seen is None or self.gate.phase not in (Phase.APPROACHING, Phase.MIRRORING):
+                return None
+            aperture = float(np.clip(seen[0][5], 0.0, 1.0))
+            rate = float(seen[1][5]) if 0.0 < aperture < 1.0 else 0.0
+            pace = max(self.gate.share(self._clock.now()), _JAW_APPROACH)
+            if self.gate.phase is Phase.APPROACHING:
+                pace = _JAW_APPROACH
+            if pace < 1.0:
+                limits = limits.scaled_to(pace * limits.velocity, pace * limits.acceleration)
+            return aperture, rate, limits
+
+    # How
+
+    def _target(self) -> tuple[Array, Array] | None:
+        """Where the follower is wanted and how fast that moves, within its range; None to hold."""
+        seen = self._seen()
+        if seen is None:
+            return None
+        wanted = self._mirror.of(seen[0][:5])
+        q = np.clip(wanted, self._lower, self._upper)
+        over = np.abs(wanted - q)
+        self.beyond = tuple(np.array(ARM_JOINTS)[over > BEYOND].tolist()) if over.any() else ()
+        qd = np.where(over > 0.0, 0.0, self._mirror.factors * seen[1][:5])
+        return self._rested(q, qd), qd
+
+    def _seen(self) -> tuple[Array, Array] | None:
+        now, track = self._clock.now(), self._predictor.track
+        if track is None:
+            return None
+        silence = now - track.t_heard
+        if silence > self._lost_after:
+            is_brief = silence <= max(LONGEST, 2.0 * self._lost_after)
+            (self.gate.pause if is_brief else self.gate.trouble)("the leader does not answer")
+            return None
+        if track.jumps != self._jumps:
+            self._jumps = track.jumps
+            self.gate.trouble(
+                f"the leader was suddenly elsewhere; bring it to within {to_deg(GATE):g} deg of"
+                " the follower, or start again"
+            )
+        return self._predictor.at(now + self._horizon)
+
+    def _rested(self, q: Array, qd: Array) -> Array:
+        """``q``, but a joint that hardly moves stays where it was wanted last."""
+        if self._rest is not None:
+            idle = (np.abs(qd) < SLOW) & (np.abs(q - self._rest) < _REST)
+            q = np.where(idle, self._rest, q)
+        self._rest = q
+        return q
+
+
+_JAW_APPROACH = 0.2  # share of the jaw's pace while the arm approaches; chosen

@@ -1,0 +1,216 @@
+"""Record what both arms did: MCAP for looking at it, CSV for learning from it.
+
+**MCAP** holds ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
+``joint_states`` as measured and ``joint_commands`` as wanted, of ``/leader`` and ``/follower``. A
+limp leader is wanted where it is. The jaw is the sixth joint, as a share of its travel, 0 to 1. In
+the field for efforts stands what share of its drive each servo uses, -1 to 1, as the servos report
+it ten times a second. The stamps are the wall clock's, so that cameras can be laid beside it.
+
+**CSV** holds the joint part of a LeRobot data set under LeRobot's own names and in its own units:
+``action.shoulder_pan.pos`` is the leader, ``observation.state.shoulder_pan.pos`` the follower as
+measured, in degrees from the middle of the joint's recorded travel (LeRobot with
+``use_degrees=True``), the gripper in per cent. An action is what the leader asked of the follower:
+with arms that mirror or scale, in the follower's angles. ``frame_index`` counts from 0 without
+holes and ``timestamp`` is ``frame_index / fps``, as LeRobot wants it. Columns of ours follow: the
+leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``.
+
+Rows come from an I/O thread, which must not wait for a disk. A thread of its own writes them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import logging
+import math
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_deg
+from so101_motion.files.trajectory_export import JOINT_STATE, joint_state, mcap_writer
+from so101_motion.tasks.teleop.side_state import SideState
+
+_log = logging.getLogger(__name__)
+
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+
+FPS = 100.0
+"""Rows a second unless somebody says otherwise [1/s]: each period of the bus."""
+
+_BACKLOG = 6000
+"""Rows that may wait for the disk, a minute's; what comes then is counted and left out."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordedSample:
+    """One period.
+
+    Attributes:
+        t: When, on the session's clock [s].
+        leader: How the leader stands.
+        action: What it asks of the follower: joint angles [rad] and aperture, shape (6,).
+        follower: How the follower stands.
+    """
+
+    t: float
+    leader: SideState
+    action: Array
+    follower: SideState
+
+
+class Recorder:
+    """Writes rows to a file until closed.
+
+    Args:
+        path: Ends with ``.mcap`` or ``.csv``; what was there is replaced.
+        epoch: The wall clock's time when the session's clock showed 0 [s].
+        middles: The follower's angles in the middle of its joints' recorded travels, shape (5,),
+            [rad]; LeRobot's zero.
+        fps: How many rows a second, at most those of the session.
+
+    Attributes:
+        rows: How many have been written.
+        lost: How many could not be, because the disk did not keep up.
+
+    Raises:
+        ConfigError: There is no such format, the file cannot be written, or MCAP needs a package
+            that is not installed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        epoch: float = 0.0,
+        middles: Array | None = None,
+        fps: float = FPS,
+    ) -> None:
+        if not 0.1 <= fps <= 1000.0:
+            raise ConfigError("fps", fps, "must be a number from 0.1 to 1000")
+        self.rows = self.lost = 0
+        self._path, self._fps = path, fps
+        zero = frozen_array(np.zeros(5) if middles is None else middles, (5,))
+        self._file = _opened(path, epoch, fps, zero)
+        self._t0: float | None = None
+        self._taken = 0
+        self._queue: queue.Queue[RecordedSample | None] = queue.Queue(_BACKLOG)
+        self._thread = threading.Thread(target=self._write, name="so101-recorder", daemon=True)
+        self._thread.start()
+
+    def take(self, row: RecordedSample) -> None:
+        """Take down ``row`` if one is due; never waits. Times must not go back."""
+        if self._t0 is None:
+            self._t0 = row.t
+        due = math.floor((row.t - self._t0) * self._fps + 0.5) + 1
+        # A hole in time is filled with what came after it: frames are counted without holes.
+        for _ in range(due - self._taken):
+            try:
+                self._queue.put_nowait(row)
+                self._taken += 1
+            except queue.Full:
+                self.lost += 1
+                return
+
+    def close(self) -> None:
+        """Write what is left and close the file; may be called again."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+
+    def _write(self) -> None:
+        try:
+            while (row := self._queue.get()) is not None:
+                self._file.write(self.rows, row)
+                self.rows += 1
+            self._file.close()
+        except OSError as error:
+            _log.error("%s cannot be written any more: %s", self._path, error)
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+
+class _File(Protocol):
+    def write(self, index: int, row: RecordedSample) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class _Csv:
+    def __init__(self, path: Path, fps: float, middles: Array) -> None:
+        self._fps, self._zero = fps, np.append(middles, 0.0)
+        self._file = open(path, "w", newline="", encoding="utf-8")  # noqa: SIM115  # closed below
+        self._out = csv.writer(self._file)
+        groups = (
+            ("action", "pos"), ("observation.state", "pos"),
+            ("leader", "pos"), ("leader", "goal"), ("follower", "goal"),
+            ("leader", "load"), ("follower", "load"),
+        )  # fmt: skip
+        self._out.writerow(
+            ["timestamp", "frame_index", "episode_index"]
+            + [f"{group}.{joint}.{what}" for group, what in groups for joint in JOINTS]
+        )
+
+    def write(self, index: int, row: RecordedSample) -> None:
+        leader, follower = row.leader, row.follower
+        positions = (row.action, follower.x, leader.x, leader.x_goal, follower.x_goal)
+        loads = (leader.loads, follower.loads)
+        self._out.writerow(
+            [f"{index / self._fps:.6f}", index, 0]
+            + [f"{value:.4f}" for x in positions for value in self._in_lerobots_units(x)]
+            + [f"{value:.3f}" for group in loads for value in group or [math.nan] * len(JOINTS)]
+        )
+
+    def _in_lerobots_units(self, x: Array) -> list[float]:
+        angles = to_deg(x - self._zero)
+        angles[5] = 100.0 * x[5]
+        return [float(value) for value in angles]
+
+    def close(self) -> None:
+        self._file.close()
+
+
+class _Mcap:
+    def __init__(self, path: Path, epoch: float) -> None:
+        self._epoch = epoch
+        writer = mcap_writer(path)
+        self._file = open(path, "wb")  # noqa: SIM115  # closed below
+        self._out = writer(self._file)
+        self._schema = self._out.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+
+    def write(self, index: int, row: RecordedSample) -> None:
+        at_ns = round((self._epoch + row.t) * 1e9)
+        for topic, x, loads in (
+            ("/leader/joint_states", row.leader.x, row.leader.loads),
+            ("/leader/joint_commands", row.leader.x_goal, ()),
+            ("/follower/joint_states", row.follower.x, row.follower.loads),
+            ("/follower/joint_commands", row.follower.x_goal, ()),
+        ):
+            message = joint_state(at_ns, JOINTS, x, effort=loads)
+            self._out.write_message(topic, self._schema, message, at_ns, at_ns, index)
+
+    def close(self) -> None:
+        self._out.finish()
+        self._file.close()
+
+
+def _opened(path: Path, epoch: float, fps: float, middles: Array) -> _File:
+    kinds: dict[str, Callable[[], _File]] = {
+        ".csv": lambda: _Csv(path, fps, middles),
+        ".mcap": lambda: _Mcap(path, epoch),
+    }
+    kind = kinds.get(path.suffix.lower())
+    if kind is None:
+        raise ConfigError("record", str(path), f"must end with one of {', '.join(kinds)}")
+    try:
+        return kind()
+    except OSError as error:
+        raise ConfigError("record", str(path), f"cannot be written: {error.strerror}") from error

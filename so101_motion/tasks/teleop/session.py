@@ -1,0 +1,290 @@
+"""Run a teleoperation from start to stop, and handle the loss of either side.
+
+How it works. The leader's I/O thread pushes every measurement into the predictor; the follower's
+asks the pilot for its next setpoint. Nothing else is needed while all goes well, so a session has
+no loop of its own: the follower calls ``look`` in every period, and what ``look`` finds to be done
+(to set off, to resume after a fault, to stop) is done by one worker thread, step by step, because
+it may take a while.
+
+What ends a motion of the follower decides what comes next. A fault, a blocked joint or a servo's
+alarm are trouble: the session goes on, and the follower sets off again when it can be reached and
+the leader has been brought back to it. A stop, or a motion that somebody else asked for, is meant:
+the session is over.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import Interrupted
+from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.mirror import Mirror
+from so101_motion.tasks.teleop.pilot import HORIZON, LOST_AFTER, Pace, Pilot
+from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
+from so101_motion.tasks.teleop.recording import RecordedSample, Recorder
+from so101_motion.tasks.teleop.sides import Follower, Leader
+
+_log = logging.getLogger(__name__)
+
+RETRY = 0.5
+"""How long to wait after an attempt to set off that failed [s]; chosen."""
+
+MISSED = 0.5
+"""A period in which the leader has been silent for so large a share of what makes it lost counts as
+failed; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Status:
+    """How a session is.
+
+    Attributes:
+        phase: What the follower does.
+        reason: Why it waits, or why the session ended; empty otherwise.
+        cycles: Periods since the start.
+        consecutive_errors: Periods in a row, up to now, in which one side did not answer.
+        last_error: What went wrong last, however long ago; empty if nothing.
+        gap: The joint that is furthest from where the leader wants it, and by how much [rad].
+        beyond: Joints that the leader wants beyond the follower's range.
+        is_held: Whether something in the way holds the follower back.
+        is_gripping: Whether its jaw has closed on something.
+        leader_is_limp: Whether the leader can be moved by hand.
+        recorded: Rows written to the record; None without one.
+    """
+
+    phase: Phase
+    reason: str
+    cycles: int
+    consecutive_errors: int
+    last_error: str
+    gap: tuple[str, float]
+    beyond: tuple[str, ...]
+    is_held: bool
+    is_gripping: bool
+    leader_is_limp: bool
+    recorded: int | None
+
+    @property
+    def is_running(self) -> bool:
+        """Whether it has been started and not ended."""
+        return self.phase is not Phase.STOPPED
+
+
+class Teleop:
+    """Lets one arm follow another. All methods: from any thread; they block until done.
+
+    Use it in a ``with`` block or call ``close``.
+
+    Args:
+        leader: What leads.
+        follower: What follows.
+        clock: What time it is, for both.
+        mirror: Which angles of the follower belong to those of the leader.
+        pace: How fast the follower goes.
+        horizon: How far ahead of now the leader is aimed at [s].
+        lost_after: After how long without an answer of the leader the follower holds [s].
+
+    Attributes:
+        job: What its own thread did last of itself, or is doing; None before.
+    """
+
+    def __init__(
+        self,
+        leader: Leader,
+        follower: Follower,
+        clock: Clock,
+        *,
+        mirror: Mirror | None = None,
+        pace: Pace | None = None,
+        horizon: float = HORIZON,
+        lost_after: float = LOST_AFTER,
+    ) -> None:
+        self._leader, self._follower, self._clock = leader, follower, clock
+        self._predictor = Predictor(longest=max(LONGEST, 1.5 * lost_after))
+        self._mirror = mirror or Mirror()
+        self._pilot = Pilot(
+            clock,
+            self._predictor,
+            self._mirror,
+            pace or Pace(),
+            horizon=horizon,
+            lost_after=lost_after,
+        )
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-teleop")
+        self.job: Future[None] | None = None
+        self._recorder: Recorder | None = None
+        self._unheard_after = MISSED * lost_after
+        self._cycles = self._errors = 0
+        self._last_error = self._ended_by = ""
+        self._retry_at = -np.inf
+        self._closed = threading.Event()
+
+    def start(self, recorder: Recorder | None = None) -> None:
+        """Let go of the leader and bring the follower to it; does nothing while it runs.
+
+        Args:
+            recorder: Takes down what happens; closed when the session ends.
+
+        Raises:
+            So101Error: One side cannot be used.
+        """
+        self._pool.submit(self._begin, recorder).result()
+
+    def stop(self) -> None:
+        """Bring the follower to rest; both hold. Does nothing when it does not run."""
+        self._pool.submit(self._end, "").result()
+
+    def close(self) -> None:
+        """Stop and end the session's own thread; may be called again."""
+        if not self._closed.is_set():
+            self._closed.set()
+            self._pool.submit(self._end, "").result()
+            self._pool.shutdown(wait=True)
+
+    def __enter__(self) -> Teleop:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def status(self) -> Status:
+        """How it is; never waits."""
+        gate = self._pilot.gate
+        return Status(
+            phase=gate.phase,
+            reason=gate.reason or self._ended_by,
+            cycles=self._cycles,
+            consecutive_errors=self._errors,
+            last_error=self._last_error,
+            gap=gate.gap,
+            beyond=self._pilot.beyond,
+            is_held=self._follower.is_held,
+            is_gripping=self._follower.is_gripping,
+            leader_is_limp=self._leader.is_limp,
+            recorded=self._recorder.rows if self._recorder is not None else None,
+        )
+
+    # The worker thread
+
+    def _begin(self, recorder: Recorder | None) -> None:
+        if self._is_running:
+            return
+        self._predictor.reset()
+        self._cycles = self._errors = 0
+        self._last_error = self._ended_by = ""
+        self._retry_at = -np.inf
+        try:
+            self._leader.attach(self._predictor)
+            self._follower.attach(self._pilot, self.look)
+            self._follower.engage()  # it holds until the pilot begins
+        except BaseException:
+            self._let_go()
+            raise
+        self._recorder = recorder
+        self._pilot.begin()
+
+    def _end(self, reason: str) -> None:
+        if not self._is_running:
+            return
+        self._pilot.stop()
+        self._ended_by = reason
+        self._let_go()
+        recorder, self._recorder = self._recorder, None
+        if recorder is not None:
+            recorder.close()
+
+    def _let_go(self) -> None:
+        for step in (self._follower.detach, self._leader.detach):
+            try:
+                step()
+            except Exception as error:  # it holds, or cannot be reached
+                self._note(error)
+
+    def _engage(self) -> None:
+        try:
+            self._follower.engage()
+        except Exception as error:  # a driver's own, too
+            self._note(error)
+            self._pilot.trouble(str(error))
+            self._retry_at = self._clock.now() + RETRY
+
+    def _recover(self, side: Leader | Follower) -> None:
+        try:
+            side.recover()
+        except Exception as error:
+            self._note(error)
+            self._retry_at = self._clock.now() + RETRY
+
+    # The follower's I/O thread
+
+    def look(self) -> None:
+        """See to it that the follower does what it should; brief, called in every period."""
+        if not self._is_running:
+            return
+        self._count()
+        self._record()
+        if self.job is not None and not self.job.done():
+            return
+        error = self._follower.ending()
+        if isinstance(error, Interrupted):
+            self._note(error)
+            self._submit(partial(self._end, f"ended by {error.by} of the follower"))
+        elif error is not None:
+            self._note(error)
+            self._pilot.trouble(str(error))
+        elif self._follower.is_engaged:
+            if self._follower.is_held:
+                self._pilot.hold_back()
+            for side in (self._follower, self._leader):
+                if side.needs_recovery and self._clock.now() >= self._retry_at:
+                    self._submit(partial(self._recover, side))
+                    break
+        elif self._may_set_off():
+            self._submit(self._engage)
+
+    def _may_set_off(self) -> bool:
+        if not self._follower.is_there or self._clock.now() < self._retry_at:
+            return False
+        return self._pilot.may_begin(self._follower.state.x[:5])
+
+    def _submit(self, job: Callable[[], None]) -> None:
+        if not self._closed.is_set():
+            self.job = self._pool.submit(job)
+
+    def _count(self) -> None:
+        self._cycles += 1
+        track = self._predictor.track
+        is_heard = track is not None and self._clock.now() - track.t_heard < self._unheard_after
+        if is_heard and self._follower.is_there:
+            self._errors = 0
+        else:
+            self._errors += 1
+
+    def _record(self) -> None:
+        recorder, track = self._recorder, self._predictor.track
+        if recorder is None or track is None:
+            return
+        leader, follower = self._leader.state, self._follower.state
+        action = np.append(self._mirror.of(leader.x[:5]), leader.x[5])
+        recorder.take(
+            RecordedSample(t=self._clock.now(), leader=leader, action=action, follower=follower)
+        )
+
+    # How
+
+    @property
+    def _is_running(self) -> bool:
+        return self._pilot.gate.phase is not Phase.STOPPED
+
+    def _note(self, error: BaseException) -> None:
+        self._last_error = str(error)
+        _log.warning("teleoperation: %s", error)

@@ -1,0 +1,23 @@
+"""How one side of a teleoperation stands at one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from so101_motion.common.geometry import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SideState:
+    """Measured, and as wanted.
+
+    Attributes:
+        x: Joint angles [rad], and the aperture of the jaw, 0 to 1, shape (6,).
+        x_goal: Where they are wanted, likewise; what was measured where nothing is driven.
+        loads: Share of full drive of each servo, base to jaw, -1 to 1; empty where not known.
+    """
+
+    x: Array
+    x_goal: Array
+    loads: Sequence[float] = ()

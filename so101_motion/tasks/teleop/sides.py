@@ -1,0 +1,348 @@
+"""The two sides of a teleoperation: what leads, and what follows.
+
+``Leader`` and ``Follower`` are what a session needs of them; here are those for arms of this
+process, which are reached without a detour. For arms elsewhere see
+``viam/models/teleop_remote.py``.
+
+A ``Station`` is an arm or a gripper with the thread that moves it. Both are usually of one port,
+and then one station is both.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.gripper import Gripper
+from so101_motion.common.clock import Clock
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
+from so101_motion.control.executor import Channel, Executor
+from so101_motion.control.target_tracking import Pursuit
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.path_guard import Guard
+from so101_motion.tasks.teleop.jaw import Jaw
+from so101_motion.tasks.teleop.pilot import Pilot
+from so101_motion.tasks.teleop.predictor import Predictor
+from so101_motion.tasks.teleop.side_state import SideState
+
+_PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
+
+
+FRESH = 0.05
+"""How old a snapshot may be for its arm to be there [s]; chosen, some periods."""
+
+
+class Leader(ABC):
+    """What leads. Its methods may block."""
+
+    @abstractmethod
+    def attach(self, predictor: Predictor) -> None:
+        """Let go of the joints and tell ``predictor`` every measurement from now on."""
+
+    @abstractmethod
+    def detach(self) -> None:
+        """No more measurements; hold the joints again if they were let go of."""
+
+    def recover(self) -> None:  # noqa: B027  # most sides need none
+        """Do what ``needs_recovery`` is about; raises ``So101Error`` if it cannot be done."""
+
+    @property
+    def needs_recovery(self) -> bool:
+        """Whether something has to be done that takes a moment."""
+        return False
+
+    @property
+    @abstractmethod
+    def is_limp(self) -> bool:
+        """Whether it can be moved by hand."""
+
+    @property
+    @abstractmethod
+    def state(self) -> SideState:
+        """How it stands."""
+
+
+class Follower(ABC):
+    """What follows. ``attach``, ``engage``, ``detach`` and ``recover`` may block."""
+
+    @abstractmethod
+    def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
+        """Learn who says where to go, and call ``look`` in every period until detached."""
+
+    @abstractmethod
+    def engage(self) -> None:
+        """Begin to go where the pilot says; raises ``So101Error`` if it cannot."""
+
+    @abstractmethod
+    def detach(self) -> None:
+        """Come to rest and hold; no more looks."""
+
+    @abstractmethod
+    def ending(self) -> BaseException | None:
+        """Why it stopped going where the pilot says, told once; None while it goes."""
+
+    def recover(self) -> None:  # noqa: B027  # most sides need none
+        """Do what ``needs_recovery`` is about; raises ``So101Error`` if it cannot be done."""
+
+    @property
+    def needs_recovery(self) -> bool:
+        """Whether something has to be done that takes a moment."""
+        return False
+
+    @property
+    @abstractmethod
+    def is_engaged(self) -> bool:
+        """Whether it goes where the pilot says."""
+
+    @property
+    @abstractmethod
+    def is_there(self) -> bool:
+        """Whether it answers."""
+
+    @property
+    def is_held(self) -> bool:
+        """Whether something in its way holds it back, as far as it tells."""
+        return False
+
+    @property
+    def is_gripping(self) -> bool:
+        """Whether the jaw has closed on something, as far as it tells."""
+        return False
+
+    @property
+    @abstractmethod
+    def state(self) -> SideState:
+        """How it stands."""
+
+
+class Station(Protocol):
+    """An arm or a gripper of this process; every ``Rig`` is one."""
+
+    arm: Arm
+    gripper: Gripper
+    executor: Executor
+    clock: Clock
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalArm:
+    """An arm of this process as one side.
+
+    Attributes:
+        station: The arm.
+        jaw: Its gripper; None to leave it alone.
+        loads: Asked for the share of full drive of each servo, base to jaw.
+    """
+
+    station: Station
+    jaw: Station | None = None
+    loads: Callable[[], Sequence[float]] = field(default=tuple)
+
+    @property
+    def executors(self) -> tuple[Executor, ...]:
+        """The threads that move it."""
+        both = [self.station.executor, *([self.jaw.executor] if self.jaw else [])]
+        return tuple(dict.fromkeys(both))
+
+    @property
+    def state(self) -> SideState:
+        """How it stands."""
+        state = self.station.executor.state
+        aperture = goal = 0.0
+        if self.jaw is not None:
+            jaw = self.jaw.gripper
+            aperture, span = jaw.aperture, jaw.opened - jaw.closed
+            goal = (self.jaw.executor.state.q_jaw_ref - jaw.closed) / span
+        return SideState(
+            x=np.append(state.q, aperture),
+            x_goal=np.append(state.q_ref, goal),
+            loads=tuple(self.loads()),
+        )
+
+
+class LocalLeader(Leader):
+    """An arm of this process that leads.
+
+    Args:
+        arm: The arm.
+        lets_go: Whether its joints are let go of while it leads, and held again afterwards.
+    """
+
+    def __init__(self, arm: LocalArm, *, lets_go: bool = True) -> None:
+        self._arm, self._lets_go = arm, lets_go
+        self._t = -np.inf
+        self._ends: list[Callable[[], None]] = []
+
+    def attach(self, predictor: Predictor) -> None:
+        """See ``Leader.attach``."""
+        if self._lets_go:
+            self._arm.station.arm.stop()
+            for executor in self._arm.executors:
+                executor.stop(Channel.JAW).result()
+                executor.release().result()
+        self._ends.append(self._arm.station.executor.listen(partial(self._hear, predictor)))
+        if self._arm.jaw is not None and len(self._arm.executors) > 1:
+            self._ends.append(self._arm.jaw.executor.listen(lambda _: None))  # to be kept fresh
+
+    def detach(self) -> None:
+        """See ``Leader.detach``."""
+        for end in self._ends:
+            end()
+        self._ends.clear()
+        if self._lets_go:
+            for executor in self._arm.executors:
+                executor.hold().result()
+
+    def recover(self) -> None:
+        """See ``Leader.recover``: after a fault the joints are let go of again."""
+        for executor in self._arm.executors:
+            executor.release().result()
+
+    @property
+    def needs_recovery(self) -> bool:
+        """See ``Leader.needs_recovery``."""
+        if not self._lets_go:
+            return False
+        now = self._arm.station.clock.now()
+        states = [executor.state for executor in self._arm.executors]
+        return any(state.mode is Mode.FAULT and now - state.t < FRESH for state in states)
+
+    @property
+    def is_limp(self) -> bool:
+        """See ``Leader.is_limp``."""
+        return all(executor.state.mode is Mode.LIMP for executor in self._arm.executors)
+
+    @property
+    def state(self) -> SideState:
+        """See ``Leader.state``."""
+        return self._arm.state
+
+    def _hear(self, predictor: Predictor, state: JointState) -> None:
+        is_old, self._t = state.t == self._t, state.t
+        if is_old or state.mode is Mode.CALIBRATING:  # out of reach, or its angles mean nothing
+            predictor.lose()
+            return
+        jaw = self._arm.jaw
+        aperture = jaw.gripper.aperture if jaw is not None else 0.0
+        heard = np.ones(6, dtype=bool)
+        for joint in state.reading.unheard:
+            heard[_PLACE[joint]] = False
+        heard[5] &= jaw is not None
+        predictor.take(state.t, np.append(state.q, aperture), heard)
+
+
+class LocalFollower(Follower):
+    """An arm of this process that follows.
+
+    Args:
+        arm: The arm.
+        guarded: Whether it keeps clear of itself and of what its scene says is around it.
+    """
+
+    def __init__(self, arm: LocalArm, *, guarded: bool = False) -> None:
+        self._arm, self._guarded = arm, guarded
+        self._pilot: Pilot | None = None
+        self._pursuit: Pursuit | None = None
+        self._jaw: Jaw | None = None
+        self._end: Callable[[], None] | None = None
+
+    def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
+        """See ``Follower.attach``."""
+        arm = self._arm.station.arm
+        pilot.fit(*arm.range, arm.granted)
+        self._pilot = pilot
+        self._jaw = Jaw(self._arm.jaw.gripper, pilot) if self._arm.jaw is not None else None
+        self._end = self._arm.station.executor.listen(lambda _: look())
+
+    def engage(self) -> None:
+        """See ``Follower.engage``."""
+        assert self._pilot is not None, "attach it first"
+        for executor in self._arm.executors:
+            if executor.state.mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT):
+                executor.hold().result()
+        arm, executor = self._arm.station.arm, self._arm.station.executor
+        if arm.state.reading.stray:
+            arm.start_retarget(arm.state.q_ref).result()  # which brings them in, slowly
+        lower, upper = arm.range
+        aim = self._pilot.arm
+        self._pursuit = arm.open_pursuit(
+            lambda q_start: Pursuit(
+                aim,
+                q_start=q_start,
+                lower=lower,
+                upper=upper,
+                stop_limits=executor.stop_limits(Channel.ARM),
+                dt=executor.dt,
+                watch=self._guard() if self._guarded else None,
+            )
+        )
+        if self._jaw is not None:
+            self._jaw.resume()
+
+    def detach(self) -> None:
+        """See ``Follower.detach``."""
+        if self._end is not None:
+            self._end()
+        pursuit, self._pursuit = self._pursuit, None
+        if pursuit is not None:
+            pursuit.close().exception()
+        if self._jaw is not None:
+            self._jaw.close()
+
+    def ending(self) -> BaseException | None:
+        """See ``Follower.ending``."""
+        pursuit = self._pursuit
+        if pursuit is None or not pursuit.future.done():
+            return None
+        self._pursuit = None
+        return pursuit.future.exception()
+
+    def recover(self) -> None:
+        """See ``Follower.recover``."""
+        if self._jaw is not None:
+            self._jaw.take_up()
+
+    @property
+    def needs_recovery(self) -> bool:
+        """See ``Follower.needs_recovery``."""
+        return self._pursuit is not None and self._jaw is not None and self._jaw.is_idle()
+
+    @property
+    def is_engaged(self) -> bool:
+        """See ``Follower.is_engaged``."""
+        return self._pursuit is not None
+
+    @property
+    def is_there(self) -> bool:
+        """See ``Follower.is_there``."""
+        station = self._arm.station
+        state = station.executor.state
+        is_fresh = station.clock.now() - state.t < FRESH
+        return is_fresh and not state.reading.unheard and state.mode is not Mode.CALIBRATING
+
+    @property
+    def is_held(self) -> bool:
+        """See ``Follower.is_held``."""
+        return self._pursuit is not None and self._pursuit.is_held
+
+    @property
+    def is_gripping(self) -> bool:
+        """See ``Follower.is_gripping``."""
+        return self._jaw is not None and self._jaw.is_gripping
+
+    @property
+    def state(self) -> SideState:
+        """See ``Follower.state``."""
+        return self._arm.state
+
+    def _guard(self) -> Guard:
+        arm, executor = self._arm.station.arm, self._arm.station.executor
+        model = arm.model.narrowed(*arm.range)  # the I/O thread's own
+        return Guard(CollisionModel(model, arm.scene), lambda: executor.state.q_jaw_ref)

@@ -1,0 +1,12 @@
+"""An arm and gripper of a running Viam machine, in the shape of a rig of this program.
+
+``machine.py`` is a connected machine, ``rig.py`` its arm and gripper, ``sensor.py`` its calibration
+sensor. ``link.py`` is the connection and its thread, ``watch.py`` turns what the machine reports
+into our joint state, ``runner.py`` runs one motion at a time.
+"""
+
+from so101_motion.viam.client.link import Access
+from so101_motion.viam.client.rig import MachineRig
+from so101_motion.viam.client.sensor import MachineSensor
+
+__all__ = ["Access", "MachineRig", "MachineSensor"]

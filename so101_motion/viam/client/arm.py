@@ -1,0 +1,39 @@
+"""The arm of a running machine: an ``Arm`` whose caps are the machine's as well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from so101_motion.arm.arm import Arm
+from so101_motion.common.errors import So101Error
+from so101_motion.viam.requests.commands import in_deg
+
+
+class MachineArm(Arm):
+    """The arm of a machine. ``set_speed`` and ``set_acceleration`` set the machine's as well."""
+
+    tell: Callable[[Mapping[str, Any]], object] | None = None
+    """Sends a request to the machine's arm; None for one that knows no such caps."""
+
+    def set_speed(self, speed: float) -> None:
+        """See ``Arm.set_speed``; when the machine refuses, nothing has changed."""
+        before = self._caps
+        super().set_speed(speed)
+        if self.tell is not None:
+            try:
+                self.tell({"set_speed": in_deg(speed)})
+            except So101Error:
+                self._caps = before
+                raise
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """See ``Arm.set_acceleration``; likewise."""
+        before = self._caps
+        super().set_acceleration(acceleration)
+        if self.tell is not None:
+            try:
+                self.tell({"set_acceleration": in_deg(acceleration)})
+            except So101Error:
+                self._caps = before
+                raise

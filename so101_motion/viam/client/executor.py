@@ -1,0 +1,227 @@
+"""Have a running machine move its arm along a trajectory that was planned here.
+
+A module that takes time-stamped points (ours does) is streamed the trajectory's own setpoints, all
+of them at once, so no network delay can make it run dry; it plays them by its own clock, and the
+path and the speed are those of the plan. A module without such a call gets the corners of the path,
+one after the other, with the caps of the plan: it stops at each and times each leg itself. Sending
+it all waypoints in one call would be shorter, but there are modules that hasten to the last one and
+cut every corner, and the path was planned around things.
+
+Stop does not wait for anything: it goes out at once beside what is under way.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from concurrent.futures import Future
+from datetime import timedelta
+from typing import Any
+
+import numpy as np
+from grpclib import GRPCError, Status
+from viam.components.arm import Arm
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import MotionError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.joint_group import Channel
+from so101_motion.control.motion_source import S
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+from so101_motion.rig.rig import TICK
+from so101_motion.tasks.guided.path import corners_of
+from so101_motion.viam.client.link import Link
+from so101_motion.viam.client.runner import MotionRunner
+from so101_motion.viam.conversion import convert
+
+BATCH = 100
+"""Points in a message; chosen: 5 kB each, far below what a message may hold."""
+
+STOPPING = 5.0
+"""How long a machine may take to come to rest [s]; chosen, ten times what an arm needs."""
+
+OFF_WAY = to_rad(1.0)
+"""How far the straight legs between corners may be off the planned path [rad]; chosen."""
+
+ARRIVED = to_rad(5.0)
+"""How far a joint may be from its goal when the arm has come to rest [rad]; chosen: a hanging arm
+sags by a few degrees. Counts where a module does not itself say that the arm arrived."""
+
+_LOOK = 0.03
+"""How often to look whether the arm rests [s]; chosen."""
+
+
+class MachineExecutor(MotionRunner):
+    """Has a machine move its arm.
+
+    Args:
+        link: To the machine.
+        find: The arm's client; raises ``MachineUnavailable`` while there is none.
+        state: The newest snapshot.
+        look: Brings it up to date.
+    """
+
+    dt = TICK
+    is_resting = False  # somebody else may move it at any time
+
+    def __init__(
+        self,
+        link: Link,
+        find: Callable[[], Arm],
+        state: Callable[[], JointState],
+        look: Callable[[], Awaitable[None]],
+    ) -> None:
+        super().__init__(link, look)
+        self._find, self._state = find, state
+        self.takes_streams = True
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        return self._state()
+
+    def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:
+        """See ``Executor.execute``."""
+        return self.begin(lambda: self._execute(trajectory))
+
+    def retarget(
+        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
+    ) -> Future[None]:
+        """See ``Executor.retarget``; the machine makes the path smooth."""
+
+        async def turn() -> None:
+            with self._link.asking("turning to a goal"):
+                await self._find().move_through_joint_positions(
+                    [convert.to_joint_positions(q_goal)],
+                    convert.to_move_options(limits.velocity, limits.acceleration),
+                    # Does not wait: giving up a call that does would brake before the next goal.
+                    extra={"interpolate": False, "waitAtEnd": False},
+                )
+            await self._rest()
+            self._check_arrival(q_goal)
+
+        return self.begin(turn)
+
+    def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
+        """Not offered.
+
+        Raises:
+            MotionError: Always; says what to do instead.
+        """
+        raise MotionError(
+            "the arm of a machine cannot be led over the network, by hand or by single points; plan"
+            " a motion, or send goals with start_retarget"
+        )
+
+    def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
+        """See ``Executor.stop``."""
+        return self.bring_to_rest(by)
+
+    def hold(self) -> Future[None]:
+        """Drive the joints where they are: out of manual mode, or out of a fault."""
+        return self._link.run(self._then_look(self._hold()))
+
+    def guide(self, how: Compliance) -> Future[None]:
+        """Let the arm yield to a hand, as its own configuration says."""
+
+        async def guide() -> None:
+            with self._link.asking("hand guiding"):
+                await self._find().set_manual_mode(True, timeout=STOPPING)
+
+        return self._link.run(self._then_look(guide()))
+
+    def release(self) -> Future[None]:
+        """Let go of the joints, so that they can be moved by hand."""
+        return self._link.run(self._then_look(self._set_torque(False)))
+
+    # The loop's thread
+
+    async def _brake(self) -> None:
+        with self._link.asking("stop"):
+            await self._find().stop(timeout=STOPPING)
+
+    async def _then_look(self, work: Coroutine[Any, Any, None]) -> None:
+        await work
+        await self._refresh()
+
+    async def _hold(self) -> None:
+        try:
+            await self._set_torque(True)
+        except MotionError:  # a simulated arm has no torque; what it has is manual mode
+            with self._link.asking("holding the joints"):
+                await self._find().set_manual_mode(False, timeout=STOPPING)
+
+    async def _set_torque(self, on: bool) -> None:
+        what = "holding the joints" if on else "letting go of the joints"
+        with self._link.asking(what):
+            await self._find().do_command({"command": "set_torque", "enable": on}, timeout=STOPPING)
+
+    async def _execute(self, trajectory: Trajectory) -> None:
+        arm = self._find()
+        if self.takes_streams:
+            try:
+                with self._link.asking("the motion"):
+                    await _stream(arm, trajectory)
+                return
+            except MotionError as refusal:
+                cause = refusal.__cause__
+                if not (isinstance(cause, GRPCError) and cause.status is Status.UNIMPLEMENTED):
+                    raise
+                self.takes_streams = False
+        with self._link.asking("the motion"):
+            await _corner_by_corner(arm, trajectory)
+        await self._refresh()
+        self._check_arrival(trajectory.q[-1])
+
+    async def _rest(self) -> None:
+        """Wait until the arm rests."""
+        while True:
+            await self._refresh()
+            if not self.state.arm_moving:
+                return
+            await asyncio.sleep(_LOOK)
+
+    def _check_arrival(self, q_goal: Array) -> None:
+        off = np.abs(self.state.q - q_goal)
+        i = int(np.argmax(off))
+        if off[i] > ARRIVED:
+            raise MotionError(
+                f"the arm of the machine came to rest, but {ARM_JOINTS[i]} is"
+                f" {to_deg(float(off[i])):.1f} deg from its goal; see what held or stopped it"
+            )
+
+
+async def _stream(arm: Arm, trajectory: Trajectory) -> None:
+    """Send all setpoints; returns when the arm has arrived."""
+    q_deg = to_deg(trajectory.q)
+
+    async def batches() -> AsyncIterator[list[Arm.TrajectoryPoint]]:
+        for first in range(0, len(trajectory), BATCH):
+            yield [
+                Arm.TrajectoryPoint(
+                    time=timedelta(seconds=k * trajectory.dt), positions=q_deg[k].tolist()
+                )
+                for k in range(first, min(first + BATCH, len(trajectory)))
+            ]
+
+    # The SDK declares its async generator as a coroutine that returns one.
+    updates: Any = arm.move_through_joint_positions_streamed(batches())
+    async for _ in updates:
+        pass
+
+
+async def _corner_by_corner(arm: Arm, trajectory: Trajectory) -> None:
+    """Send the corners of the path one after the other; returns when the arm has arrived."""
+    options = convert.to_move_options(_peaks(trajectory.qd), _peaks(trajectory.qdd))
+    for q in trajectory.q[corners_of(trajectory.q, OFF_WAY)[1:]]:
+        await arm.move_through_joint_positions([convert.to_joint_positions(q)], options)
+
+
+def _peaks(values: Array) -> Array:
+    """The largest of each joint, shape (5,); a joint that rests gets the others' smallest."""
+    peaks = np.max(np.abs(values), axis=0)
+    moving = peaks > 1e-3 * np.max(peaks, initial=1e-9)
+    return np.asarray(np.where(moving, peaks, np.min(peaks[moving], initial=np.max(peaks))))

@@ -1,0 +1,146 @@
+"""A running machine and what it has, reached by name; ``rig.py`` adds an arm to it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import viam.components.generic
+import viam.services.discovery
+import viam.services.generic
+import viam.services.motion
+import viam.services.worldstatestore  # noqa: F401  # importing registers what can be asked
+from viam.components.sensor import Sensor
+from viam.errors import ViamError
+from viam.robot.client import RobotClient
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.clock import MonotonicClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.rig.protocols import ArmConnection
+from so101_motion.viam.client.link import Access, Link
+
+ANSWERING = 60.0
+"""How long a command may take [s]; chosen: a calibration step waits for servos."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resource:
+    """Something a machine has.
+
+    Attributes:
+        name: As it is configured.
+        api: What it is: ``"component:arm"``.
+    """
+
+    name: str
+    api: str
+
+
+class Machine(ABC):
+    """A connection to a machine; ``_link.open`` makes it, close it after use.
+
+    Attributes:
+        clock: What time it is here.
+    """
+
+    def __init__(self, access: Access) -> None:
+        self.clock = MonotonicClock()
+        self._link = Link(access, self.clock, self._poll, self._on_loss)
+
+    @property
+    def connection(self) -> ArmConnection:
+        """Whether the machine can be reached, and since when not."""
+        return self._link.connection
+
+    @property
+    def resources(self) -> tuple[Resource, ...]:
+        """What the machine has.
+
+        Raises:
+            MachineUnavailable: It is not there at the moment.
+        """
+        return tuple(
+            Resource(name=each.name, api=f"{each.type}:{each.subtype}")
+            for each in self._link.client().resource_names
+        )
+
+    def do_command(self, resource: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Send a DoCommand to a component or service, by its name; its answer.
+
+        Raises:
+            ConfigError: The machine has no such resource.
+            MachineRefused: It refused.
+            MachineUnavailable: It does not answer.
+        """
+
+        async def send() -> Mapping[str, Any]:
+            client = self._client_of(resource)
+            with self._link.asking(f"{resource}: {_title(command)}"):
+                answer: Mapping[str, Any] = await client.do_command(command, timeout=ANSWERING)
+            return answer
+
+        return self._link.run(send()).result()
+
+    def readings(self, sensor: str) -> Mapping[str, Any]:
+        """The readings of a sensor, such as the calibration's.
+
+        Raises:
+            ConfigError: The machine has no such resource.
+            MachineRefused: It refused.
+            MachineUnavailable: It does not answer.
+        """
+
+        async def read() -> Mapping[str, Any]:
+            client = self._client_of(sensor)
+            if not isinstance(client, Sensor):
+                raise ConfigError("sensor", sensor, "has no readings; it is no sensor")
+            with self._link.asking(f"{sensor}: readings"):
+                readings: Mapping[str, Any] = await client.get_readings(timeout=ANSWERING)
+            return readings
+
+        return self._link.run(read()).result()
+
+    def close(self) -> None:
+        """Hang up. May be called twice."""
+        self._link.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # The loop's thread
+
+    @abstractmethod
+    async def _poll(self, client: RobotClient, connected: Callable[[], None]) -> None:
+        """Look at the machine as long as it answers; see ``Link``."""
+
+    @abstractmethod
+    def _on_loss(self, problem: str) -> None:
+        """Learn that the machine does not answer, and why."""
+
+    def _client_of(self, name: str) -> Any:
+        client = self._link.client()
+        known = {each.name: each for each in client.resource_names}
+        if name not in known:
+            raise ConfigError("resource", name, f"is not on the machine; {suggest(name, known)}")
+        found = known[name]
+        get = client.get_component if found.type == "component" else client.get_service
+        try:
+            return get(found)
+        except ViamError as error:
+            raise ConfigError("resource", name, f"is a {found.subtype}: not for us") from error
+
+
+def _title(command: Mapping[str, Any]) -> str:
+    return str(command.get("command", next(iter(command), "")))

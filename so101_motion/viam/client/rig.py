@@ -1,0 +1,281 @@
+"""An arm and gripper of a running machine, in the shape of a rig (``rig.protocols.RigLike``).
+
+Goals are planned here, by the same planner as for an arm on this computer, from where the machine
+says that its joints are, around what ``arm.scene`` holds.
+
+What a module of ours knows of the arm is taken over when the connection first comes about: its
+surroundings, its calibrated ranges, its speed and acceleration caps. Setting the caps sets the
+machine's; the scene may be replaced here, and stays here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from grpclib import GRPCError, Status
+from viam.components.arm import Arm as ViamArm
+from viam.components.gripper import Gripper as ViamGripper
+from viam.robot.client import RobotClient
+
+from so101_motion.arm.arm import Arm
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError, MachineRefused
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_rad
+from so101_motion.files.scene_file import scene_from
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.rig import acquire_worker, release_worker
+from so101_motion.viam.client.arm import MachineArm
+from so101_motion.viam.client.executor import MachineExecutor
+from so101_motion.viam.client.gripper import MachineGripper
+from so101_motion.viam.client.link import PATIENCE, Access
+from so101_motion.viam.client.machine import Machine
+from so101_motion.viam.client.watch import GripperReport, ask_arm, ask_gripper, next_state
+
+BUSY, IDLE = 1.0 / 30.0, 0.1
+"""How often the machine is asked how it is while something moves, and while nothing does [s].
+Chosen: what the eye wants, and what costs next to nothing."""
+
+_RANGE_KEYS = ("joint_min_deg", "joint_max_deg")
+
+
+class MachineRig(Machine):
+    """An arm and gripper of a running machine. ``connect`` makes it; close it after use.
+
+    Attributes:
+        arm: The arm.
+        gripper: Its jaw.
+        clock: What time it is here.
+    """
+
+    def __init__(self, access: Access, *, arm: str | None, gripper: str | None) -> None:
+        super().__init__(access)
+        self._wanted = {"arm": arm, "gripper": gripper}
+        self._arm: ViamArm | None = None
+        self._gripper: ViamGripper | None = None
+        self._state: JointState | None = None
+        self._status: Mapping[str, Any] = {}
+        self._jaw = GripperReport()
+        self._arm_name = ""
+        self._no_gripper = "the machine has none"
+        self._params: Mapping[str, Any] = {}
+        self._setup: Mapping[str, Any] = {}
+        self._closed = False
+        self._link.open()
+        worker = acquire_worker()
+        try:
+            self._executor = MachineExecutor(
+                self._link, self._find_arm, lambda: self.state, self._refresh
+            )
+            self.gripper = MachineGripper(
+                self._link, self._find_gripper, lambda: self._jaw, self._refresh
+            )
+            speed = self._params.get("current_speed_degs_per_sec", 50.0)
+            acceleration = self._params.get("current_acceleration_degs_per_sec_per_sec", 100.0)
+            self.arm: Arm = self._new_arm(to_rad(speed), to_rad(acceleration), worker.plan)
+            worker.start()
+        except BaseException:
+            release_worker()
+            self._link.close()
+            raise
+
+    @classmethod
+    def connect(
+        cls,
+        address: str,
+        *,
+        api_key_id: str | None = None,
+        api_key: str | None = None,
+        arm: str | None = None,
+        gripper: str | None = None,
+    ) -> MachineRig:
+        """Connect to a machine; nothing moves.
+
+        Args:
+            address: As on the machine's CONNECT page, or host and port.
+            api_key_id: The id of an API key; without a key the connection is plain and direct.
+            api_key: The key.
+            arm: Which arm; the only one by default.
+            gripper: Which gripper; the only one by default, and none if there is none.
+
+        Raises:
+            MachineUnavailable: It cannot be reached.
+            ConfigError: It has no such arm or gripper, or several and none was named.
+        """
+        access = Access(address=address, api_key_id=api_key_id, api_key=api_key)
+        return cls(access, arm=arm, gripper=gripper)
+
+    def _new_arm(self, speed: float, acceleration: float, planner: Any) -> Arm:
+        arm = MachineArm(
+            model=RobotModel.load(),
+            executor=self._executor,
+            planner=planner,
+            speed=speed,
+            acceleration=acceleration,
+            scene=scene_from(self._setup["scene"], folder=None) if self._setup else Scene(),
+        )
+        if self._setup:
+            lower, upper = (to_rad(np.array(self._setup[key])) for key in _RANGE_KEYS)
+            arm.set_range(lower, upper)
+        if self._params:
+            arm.tell = lambda command: self.do_command(self._arm_name, command)
+        return arm
+
+    # How it is
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        assert self._state is not None  # the link opened with it
+        return self._state
+
+    @property
+    def status(self) -> Mapping[str, Any]:
+        """All that the arm said of itself last, such as ``health`` and ``notes`` of its servos."""
+        return self._status
+
+    @property
+    def arm_name(self) -> str:
+        """What the machine calls its arm, for ``do_command``."""
+        return self._arm_name
+
+    @property
+    def has_gripper(self) -> bool:
+        """Whether the machine has a gripper that is meant."""
+        return self._gripper is not None
+
+    def refresh(self) -> JointState:
+        """Ask the machine how it is, now.
+
+        Raises:
+            MachineRefused: It cannot tell.
+            MachineUnavailable: It does not answer.
+        """
+        self._link.run(self._refresh()).result()
+        return self.state
+
+    @property
+    def takes_streams(self) -> bool:
+        """Whether the machine plays our trajectories; else it is sent the corners of the path."""
+        return self._executor.takes_streams
+
+    def close(self) -> None:
+        """End our own motion, if one is under way, and hang up. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self.arm.close()
+        self._executor.close()
+        self.gripper.close()
+        super().close()
+        release_worker()
+
+    # The loop's thread
+
+    async def _poll(self, client: RobotClient, connected: Callable[[], None]) -> None:
+        arm = self._pick(client, "arm")
+        if arm is None:
+            raise ConfigError("arm", None, "the machine has none; add one to its configuration")
+        self._arm, self._gripper = arm, self._pick(client, "gripper")
+        self._arm_name = arm.name
+        if self._state is None:
+            self._params = await _answer(arm, {"get_motion_params": True})
+            self._setup = await _answer(arm, {"command": "get_planning_setup"})
+        while True:
+            begin = self.clock.now()
+            try:
+                await self._ask()
+            except GRPCError as error:
+                refusal = f"cannot tell how it is: {error.message}"
+                if self._state is None:
+                    raise MachineRefused(arm.name, error.status.name, refusal) from error
+                await _is_there(client)
+                self._fault(f'the arm "{arm.name}" of the machine {refusal}')
+            connected()
+            moves = self.state.arm_moving or self.state.jaw_moving
+            await asyncio.sleep(begin + (BUSY if moves else IDLE) - self.clock.now())
+
+    async def _ask(self) -> None:
+        arm, gripper = self._arm, self._gripper
+        assert arm is not None  # the watch has found it
+        begin = self.clock.now()
+        async with asyncio.timeout(PATIENCE):
+            told, self._jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper))
+        t = 0.5 * (begin + self.clock.now())
+        if self._state is None or t > self._state.t:
+            self._status = told.status
+            self._state = next_state(self._state, told, self._jaw, t)
+
+    async def _refresh(self) -> None:
+        self._link.client()
+        with self._link.asking("how it is"):
+            await self._ask()
+
+    def _on_loss(self, problem: str) -> None:
+        self._arm = self._gripper = None
+        self._fault(f"the connection to the machine is lost: {problem}")
+
+    def _fault(self, sentence: str) -> None:
+        if self._state is not None:
+            self._state = replace(
+                self._state,
+                t=self.clock.now(),
+                mode=Mode.FAULT,
+                fault=sentence,
+                arm_moving=False,
+                jaw_moving=False,
+            )
+
+    def _find_arm(self) -> ViamArm:
+        self._link.client()
+        assert self._arm is not None  # it is there as long as the client is
+        return self._arm
+
+    def _find_gripper(self) -> ViamGripper:
+        self._link.client()
+        if self._gripper is None:
+            raise ConfigError("gripper", self._wanted["gripper"], self._no_gripper)
+        return self._gripper
+
+    def _pick(self, client: RobotClient, what: str) -> Any:
+        """The arm or gripper that was named, or the only one; None if there is none.
+
+        Raises:
+            ConfigError: There is none of that name, or it has to be named.
+        """
+        there = {each.name: each for each in client.resource_names if each.subtype == what}
+        wanted = self._wanted[what]
+        if wanted is not None and wanted not in there:
+            raise ConfigError(what, wanted, f"is not on the machine; {suggest(wanted, there)}")
+        if wanted is None and len(there) > 1:
+            several = f"the machine has several; name one of {', '.join(sorted(there))}"
+            if what == "arm":
+                raise ConfigError(what, None, several)
+            self._no_gripper = several  # matters only to whoever moves the jaw
+            return None
+        chosen = wanted or next(iter(there), None)
+        return None if chosen is None else client.get_component(there[chosen])
+
+
+async def _is_there(client: RobotClient) -> None:
+    """Return if the machine answers, if not its arm; raise one of ``LOSSES`` otherwise."""
+    try:
+        async with asyncio.timeout(PATIENCE):
+            await client.get_version()
+    except GRPCError as error:
+        if error.status is not Status.UNIMPLEMENTED:
+            raise ConnectionError(error.message or error.status.name) from error
+
+
+async def _answer(arm: ViamArm, command: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What the arm answers; nothing if it does not know the request."""
+    try:
+        return await arm.do_command(command, timeout=PATIENCE)
+    except GRPCError:
+        return {}

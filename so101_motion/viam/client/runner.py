@@ -1,0 +1,130 @@
+"""Run one motion at a time on a machine, each a call that lasts as long as the motion.
+
+A call that is given up ends its motion: the module at the other end stops when its caller goes
+away, and to be sure it is told to stop as well. A new motion that takes over does not brake the old
+one. Futures complete on the loop's thread, after the snapshot that shows their effect.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from abc import ABC, abstractmethod
+from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+from so101_motion.common.errors import SUPERSEDED, Interrupted, So101Error
+from so101_motion.control.request_queue import running_future
+from so101_motion.viam.client.link import Link
+
+Work = Callable[[], Awaitable[None]]
+
+
+@dataclass(slots=True, kw_only=True)
+class _Job:
+    work: Work
+    future: Future[None] = field(default_factory=running_future)
+    task: asyncio.Task[None] | None = None
+    ending: str | None = None
+    brakes: bool = True
+
+    def end(self, by: str, *, brakes: bool = True) -> None:
+        if self.ending is None and self.task is not None:
+            self.ending, self.brakes = by, brakes
+            self.task.cancel()
+
+
+class MotionRunner(ABC):
+    """Runs one motion at a time of something on a machine. Methods may be called from any thread.
+
+    Args:
+        link: To the machine.
+        look: Brings the snapshot up to date.
+    """
+
+    def __init__(self, link: Link, look: Work) -> None:
+        self._link, self._refresh = link, look
+        self._job: _Job | None = None
+
+    @abstractmethod
+    async def _brake(self) -> None:
+        """Tell the machine to stop; returns at rest."""
+
+    def begin(self, work: Work) -> Future[None]:
+        """Do ``work``, which raises our errors; takes over from what is under way.
+
+        Returns:
+            Raises what ``work`` raised, or ``Interrupted``.
+        """
+        job = _Job(work=work)
+        self._link.post(lambda: self._start(job))
+        return job.future
+
+    def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
+        """End the motion whose future is ``motion``; done when it is over."""
+        over = running_future()
+        motion.add_done_callback(lambda _: over.set_result(None))
+
+        def end() -> None:
+            if self._job is not None and self._job.future is motion:
+                self._job.end(by)
+
+        self._link.post(end)
+        return over
+
+    def bring_to_rest(self, by: str) -> Future[None]:
+        """Bring the machine to rest, whoever moves it; done at rest.
+
+        The future raises ``MachineUnavailable`` when the machine could not be told.
+        """
+        return self._link.run(self._stop(by))
+
+    def close(self) -> None:
+        """End our own motion, if one is under way, and wait until it is over."""
+        self._link.run(self._end()).result()
+
+    # The loop's thread
+
+    async def _end(self) -> None:
+        job = self._job
+        if job is not None and job.task is not None:
+            job.end("shutdown")
+            await asyncio.wait([job.task])
+
+    def _start(self, job: _Job) -> None:
+        if self._job is not None:
+            self._job.end(SUPERSEDED, brakes=False)
+        self._job = job
+        job.task = asyncio.get_running_loop().create_task(self._run(job))
+
+    async def _stop(self, by: str) -> None:
+        job = self._job
+        if job is not None:
+            job.end(by, brakes=False)
+        await self._brake()
+        if job is not None and job.task is not None:
+            await asyncio.wait([job.task])
+        await self._refresh()
+
+    async def _run(self, job: _Job) -> None:
+        problem: BaseException | None = None
+        try:
+            await job.work()
+        except asyncio.CancelledError:
+            problem = Interrupted(job.ending or "shutdown")
+            if job.brakes:
+                with suppress(So101Error):  # lost: the machine stops what nobody waits for
+                    await self._brake()
+        except Exception as error:
+            problem = error
+        finally:
+            if self._job is job:
+                self._job = None
+            with suppress(So101Error):
+                await self._refresh()
+            if problem is None:
+                job.future.set_result(None)
+            else:
+                job.future.set_exception(problem)

@@ -1,0 +1,149 @@
+"""Turn what a machine reports of its arm and gripper into a snapshot.
+
+Our own module tells all of it in one answer: mode, joints, faults. Another module is asked for its
+joints and whether it moves, and the rest is taken to be well.
+
+A machine tells where its joints are, not where they are wanted. Plans start from where they are
+wanted, and a joint at rest that trembles by a tick must not spoil a plan. So ``q_ref`` stays where
+it is while the resting joints are within ``AT_REST`` of it, and moves to them when they leave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from grpclib import GRPCError
+from viam.components.arm import Arm
+from viam.components.gripper import Gripper
+
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
+from so101_motion.common.units import to_rad
+from so101_motion.viam.conversion import convert
+
+AT_REST = to_rad(1.0)
+"""How far a resting joint may be from where it is wanted [rad]: gravity pulls a servo that nobody
+corrects about this far. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmReport:
+    """What an arm said of itself.
+
+    Attributes:
+        q: Measured joint angles, shape (5,), [rad].
+        mode: What it is doing.
+        status: All of its status, as it came.
+    """
+
+    q: Array
+    mode: Mode
+    status: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GripperReport:
+    """What a gripper said of itself.
+
+    Attributes:
+        aperture: 0 closed, 1 open.
+        is_moving: Whether it is under way.
+        is_holding: Whether it holds something.
+    """
+
+    aperture: float = 0.0
+    is_moving: bool = False
+    is_holding: bool = False
+
+
+async def ask_arm(arm: Arm) -> ArmReport:
+    """How an arm is.
+
+    Raises:
+        GRPCError: It cannot tell.
+        ConfigError: It has not five joints.
+    """
+    try:
+        status = await arm.get_status()
+    except GRPCError:  # many modules have none
+        status = {}
+    told = status.get("joint_positions_deg")
+    if isinstance(told, Mapping) and all(joint in told for joint in ARM_JOINTS):
+        q = to_rad(np.array([float(told[joint]) for joint in ARM_JOINTS]))
+        return ArmReport(q=q, mode=_mode(status), status=status)
+    positions = await arm.get_joint_positions()
+    status = {**status, "is_moving": await arm.is_moving()}
+    return ArmReport(
+        q=convert.from_joint_values(positions.values), mode=_mode(status), status=status
+    )
+
+
+def _mode(status: Mapping[str, Any]) -> Mode:
+    try:
+        return Mode(status["state"])
+    except (KeyError, ValueError):
+        if status.get("is_moving"):
+            return Mode.MOVING
+        return Mode.GUIDING if status.get("mode") == "manual" else Mode.HOLDING
+
+
+async def ask_gripper(gripper: Gripper | None) -> GripperReport:
+    """How a gripper is; what it does not tell is taken to be nothing."""
+    if gripper is None:
+        return GripperReport()
+    try:
+        told = await gripper.do_command({"command": "get_position"})
+        percent = told.get("position_percentage", 0.0)
+        return GripperReport(
+            aperture=0.01 * percent if isinstance(percent, (int, float)) else 0.0,
+            is_moving=await gripper.is_moving(),
+            is_holding=told.get("is_holding_something") is True,
+        )
+    except GRPCError:
+        return GripperReport()
+
+
+def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: float) -> JointState:
+    """The snapshot that follows.
+
+    Args:
+        last: The one before; None for the first.
+        arm: What the arm said.
+        jaw: What the gripper said.
+        t: When, on our clock [s].
+    """
+    status = arm.status
+    moving = bool(status.get("is_moving", arm.mode in (Mode.MOVING, Mode.STOPPING)))
+    q_jaw = JAW_CLOSED + jaw.aperture * (JAW_OPEN - JAW_CLOSED)
+    qd, q_ref = np.zeros(5), arm.q
+    if last is not None and moving and t > last.t:
+        qd = (arm.q - last.q) / (t - last.t)
+    if last is not None and not moving and not last.arm_moving:
+        stays = np.max(np.abs(arm.q - last.q_ref)) <= AT_REST
+        q_ref = last.q_ref if stays else arm.q
+    alarms, fault, lent = (status.get(key) for key in ("alarms", "fault", "lent_to"))
+    late = status.get("late_ticks", 0)
+    return JointState(
+        t=t,
+        mode=arm.mode,
+        reading=JointReading(
+            q=arm.q,
+            qd=qd,
+            q_jaw=q_jaw,
+            qd_jaw=0.0,
+            alarms={str(k): str(v) for k, v in alarms.items()} if isinstance(alarms, dict) else {},
+        ),
+        q_ref=q_ref,
+        qd_ref=qd,
+        q_jaw_ref=q_jaw,
+        arm_moving=moving,
+        jaw_moving=jaw.is_moving,
+        late_ticks=round(late) if isinstance(late, (int, float)) else 0,
+        fault=fault if isinstance(fault, str) and fault else None,
+        lent_to=lent if isinstance(lent, str) and lent else None,
+    )

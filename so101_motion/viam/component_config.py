@@ -1,0 +1,335 @@
+"""Turn the attributes of a component or service into settings in SI units.
+
+They are the published module's, those of its later versions included, so a machine's configuration
+works as it is; ``attribute_table`` lists them. A duration may be a number or text, and a gripper
+may name its own port or the arm it belongs to.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from so101_motion.calib.record import store
+from so101_motion.common.attributes import (
+    SERVO_VOLTAGES,
+    Attribute,
+    Attributes,
+    LoadConfig,
+    checked_number,
+)
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_deg, to_mm, to_rad
+from so101_motion.drivers.bus.defaults import SERVO_IDS, TIMEOUT
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.viam import attribute_table as table
+
+_NANOSECONDS = 1e5  # from here up a bare number was meant for the published module
+_SECONDS = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "m": 60.0, "h": 3600.0}
+_PART = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(ns|us|µs|ms|s|m|h)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PortConfig:
+    """How to get at the servos."""
+
+    port: str  # the serial port, however spelled
+    baudrate: int  # [bit/s]
+    timeout: float  # how long silent servos are asked at the start [s]
+    calibration_file: str | None  # as given; None to ask the servos
+    rate: float | None = None  # setpoints a second; None for the usual 100
+
+    @classmethod
+    def of(cls, given: Attributes, attributes: Mapping[str, object]) -> PortConfig:
+        """Read what arm, gripper and sensor have in common.
+
+        Raises:
+            ConfigError: A value cannot be used, or there is no port.
+        """
+        port, timeout = given.value("port"), attributes.get("timeout")
+        if port is None:
+            given_port = attributes.get("port")
+            raise ConfigError(
+                "port", given_port, "is missing; name the serial port, e.g. /dev/ttyACM0"
+            )
+        return cls(
+            port=port,
+            baudrate=given.value("baudrate"),
+            timeout=duration("timeout", timeout) if given.given("timeout") else TIMEOUT,
+            calibration_file=given.value("calibration_file"),
+            rate=given.value("control_rate_hz"),
+        )
+
+    def servo_settings(self) -> ServoSettings:
+        """What this asks of its port."""
+        file = self.calibration_file
+        return ServoSettings(
+            port=self.port,
+            baudrate=self.baudrate,
+            timeout=self.timeout,
+            calibration_file=store.resolve(file) if file else None,
+            rate=self.rate,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmConfig:
+    """What every arm has, real or simulated."""
+
+    speed: float  # cap of each joint [rad/s]
+    acceleration: float  # likewise [rad/s^2]
+    max_speed: float  # what no request exceeds [rad/s]
+    max_acceleration: float  # likewise [rad/s^2]
+    motion: str | None  # the service that plans MoveToPosition; None when we plan it
+    visualize_ee_frame: bool
+    use_urdf: bool
+    floor_z: float  # [m]
+    obstacles: tuple[Mapping[str, object], ...]  # as in a scene file
+    load: LoadConfig
+    position_tolerance: float | None  # [m]; None for the planner's
+    approach_tolerance: float | None  # [rad]; likewise
+    unused: tuple[str, ...]  # given, understood, and without effect here
+
+    TABLE: ClassVar[tuple[Attribute, ...]]
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> Self:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, cls.TABLE)
+        given.value("mesh_decimation_ratios")  # only checked
+        speed, max_speed = _cap(given, attributes, "speed_degs_per_sec")
+        acceleration, max_acceleration = _cap(
+            given, attributes, "acceleration_degs_per_sec_per_sec"
+        )
+        settings = {
+            "speed": speed,
+            "acceleration": acceleration,
+            "max_speed": max_speed,
+            "max_acceleration": max_acceleration,
+            "load": _load(given),
+            "floor_z": given.value("floor_z_mm"),
+            "position_tolerance": given.value("position_tolerance_mm"),
+            "approach_tolerance": given.value("orientation_tolerance_deg"),
+            "unused": given.idle,
+        }
+        for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):
+            settings[key] = given.value(key)
+        return cls(**settings | cls._own(given, attributes))
+
+    @classmethod
+    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
+        """The settings of this kind of arm alone."""
+        raise NotImplementedError
+
+
+def _cap(given: Attributes, attributes: Mapping[str, object], key: str) -> tuple[float, float]:
+    """The arm's own cap, and what no request exceeds; one that was given may not be above it."""
+    cap, most = given.value(key), given.value(f"max_{key}")
+    if attributes.get(key) and cap > most:
+        reason = f"is above max_{key}, {to_deg(most):g}; lower it, or raise that"
+        raise ConfigError(key, attributes[key], reason)
+    return min(cap, most), most
+
+
+def _load(given: Attributes) -> LoadConfig:
+    com, voltage = given.value("payload_com_mm"), given.value("servo_voltage")
+    if len(com) not in (0, 3):
+        com_mm = [to_mm(each) for each in com]
+        raise ConfigError("payload_com_mm", com_mm, "must be three numbers, x, y, z [mm]")
+    if voltage not in SERVO_VOLTAGES:
+        known = " or ".join(f"{each:g}" for each in SERVO_VOLTAGES)
+        raise ConfigError("servo_voltage", voltage, f"must be {known}: the rating of the servos")
+    return LoadConfig(mass=given.value("payload_kg"), com=com or None, servo_voltage=voltage)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedArmConfig(ArmConfig):
+    """Settings of ``devrel:so101:simulated``."""
+
+    simulate_time: bool  # whether time passes by itself
+
+    TABLE = table.SIMULATED_ARM
+
+    @classmethod
+    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
+        return {"simulate_time": given.value("simulate_time")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HardwareArmConfig(ArmConfig):
+    """Settings of ``devrel:so101:arm``."""
+
+    connection: PortConfig
+    servo_ids: tuple[int, ...]  # base to wrist
+    zero_offsets: Mapping[str, float] | None  # the model's angles in the middle of travels [rad]
+    compliance: Compliance  # how it yields to a hand in manual mode
+    lets_go: bool  # whether its joints go limp when the process ends in order
+
+    TABLE = table.ARM
+
+    @classmethod
+    def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
+        manual = _manual_mode(attributes.get("manual_mode"))
+        zeros_deg = given.angles("joint_zero_offsets_deg", ARM_JOINTS)
+        idle = ("manual_mode.loop_hz",) if manual.given("loop_hz") else ()
+        return {
+            "connection": PortConfig.of(given, attributes),
+            "servo_ids": _servo_ids(given, attributes),
+            "zero_offsets": {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None,
+            "compliance": compliance(manual),
+            "lets_go": given.value("at_end") == "release",
+            "unused": (*given.idle, *idle),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedGripperConfig:
+    """Settings of ``devrel:so101:simulated-gripper``."""
+
+    gripper_type: str  # "follower" or "leader"
+    mesh_detail: str  # "low" or "high"
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> SimulatedGripperConfig:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, table.SIMULATED_GRIPPER)
+        return cls(gripper_type=given.value("gripper_type"), mesh_detail=given.value("mesh_detail"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HardwareGripperConfig(SimulatedGripperConfig):
+    """Settings of ``devrel:so101:gripper``."""
+
+    connection: PortConfig | None  # None when the arm says it
+    arm: str | None  # its name; None for a gripper with a port of its own
+    servo_id: int
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> HardwareGripperConfig:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, table.GRIPPER)
+        arm = given.value("arm")
+        if arm is None and not given.given("port"):
+            raise ConfigError(
+                "port", None, 'is missing; name the serial port, or the arm: "arm": "<its name>"'
+            )
+        return cls(
+            connection=PortConfig.of(given, attributes) if given.given("port") else None,
+            arm=arm,
+            servo_id=given.value("servo_id"),
+            gripper_type=given.value("gripper_type"),
+            mesh_detail=given.value("mesh_detail"),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationConfig:
+    """Settings of ``devrel:so101:calibration``."""
+
+    connection: PortConfig  # its file is where a calibration is saved
+    joints: tuple[str, ...]  # those to calibrate, base to jaw
+    unused: tuple[str, ...]  # given, understood, and without effect here
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> CalibrationConfig:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, table.CALIBRATION)
+        return cls(
+            connection=PortConfig.of(given, attributes),
+            joints=_calibrated(given, attributes),
+            unused=given.idle,
+        )
+
+
+def arm_served(attributes: Mapping[str, object]) -> str | None:
+    """The arm that a service for one arm names; None for the only one.
+
+    Raises:
+        ConfigError: There are other attributes, or it is no name.
+    """
+    name: str | None = Attributes(attributes, table.FOR_AN_ARM).value("arm")
+    return name and name.rpartition("/")[2]
+
+
+def duration(key: str, value: object) -> float:
+    """A time span [s] as people write it.
+
+    Text has its units with it: ``"5s"``, ``"500ms"``, ``"1m30s"``. A number is seconds; a huge one
+    is nanoseconds, because the published module took nothing else.
+
+    Raises:
+        ConfigError: It is neither, or not positive.
+    """
+    if isinstance(value, str):
+        parts = _PART.findall(value.strip())
+        if not parts or "".join(number + unit for number, unit in parts) != value.strip():
+            raise ConfigError(key, value, 'must be a duration such as "5s", "500ms" or 5 (seconds)')
+        seconds = sum(float(number) * _SECONDS[unit] for number, unit in parts)
+    else:
+        seconds = checked_number(key, value, unit="s")
+        seconds *= 1e-9 if seconds >= _NANOSECONDS else 1.0
+    if not 0.0 < seconds <= 600.0:
+        raise ConfigError(key, value, "must be more than 0 and at most 10 minutes")
+    return seconds
+
+
+def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compliance:
+    """How an arm shall yield to a hand.
+
+    Args:
+        given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
+            module.
+        otherwise: What holds where nothing is given; the defaults if None.
+
+    Raises:
+        ConfigError: A value is outside its range.
+    """
+    asked = {
+        key: given.number(key, 0.0, lower=0.0, upper=upper) for key, upper in MANUAL_RANGES.items()
+    }
+    base = otherwise or Compliance()
+    return Compliance(
+        dead_band=to_rad(asked["pos_deadband_deg"]) or base.dead_band,
+        p_gain=asked["p_gain"] or base.p_gain,
+        resistance=asked["torque_limit"] / 1000.0 or base.resistance,
+    )
+
+
+def _manual_mode(value: object) -> Attributes:
+    if value is not None and not isinstance(value, Mapping):
+        raise ConfigError("manual_mode", value, "must be an object")
+    return Attributes(value or {}, MANUAL_RANGES, kind="key of manual_mode")
+
+
+MANUAL_RANGES = {"pos_deadband_deg": 45.0, "loop_hz": 200.0, "p_gain": 255.0, "torque_limit": 1e3}
+"""Keys of ``manual_mode`` and their largest values; the published module's. Ours follows the hand
+at the rate of the control loop, so ``loop_hz`` has no effect."""
+
+
+def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int, ...]:
+    if not given.given("servo_ids"):
+        return SERVO_IDS
+    value = attributes["servo_ids"]
+    ids = tuple(round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=5.0))
+    if len(ids) != len(SERVO_IDS) or len(set(ids)) != len(ids) or list(ids) != value:
+        raise ConfigError(
+            "servo_ids",
+            value,
+            "must list five different whole numbers, the servos from base to wrist;"
+            f" usually {list(SERVO_IDS)}",
+        )
+    return ids
+
+
+def _calibrated(given: Attributes, attributes: Mapping[str, object]) -> tuple[str, ...]:
+    """The joints whose servos are listed; all when none is."""
+    joints = (*ARM_JOINTS, GRIPPER_JOINT)
+    value = attributes.get("servo_ids")
+    ids = [round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=6.0)]
+    if ids and (len(set(ids)) != len(ids) or ids != value):
+        raise ConfigError("servo_ids", value, "must list different whole numbers from 1 to 6")
+    return tuple(joints[i - 1] for i in sorted(ids)) or joints

@@ -1,0 +1,208 @@
+"""Find where the machine's frames are in one arm's base frame.
+
+What the arm itself knows is answered here: its base (``<arm>_origin``), its tool (``<arm>``), and
+transforms that a request brings along. For everything else, the world and other components, the
+machine is asked over the module's connection to it. A frame is *held* when it hangs from the arm's
+tool: what is in it moves with the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import Protocol
+
+from grpclib import GRPCError
+from viam.proto.common import Pose, PoseInFrame, Transform
+from viam.proto.robot import FrameSystemConfig
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.viam.conversion import convert
+
+WORLD = "world"
+"""The frame everything hangs from."""
+
+
+class Machine(Protocol):
+    """What is asked of the machine; the SDK's ``RobotClient`` fits."""
+
+    async def transform_pose(self, query: PoseInFrame, destination: str) -> PoseInFrame:
+        """A pose seen from another frame."""
+
+    async def get_frame_system_config(self) -> list[FrameSystemConfig]:
+        """The frames, each with its parent."""
+
+    async def get_pose(
+        self, component_name: str, destination_frame: str, supplemental_transforms: list[Transform]
+    ) -> PoseInFrame:
+        """Where a component is, seen from a frame."""
+
+
+class _Here:
+    """The machine this process belongs to; there is one at most."""
+
+    machine: Callable[[], Machine | None] = staticmethod(lambda: None)
+
+
+def set_machine(machine: Callable[[], Machine | None]) -> None:
+    """Say how to reach the machine; called once, by the module."""
+    _Here.machine = staticmethod(machine)
+
+
+def machine_here() -> Machine | None:
+    """The machine this process belongs to; None as long as it cannot be reached."""
+    return _Here.machine()
+
+
+async def parents() -> Mapping[str, str]:
+    """The parent of each frame of the machine; none if there is no machine."""
+    machine = machine_here()
+    parts = await machine.get_frame_system_config() if machine is not None else []
+    return {
+        part.frame.reference_frame: part.frame.pose_in_observer_frame.reference_frame
+        for part in parts
+    }
+
+
+async def carrier(
+    frame: str, arms: Collection[str], transforms: Iterable[Transform] = ()
+) -> str | None:
+    """The arm that ``frame`` hangs from; None if from none.
+
+    Args:
+        frame: A frame of the machine or of the request; an arm hangs from itself.
+        arms: The arms in question.
+        transforms: What the request brings along.
+    """
+    if frame in arms:
+        return frame
+    above = dict(await parents())
+    for transform in transforms:
+        above[transform.reference_frame] = transform.pose_in_observer_frame.reference_frame
+    for _ in range(len(above)):  # no chain is longer, unless it leads round in a circle
+        frame = above.get(frame.removesuffix("_origin"), WORLD)
+        if frame in arms:
+            return frame
+    return None
+
+
+LONGEST_CHAIN = 100
+"""So many frames may hang from each other. Chosen."""
+
+
+def _refuse_long(trail: Sequence[str]) -> None:
+    if len(trail) > LONGEST_CHAIN:
+        raise ConfigError("transforms", trail[0], f"hangs from more than {LONGEST_CHAIN} others")
+
+
+class Frames:
+    """Frames around one arm, for one request.
+
+    Attributes:
+        arm: The arm's short name.
+        tool: Where the arm's tool is, in its base frame.
+
+    Args:
+        arm: The arm's short name.
+        T_base_tool: Where its tool is.
+        transforms: What the request brings along.
+
+    Raises:
+        ConfigError: A transform has no name, no pose, or that of another frame.
+    """
+
+    def __init__(self, arm: str, T_base_tool: SE3, transforms: Iterable[Transform] = ()) -> None:
+        self.arm, self.tool = arm, T_base_tool
+        self._known: dict[str, SE3] = {f"{arm}_origin": SE3.identity(), arm: T_base_tool}
+        self._brought: dict[str, Transform] = {}
+        self._parents: Mapping[str, str] | None = None
+        for transform in transforms:
+            name = transform.reference_frame
+            if not name or not transform.HasField("pose_in_observer_frame"):
+                raise ConfigError("transforms", name, "each needs a name, and a pose in a frame")
+            if name in self._brought or name in self._known:
+                raise ConfigError("transforms", name, "is the name of another frame")
+            self._brought[name] = transform
+
+    async def T_base(self, frame: str) -> SE3:
+        """Where ``frame`` is now, in the arm's base frame.
+
+        Raises:
+            ConfigError: There is no such frame, or it cannot be asked for.
+        """
+        return await self._resolve(frame, ())
+
+    async def T_tool(self, frame: str) -> SE3:
+        """Where ``frame`` is in the arm's tool frame.
+
+        Raises:
+            ConfigError: There is no such frame, or it does not move with the tool.
+        """
+        if not await self.is_held(frame):
+            raise ConfigError(
+                "component_name", frame, f"does not hang from {self.arm}, so it cannot be moved"
+            )
+        if frame in self._brought:
+            seen = self._brought[frame].pose_in_observer_frame
+            return await self.T_tool(seen.reference_frame) @ convert.from_pose(seen.pose)
+        return SE3.identity() if frame == self.arm else await self._ask(frame, self.arm)
+
+    async def is_held(self, frame: str) -> bool:
+        """Whether ``frame`` moves with the arm's tool.
+
+        Raises:
+            ConfigError: There is no such frame.
+        """
+        trail: list[str] = []
+        while frame not in (self.arm, WORLD, f"{self.arm}_origin"):
+            if frame in trail:
+                raise ConfigError("transforms", frame, "hangs from itself: " + " - ".join(trail))
+            trail.append(frame)
+            _refuse_long(trail)
+            if frame in self._brought:
+                frame = self._brought[frame].pose_in_observer_frame.reference_frame
+            else:
+                frame = (await self._machine_parents()).get(frame.removesuffix("_origin"), WORLD)
+        return frame == self.arm
+
+    async def _resolve(self, frame: str, trail: tuple[str, ...]) -> SE3:
+        if frame in self._known:
+            return self._known[frame]
+        if frame in trail:
+            raise ConfigError("transforms", frame, "hangs from itself: " + " - ".join(trail))
+        _refuse_long(trail)
+        if frame in self._brought:
+            seen = self._brought[frame].pose_in_observer_frame
+            T_base_parent = await self._resolve(seen.reference_frame, (*trail, frame))
+            found = T_base_parent @ convert.from_pose(seen.pose)
+        else:
+            found = await self._ask(frame, f"{self.arm}_origin")
+        self._known[frame] = found
+        return found
+
+    async def _ask(self, frame: str, seen_from: str) -> SE3:
+        machine = machine_here()
+        if machine is None:
+            raise self._unknown(frame, "no machine can be asked")
+        # The identity, spelled so that an orientation vector of zeros is not what is sent.
+        origin = PoseInFrame(reference_frame=frame, pose=Pose(o_z=1.0))
+        try:
+            seen = await machine.transform_pose(origin, seen_from)
+        except GRPCError as error:
+            raise self._unknown(frame, str(error.message)) from error
+        return convert.from_pose(seen.pose)
+
+    async def _machine_parents(self) -> Mapping[str, str]:
+        if self._parents is None:
+            self._parents = await parents()
+        return self._parents
+
+    def _unknown(self, frame: str, why: str) -> ConfigError:
+        names = (*self._known, *self._brought, WORLD)
+        return ConfigError(
+            "reference_frame",
+            frame,
+            f"where that is seen from {self.arm} cannot be told ({why}); give both a frame in the"
+            f" machine's configuration. {suggest(frame, names)}",
+        )

@@ -1,0 +1,223 @@
+"""Geometries and 3D models of arm and gripper, for Viam's 3D viewer.
+
+Viam's viewer draws one node for every geometry a component reports and hangs the 3D model of the
+same label on it, at the geometry's own pose. So every part needs a geometry, the
+arm's labels are ``<arm>:<part>`` with the very ``<part>`` that keys the model, and a model's origin
+is the centre of its box. Our mesh files have theirs in the link frame; the shift is one number in
+the file's header and is written when the file is served.
+
+A gripper's parts are sent as meshes themselves, in the tool frame of the arm they are fixed to,
+because the jaw must be seen to move. viam-server reads meshes as PLY only. They are sent with every
+answer, so they are the visual meshes made coarse: vertices are welded on a grid, wide for ``low``
+detail and fine for ``high``.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+import so101_description
+from so101_description import Surface, TriangleMesh
+from viam.proto.common import Geometry, Mesh, RectangularPrism, Vector3
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.units import to_mm
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.kinematics import LINKS, Box, link_box, part_boxes
+from so101_motion.viam.conversion.world_state_json import ply
+
+GLB = "model/gltf-binary"
+"""Content type of the arm's 3D models."""
+
+TOOL_MARKER = "tool"
+"""The part that shows the tool frame, when it is asked for."""
+
+MARKER_BOX = Box(center=np.zeros(3), size=np.full(3, 0.001))
+"""What the marker hangs on [m]; small, for it is nothing one could collide with."""
+
+_URDF_LINK = {part: link for link, part in so101_description.PARTS.items()}
+
+# The arm
+
+
+def arm_geometries(
+    name: str, T_base_links: Mapping[str, SE3], T_base_tool: SE3 | None
+) -> list[Geometry]:
+    """The arm's parts as boxes where they are now.
+
+    Args:
+        name: The component's.
+        T_base_links: Placement of every link, by its URDF name.
+        T_base_tool: Where the tool marker goes; None for no marker.
+    """
+    geometries = [
+        _box(f"{name}:{part}", T_base_links[_URDF_LINK[part]], link_box(part)) for part in LINKS
+    ]
+    if T_base_tool is not None:
+        geometries.append(_box(f"{name}:{TOOL_MARKER}", T_base_tool, MARKER_BOX))
+    return geometries
+
+
+def _box(label: str, T_base_part: SE3, box: Box) -> Geometry:
+    center = T_base_part @ SE3.from_translation(box.center)
+    x, y, z = (float(to_mm(edge)) for edge in box.size)
+    return Geometry(
+        center=convert.to_pose(center),
+        box=RectangularPrism(dims_mm=Vector3(x=x, y=y, z=z)),
+        label=label,
+    )
+
+
+def arm_models(*, with_tool: bool) -> dict[str, Mesh]:
+    """The arm's parts as binary glTF, keyed as in the geometries' labels."""
+    models = {part: Mesh(content_type=GLB, mesh=_centered_glb(part)) for part in LINKS}
+    if with_tool:
+        marker = (so101_description.MESH_DIR / "axes.glb").read_bytes()
+        models[TOOL_MARKER] = Mesh(content_type=GLB, mesh=marker)
+    return models
+
+
+@cache
+def _centered_glb(part: str) -> bytes:
+    data = (so101_description.MESH_DIR / f"{part}.glb").read_bytes()
+    return shifted_glb(data, -link_box(part).center)
+
+
+def shifted_glb(data: bytes, shift: Array) -> bytes:
+    """A binary glTF file with everything in it moved.
+
+    Args:
+        data: A file whose nodes carry no transforms of their own.
+        shift: By how much, shape (3,), [m].
+
+    Source: glTF 2.0 specification, section 4.4, binary glTF layout.
+    """
+    magic, version, _ = struct.unpack_from("<III", data)
+    length, kind = struct.unpack_from("<II", data, 12)
+    document = json.loads(data[20 : 20 + length])
+    for node in document["nodes"]:
+        node["translation"] = [float(value) for value in shift]
+    header = json.dumps(document, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 4)
+    chunks = struct.pack("<II", len(header), kind) + header + data[20 + length :]
+    return struct.pack("<III", magic, version, 12 + len(chunks)) + chunks
+
+
+# The gripper
+
+GRID = {"low": 0.008, "high": 0.0015}
+"""Vertices closer than this are welded into one [m]; chosen: a few and some dozen kilobytes."""
+
+_MOVING = {"follower": "jaw", "leader": "leader_trigger"}
+
+
+def gripper_geometries(
+    kind: str, detail: str, T_tool_body: SE3, T_tool_moving: SE3
+) -> list[Geometry]:
+    """The gripper's parts as meshes, in the tool frame of the arm it is fixed to.
+
+    Args:
+        kind: ``"follower"`` or ``"leader"``.
+        detail: ``"low"`` or ``"high"``.
+        T_tool_body: Placement of the parts that do not move.
+        T_tool_moving: Placement of the jaw or trigger.
+    """
+    fixed = [
+        Geometry(center=convert.to_pose(T_tool_body), mesh=mesh, label=f"gripper_body_{i}")
+        for i, mesh in enumerate(_body_meshes(kind, detail))
+    ]
+    moving = Geometry(
+        center=convert.to_pose(T_tool_moving),
+        mesh=_moving_mesh(kind, detail),
+        label="gripper_moving",
+    )
+    return [*fixed, moving]
+
+
+@cache
+def _body_meshes(kind: str, detail: str) -> tuple[Mesh, ...]:
+    """The fixed parts: one for the follower, two for the leader."""
+    if kind == "follower":
+        return (_ply(so101_description.load_visual("gripper"), GRID[detail]),)
+    return tuple(_ply(surfaces, GRID[detail]) for surfaces in _leader_body())
+
+
+@cache
+def _leader_body() -> tuple[tuple[Surface, ...], tuple[Surface, ...]]:
+    """The leader's handle, and the servo in it."""
+    surfaces = so101_description.load_visual("leader_body")
+    servo = tuple(surface for surface in surfaces if surface.name in ("servo", "horn"))
+    return tuple(surface for surface in surfaces if surface not in servo), servo
+
+
+@cache
+def _moving_mesh(kind: str, detail: str) -> Mesh:
+    return _ply(so101_description.load_visual(_MOVING[kind]), GRID[detail])
+
+
+def _ply(surfaces: Sequence[Surface], grid: float) -> Mesh:
+    """Surfaces as one PLY mesh in metres, its vertices welded on a grid."""
+    mesh = welded([surface.mesh for surface in surfaces], grid)
+    return Mesh(content_type="ply", mesh=ply(mesh.vertices, mesh.faces, digits=5))
+
+
+def welded(meshes: Sequence[TriangleMesh], grid: float) -> TriangleMesh:
+    """Meshes as one, with all vertices of a grid cell drawn together into their mean.
+
+    Args:
+        meshes: What to join, in one frame.
+        grid: Edge of a cell [m].
+    """
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)])
+    cells = np.round(vertices / grid).astype(np.int64)
+    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    cell = cell.ravel()
+    sums = [np.bincount(cell, weights=vertices[:, axis]) for axis in range(3)]
+    faces = cell[faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    return TriangleMesh(
+        vertices=np.column_stack(sums) / count[:, None], faces=faces.astype(np.int32)
+    )
+
+
+def gripper_placements(model: RobotModel, q_jaw: float) -> tuple[SE3, SE3]:
+    """Where a gripper's fixed and moving parts are, in the tool frame, for a jaw angle [rad]."""
+    links = model.link_placements(np.zeros(5), q_jaw)
+    T_tool_base = model.frame(np.zeros(5), "tool").inverse
+    return T_tool_base @ links[_URDF_LINK["gripper"]], T_tool_base @ links[_URDF_LINK["jaw"]]
+
+
+def gripper_boxes(kind: str) -> tuple[tuple[str, Box], ...]:
+    """Boxes that enclose a gripper, each in the frame of its part, under its part's label.
+
+    Several boxes of one part are numbered: a link of a kinematic model carries one geometry.
+    """
+    if kind == "follower":
+        parts = {"gripper_body_0": part_boxes("gripper"), "gripper_moving": part_boxes("jaw")}
+    else:
+        handle, servo = _leader_body()
+        trigger = so101_description.load_visual(_MOVING[kind])
+        parts = {
+            "gripper_body_0": (_enclosing(handle),),
+            "gripper_body_1": (_enclosing(servo),),
+            "gripper_moving": (_enclosing(trigger),),
+        }
+    return tuple(
+        (label if i == 0 else f"{label}_{i}", box)
+        for label, boxes in parts.items()
+        for i, box in enumerate(boxes)
+    )
+
+
+def _enclosing(surfaces: Sequence[Surface]) -> Box:
+    points = np.concatenate([surface.mesh.vertices for surface in surfaces])
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    return Box(center=(lower + upper) / 2, size=upper - lower)

@@ -1,0 +1,207 @@
+"""Read the planner's options from a request's ``extra``.
+
+Our own options and those of viam-server's planner that mean something here are honoured; its others
+are known and ignored, each with one warning. A wrong value of a known option is refused, because a
+misspelt metric that silently means "the whole pose" costs people an afternoon.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from viam.proto.common import PoseCloud as ViamCloud
+
+from so101_motion.common.attributes import Attribute, Attributes, checked_number, suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import GoalMetric, PoseCloud, PoseGoal
+from so101_motion.planning.request import Search
+from so101_motion.viam.conversion import convert
+
+_IGNORED = frozenset(
+    {
+        "max_ik_solutions",
+        "min_ik_score",
+        "resolution",
+        "goal_threshold",
+        "frame_step",
+        "input_ident_dist",
+        "iter_before_rand",
+        "position_seeds",
+        "return_partial_plan",
+        "configuration_distance_metric",
+        "meshes_as_octrees",
+        "collect_solution_diagnostics",
+        "waypoints",
+        "start_state",
+    }
+)
+"""Options of viam-server's planner that mean nothing to ours."""
+
+_OPTIONS = (
+    Attribute("goal_metric_type", "how much of a pose counts", kind="own"),
+    Attribute("pose_cloud", "poses that will do as well as the goal", kind="own"),
+    Attribute(
+        "position_tolerance_mm", "largest error that counts as arrived", unit="mm",
+        range=(0.0, 1000.0), zero_is_none=True,
+    ),
+    Attribute(
+        "orientation_tolerance_deg", "the same for direction or orientation", unit="deg",
+        range=(0.0, 180.0), zero_is_none=True,
+    ),
+    Attribute(
+        "timeout", "when to give up searching", unit="s", range=(0.0, 600.0), zero_is_none=True
+    ),
+    Attribute("rseed", "of the random choices", kind="whole", range=(0.0, 2.0**31), default=0),
+    Attribute(
+        "collision_buffer_mm", "how far bodies must stay apart", unit="mm", range=(0.0, 100.0),
+        zero_is_none=True,
+    ),
+)  # fmt: skip
+"""Options that count."""
+
+_HONOURED = tuple(each.name for each in _OPTIONS)
+
+_MOST_LOOKED_AT = 20  # unknown options of a request that are compared with ours; chosen
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannerOptions:
+    """How one request wants to be planned.
+
+    Attributes:
+        metric: How much of a pose counts.
+        position_tolerance: Largest error that counts as arrived [m]; None for the arm's own.
+        orientation_tolerance: Largest error of the direction, or of all of the orientation [rad];
+            None for the arm's own.
+        seed: Of the random choices.
+        time_budget: When to give up searching [s]; None for the planner's own.
+        margin: How far bodies must stay apart [m]; None for the scene's own.
+        cloud: Poses that will do as well as the goal; it replaces metric and tolerances.
+    """
+
+    metric: GoalMetric = GoalMetric.POSITION_ONLY
+    position_tolerance: float | None = None
+    orientation_tolerance: float | None = None
+    seed: int = 0
+    time_budget: float | None = None
+    margin: float | None = None
+    cloud: PoseCloud | None = None
+
+    @classmethod
+    def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
+        """What ``extra`` says.
+
+        Raises:
+            ConfigError: A value cannot be used.
+        """
+        given = Attributes({key: extra[key] for key in _HONOURED if key in extra}, _OPTIONS)
+        return cls(
+            metric=convert.from_goal_metric(extra),
+            position_tolerance=given.value("position_tolerance_mm"),
+            orientation_tolerance=given.value("orientation_tolerance_deg"),
+            seed=given.value("rseed"),
+            time_budget=given.value("timeout"),
+            # Theirs is on top of touching, ours is the whole distance; ours is never undercut.
+            margin=given.value("collision_buffer_mm"),
+            cloud=cloud_in(extra),
+        )
+
+    def goal(self, goal: PoseGoal) -> PoseGoal:
+        """``goal`` with the tolerances that were asked for."""
+        return replace(
+            goal,
+            metric=self.metric,
+            position_tolerance=self.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.orientation_tolerance or goal.approach_tolerance,
+            cloud=self.cloud,
+        )
+
+    def search(self, scene: Scene, frames: Mapping[str, SE3] | None = None) -> Search:
+        """How to look for a plan.
+
+        Args:
+            scene: What is around; with the margin that was asked for, if it is the wider one.
+            frames: Frames that the goal may name.
+        """
+        search = Search(
+            scene=replace(scene, margin=max(scene.margin, self.margin or 0.0)),
+            frames=frames or {},
+            seed=self.seed,
+        )
+        return replace(search, time_budget=self.time_budget or search.time_budget)
+
+
+def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
+    """Viam's cloud around a pose: millimetres and degrees become metres and radians.
+
+    Raises:
+        ConfigError: A tolerance is negative or not finite.
+    """
+    names = ("x", "y", "z", "o_x", "o_y", "o_z", "theta")
+    return _pose_cloud({name: getattr(cloud, name) for name in names})
+
+
+def to_goal_cloud(cloud: PoseCloud) -> ViamCloud:
+    """The same in Viam's units."""
+    lengths_mm = {name: to_mm(getattr(cloud, name)) for name in ("x", "y", "z")}
+    shares = {name: getattr(cloud, name) for name in ("o_x", "o_y", "o_z")}
+    return ViamCloud(**lengths_mm, **shares, theta=to_deg(cloud.theta))
+
+
+def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
+    """The ``pose_cloud`` of a request, if it has one.
+
+    Raises:
+        ConfigError: It cannot be meant, or a metric is named as well.
+    """
+    value = extra.get("pose_cloud")
+    if value is None:
+        return None
+    if "goal_metric_type" in extra:
+        raise ConfigError(
+            "pose_cloud", value, "and goal_metric_type answer the same question; give one"
+        )
+    if not isinstance(value, Mapping):
+        raise ConfigError("pose_cloud", value, 'must be an object such as {"x": 3, "theta": 180}')
+    keys = {"x": "x", "y": "y", "z": "z", "ox": "o_x", "oy": "o_y", "oz": "o_z", "theta": "theta"}
+    given = Attributes(value, keys, kind="key of pose_cloud")
+    return _pose_cloud(
+        {name: given.number(key, 0.0, lower=0.0, upper=float("inf")) for key, name in keys.items()}
+    )
+
+
+def _pose_cloud(values: Mapping[str, float]) -> PoseCloud:
+    for key, value in values.items():
+        checked_number(f"pose_cloud.{key}", value, lower=0.0)
+    shares = {name: to_m(values[name]) for name in ("x", "y", "z")}
+    shares |= {name: values[name] for name in ("o_x", "o_y", "o_z")}
+    return PoseCloud(**shares, theta=to_rad(values["theta"]))
+
+
+class OptionWarnings:
+    """Warns once of each option that has no effect, misspelt ones included.
+
+    Args:
+        logger: Where to say so.
+    """
+
+    def __init__(self, logger: logging.Logger) -> None:
+        self._logger = logger
+        self._said: set[str] = set()
+
+    def warn(self, extra: Mapping[str, object]) -> None:
+        """Say which options of ``extra`` are ignored, those not said before."""
+        for key in sorted(_IGNORED & extra.keys() - self._said):
+            self._said.add(key)
+            self._logger.warning('planner option "%s" has no effect on our planner', key)
+        unknown = sorted(extra.keys() - self._said - {*_HONOURED})
+        for key in unknown[:_MOST_LOOKED_AT]:
+            hint = suggest(key, _HONOURED)
+            if hint.startswith("did you mean"):  # others may be meant for somebody else
+                self._said.add(key)
+                self._logger.warning('"%s" is unknown and has no effect; %s', key, hint)

@@ -1,0 +1,56 @@
+"""Report joints that rest outside the served limits as just inside, so that viam-server plans.
+
+The limits in the served kinematics are those of the robot's description, and viam-server holds
+every arm of a machine against them before it plans for any: one joint a tick outside, and its
+builtin motion service moves no arm at all. Real joints do rest outside, for where zero is is known
+to some degrees only. So what ``GetJointPositions`` tells is brought in, by ``FARTHEST`` at most,
+and said. The pose, the geometries, the status and our own plans go by what was measured.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
+from so101_motion.control.limit_recovery import FARTHEST_OUT
+from so101_motion.viam.conversion.kinematics import chain
+
+FARTHEST = FARTHEST_OUT
+"""How far a joint may be told from where it is [rad]. One farther out is most likely not
+calibrated; then nobody should plan around where it is said to be, and the truth is told."""
+
+
+def served_limits() -> tuple[Array, Array]:
+    """The smallest and largest joint angles that viam-server knows, shapes (5,), [rad]."""
+    joints = [segment for segment in chain() if segment.joint is not None]
+    return np.array([each.lower for each in joints]), np.array([each.upper for each in joints])
+
+
+def reported(q: Array) -> Array:
+    """What ``GetJointPositions`` says of an arm at ``q``, both shape (5,), [rad]."""
+    inside = np.clip(q, *served_limits())
+    return np.where(np.abs(q - inside) <= FARTHEST, inside, q)
+
+
+def remarks(q: Array) -> list[str]:
+    """What a person should know of joints outside the served limits, a sentence each."""
+    lower, upper = served_limits()
+    found = []
+    for i in np.flatnonzero((q < lower) | (q > upper)):
+        here, low, high = (to_deg(float(each[i])) for each in (q, lower, upper))
+        said = to_deg(float(reported(q)[i]))
+        then = (
+            f"GetJointPositions says {said:.1f} deg, because viam-server's builtin motion service"
+            " moves no arm of the machine while one is outside; joint_positions_deg of the status"
+            " is what was measured. Move the joint inside, or calibrate the arm again"
+            if said != here
+            else "viam-server's builtin motion service moves no arm of the machine until it is"
+            " inside. Move it inside by hand, or calibrate the arm again"
+        )
+        found.append(
+            f"{ARM_JOINTS[i]} is at {here:.1f} deg, outside the limits that viam-server knows,"
+            f" {low:.1f} to {high:.1f} deg; {then}"
+        )
+    return found

@@ -1,0 +1,156 @@
+"""Turn a Viam WorldState into the planner's scene.
+
+Obstacles stand where they are when the request comes. The physical object of a transform belongs
+to its frame: if that hangs from the tool, it is held and moves along, and it may touch the hand
+that holds it; otherwise it is an obstacle.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from itertools import product
+
+from viam.proto.common import Geometry, WorldState
+from viam.proto.service.motion import CollisionSpecification
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import FLOOR, HOLDERS, LINKS, Attached, Obstacle, Scene
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.frames import Frames
+from so101_motion.viam.conversion.geometries import from_geometry
+
+MOST_THINGS = 1_000
+"""Most geometries of a request, and transforms. Chosen: 2,000 boxes take the planner seconds."""
+
+
+async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> Scene:
+    """``scene`` and what a request says is around.
+
+    Args:
+        scene: What is known of the surroundings.
+        world: What the request says.
+        frames: Where its frames are; knows its transforms already.
+
+    Raises:
+        ConfigError: Something cannot be meant, or its frame is not known.
+    """
+    if world is None:
+        return scene
+    bodies = [each for each in world.transforms if each.HasField("physical_object")]
+    _refuse_many(len(world.transforms))
+    _refuse_many(sum(len(group.geometries) for group in world.obstacles) + len(bodies))
+    groups = [(each, await frames.T_base(each.reference_frame)) for each in world.obstacles]
+    placed = [(each, await frames.T_base(each.reference_frame)) for each in bodies]
+    held = {each.reference_frame for each in bodies if await frames.is_held(each.reference_frame)}
+
+    def built() -> Scene:
+        names = _UniqueNames(scene)
+        obstacles, attached = list(scene.obstacles), list(scene.attached)
+        for group, T_base_frame in groups:
+            obstacles += [_obstacle(names, entry, T_base_frame) for entry in group.geometries]
+        for transform, T_base_frame in placed:
+            frame, entry = transform.reference_frame, transform.physical_object
+            if frame in held:
+                attached.append(_attached(names, entry, frames.tool.inverse @ T_base_frame, frame))
+            else:
+                obstacles.append(_obstacle(names, entry, T_base_frame, frame))
+        return replace(scene, obstacles=tuple(obstacles), attached=tuple(attached))
+
+    return await asyncio.to_thread(built)  # thousands take a second; the loop answers Stop
+
+
+def _refuse_many(count: int) -> None:
+    if count > MOST_THINGS:
+        raise ConfigError(
+            "world_state",
+            f"{count} geometries",
+            f"are more than the {MOST_THINGS} that are planned around; leave out what the arm"
+            " cannot reach, or send a point cloud",
+        )
+
+
+async def allowing(scene: Scene, specifications: CollisionSpecification, frames: Frames) -> Scene:
+    """``scene`` with the contacts that a request allows.
+
+    A part of the arm is called ``<arm>:<part>``; the name of the arm means all its parts, and that
+    of a gripper or whatever else hangs from the tool means the hand.
+
+    Args:
+        scene: The surroundings, those of the request included.
+        specifications: The pairs of frames that may touch.
+        frames: The frames of the request.
+
+    Raises:
+        ConfigError: A name is neither a frame nor a thing in the scene.
+    """
+    if len(specifications.allows) > MOST_THINGS:
+        given = f"{len(specifications.allows)} pairs"
+        reason = f"are more than the {MOST_THINGS} that are read"
+        raise ConfigError("collision_specification", given, reason)
+    pairs = set(scene.may_touch)
+    things = {FLOOR, *(o.name for o in scene.obstacles), *(a.name for a in scene.attached)}
+    for allow in specifications.allows:
+        first, second = [await _bodies(n, things, frames) for n in (allow.frame1, allow.frame2)]
+        pairs.update(frozenset(pair) for pair in product(first, second) if len(set(pair)) == 2)
+    return replace(scene, may_touch=frozenset(pairs))
+
+
+async def _bodies(name: str, things: set[str], frames: Frames) -> tuple[str, ...]:
+    """What the planner calls the bodies that Viam calls ``name``."""
+    if name in things:
+        return (name,)
+    component, _, part = name.partition(":")
+    part = part.removesuffix("_link").replace("_", " ")
+    if component == frames.arm:
+        return (part,) if part in LINKS else LINKS
+    if await frames.is_held(component):
+        return tuple(HOLDERS)
+    raise ConfigError("collision_specification", name, suggest(name, (frames.arm, *things)))
+
+
+def _obstacle(
+    names: _UniqueNames, entry: Geometry, T_base_frame: SE3, default: str = ""
+) -> Obstacle:
+    return Obstacle(
+        name=names.new(entry.label or default),
+        shape=from_geometry(entry),
+        T_base_obstacle=T_base_frame @ _centre(entry),
+    )
+
+
+def _attached(names: _UniqueNames, entry: Geometry, T_tool_frame: SE3, default: str) -> Attached:
+    return Attached(
+        name=names.new(entry.label or default),
+        shape=from_geometry(entry),
+        T_tool_object=T_tool_frame @ _centre(entry),
+    )
+
+
+def _centre(entry: Geometry) -> SE3:
+    return convert.from_pose(entry.center) if entry.HasField("center") else SE3.identity()
+
+
+class _UniqueNames:
+    """Names for things; viam-server allows several without a label, and any label at all."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._taken = {
+            FLOOR,
+            *LINKS,
+            *(o.name for o in scene.obstacles),
+            *(a.name for a in scene.attached),
+        }
+        self._last: dict[str, int] = {}
+
+    def new(self, wanted: str) -> str:
+        base, name = wanted or "obstacle", wanted or "obstacle 1"
+        number = self._last.get(base, 1)
+        while name in self._taken:
+            number += 1
+            name = f"{base} {number}"
+        self._last[base] = number
+        self._taken.add(name)
+        return name

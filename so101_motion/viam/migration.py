@@ -1,0 +1,293 @@
+"""Migrate a machine's configuration from the published ``devrel:so101`` to this module.
+
+The configuration is read, never changed: each attribute is put beside what it means here, and the
+same resources come out again, ready to paste. Names, models and attributes stay. What else the
+configuration holds (keys, other modules) is not looked at and never shown; of an unknown attribute
+only the name is.
+
+Two generations of the published module are in use: the gripper of the older one has a port of its
+own, that of the newer one names its arm. Both are understood.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from so101_motion.calib.record import store
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.viam.published_models import MEANINGS, MODELS, OURS, Model
+from so101_motion.viam.suggested_config import own_module
+
+FAMILY = "devrel:so101:"
+"""What the models of both modules begin with."""
+
+PUBLISHED = "devrel:so101-arm"
+"""The published module's id in the registry."""
+
+
+class Outcome(Enum):
+    """What becomes of an attribute."""
+
+    KEPT = "kept"
+    IDLE = "no effect"
+    NEW = "new"
+    UNSUPPORTED = "unsupported"
+    WRONG = "wrong"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MigratedAttribute:
+    """One attribute, side by side.
+
+    Attributes:
+        attribute: Its name.
+        there: What the configuration says, as JSON; empty for one that is new.
+        here: What it means here; for a new one what holds while it is not given.
+        outcome: What becomes of it.
+    """
+
+    attribute: str
+    there: str
+    here: str
+    outcome: Outcome
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MigratedResource:
+    """A component or service of the family.
+
+    Attributes:
+        kind: ``"components"`` or ``"services"``.
+        name: As configured.
+        model: As configured.
+        rows: Its attributes: those given, then those that are new here.
+        problem: Why it cannot be used as it is; empty if it can.
+        differences: What behaves differently here, and why, a line each.
+        calibration: What was found of its calibration file; empty if it names none.
+        config: The same part for this module.
+    """
+
+    kind: str
+    name: str
+    model: str
+    rows: tuple[MigratedAttribute, ...]
+    problem: str
+    differences: tuple[str, ...]
+    calibration: str
+    config: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Migration:
+    """What becomes of a configuration.
+
+    Attributes:
+        parts: Its components and services of the family.
+        old_modules: The entries of the published module, without what is not needed to go back.
+        notes: What else one should know.
+    """
+
+    parts: tuple[MigratedResource, ...]
+    old_modules: tuple[Mapping[str, Any], ...]
+    notes: tuple[str, ...]
+
+    def configuration(self) -> dict[str, list[object]]:
+        """The parts and this module, ready to paste."""
+        whole: dict[str, list[object]] = {}
+        for kind in ("components", "services"):
+            found = [dict(part.config) for part in self.parts if part.kind == kind]
+            if found:
+                whole[kind] = list(found)
+        name = next((str(module["name"]) for module in self.old_modules if "name" in module), None)
+        whole["modules"] = [{**entry, "name": name or entry["name"]} for entry in own_module()]
+        return whole
+
+    def way_back(self) -> tuple[str, ...]:
+        """How the machine gets the published module again, a line each."""
+        added = sorted({key for part in self.parts for key in part.config["attributes"]} & OURS)
+        back = ["point the module back: names, models and attributes are the same"]
+        if self.old_modules:
+            back = [
+                f'put its entry under "modules" back: {json.dumps(module)}'
+                for module in self.old_modules
+            ]
+        if added:
+            back.append(f"take out what only this module knows: {', '.join(added)}")
+        back.append("calibration files need nothing: both modules read them")
+        return tuple(back)
+
+
+def migrate(content: object) -> Migration:
+    """What becomes of a machine's configuration.
+
+    Args:
+        content: A whole configuration, or a component or a list of components out of one.
+
+    Raises:
+        ConfigError: It is none, or has nothing of the family.
+    """
+    whole = _whole(content)
+    parts = tuple(_part(kind, entry) for kind, entry in _entries(whole))
+    if not parts:
+        hint = "its fragments may have some: take the configuration with fragments resolved"
+        raise ConfigError(
+            "configuration",
+            None,
+            f"there is nothing of {FAMILY}* in it"
+            + (f"; {hint}" if whole.get("fragments") else ", so there is nothing to take over"),
+        )
+    return Migration(
+        parts=parts, old_modules=tuple(_old_modules(whole)), notes=_notes(whole, parts)
+    )
+
+
+def _whole(content: object) -> Mapping[str, Any]:
+    if isinstance(content, list):
+        return {"components": content}
+    if not isinstance(content, Mapping):
+        raise ConfigError("configuration", None, "must be a JSON object, as a machine's is")
+    if "model" in content and "components" not in content:
+        return {"components": [content]}
+    return content
+
+
+def _entries(whole: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    for kind in ("components", "services"):
+        entries = whole.get(kind) or ()
+        for entry in entries if isinstance(entries, list) else ():
+            if isinstance(entry, Mapping) and _model(entry).startswith(FAMILY):
+                yield kind, entry
+
+
+def _model(entry: Mapping[str, Any]) -> str:
+    """A model's triplet, also where an old configuration spells it as an object."""
+    model = entry.get("model")
+    if isinstance(model, Mapping):
+        return ":".join(str(model.get(key, "")) for key in ("namespace", "model_family", "name"))
+    return model if isinstance(model, str) else ""
+
+
+def _old_modules(whole: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    entries = whole.get("modules") or ()
+    for entry in entries if isinstance(entries, list) else ():
+        if isinstance(entry, Mapping) and entry.get("module_id") == PUBLISHED:
+            yield {
+                key: entry[key] for key in ("type", "name", "module_id", "version") if key in entry
+            }
+
+
+def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tuple[str, ...]:
+    notes = []
+    if whole.get("fragments"):
+        notes.append(
+            "the machine uses fragments, and what they hold is not in this file; if one brings"
+            f" {PUBLISHED}, change the module there"
+        )
+    if not own_module():
+        notes.append(
+            "this installation is no module that viam-server can start; unpack the module's archive"
+            ' on the machine and add it under "modules", with its run.sh as "executable_path"'
+        )
+    if any(part.calibration for part in parts):
+        notes.append(
+            "keep the module's name: viam-server calls the directory of its calibration files by it"
+        )
+    return tuple(notes)
+
+
+# One part
+
+
+def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
+    model = _model(entry)
+    given = entry.get("attributes") or {}
+    if not isinstance(given, Mapping):
+        given = {}
+    known = MODELS.get(model.removeprefix(FAMILY))
+    kept, problem = {}, ""
+    if known is None:
+        hint = suggest(model.removeprefix(FAMILY), MODELS)
+        problem = f'"{model}" is no model of this module; {hint}'
+    else:
+        kept = {key: value for key, value in given.items() if key in known.names}
+        try:
+            known.read(kept)
+        except ConfigError as error:
+            problem = str(error)
+    return MigratedResource(
+        kind=kind,
+        name=str(entry.get("name", "")),
+        model=model,
+        rows=(*_given(given, known, problem), *_new(given, known)) if known else (),
+        problem=problem,
+        differences=known.differences(given) if known else (),
+        calibration=_calibration(given) if known else "",
+        config=_config(kind, entry, model, kept),
+    )
+
+
+def _config(
+    kind: str, entry: Mapping[str, Any], model: str, attributes: Mapping[str, Any]
+) -> Mapping[str, Any]:
+    word = "component" if kind == "components" else "service"
+    api = entry.get("api") or f"{entry.get('namespace', 'rdk')}:{word}:{entry.get('type', '')}"
+    config: dict[str, Any] = {
+        "name": entry.get("name", ""),
+        "api": api,
+        "model": model,
+        "attributes": dict(attributes),
+    }
+    for key in ("frame", "depends_on", "log_configuration"):
+        if key in entry:
+            config[key] = entry[key]
+    return config
+
+
+def _given(given: Mapping[str, Any], known: Model, problem: str) -> Iterator[MigratedAttribute]:
+    rows = {each.name: each for each in known.attributes}
+    for key, value in given.items():
+        if key not in rows:
+            hint, _, listed = suggest(key, rows).partition(" known: ")
+            yield MigratedAttribute(
+                attribute=key,
+                there="(given)",  # what is not known may be a secret
+                here=f"not known, left out{f'; {hint}' if listed else ''}",
+                outcome=Outcome.UNSUPPORTED,
+            )
+            continue
+        outcome, here = Outcome.KEPT, MEANINGS.get(key, lambda _: "the same")(value)
+        if rows[key].idle:
+            outcome, here = Outcome.IDLE, rows[key].idle
+        if problem.startswith(f'"{key}"'):
+            outcome, here = Outcome.WRONG, problem.partition(": ")[2]
+        yield MigratedAttribute(attribute=key, there=json.dumps(value), here=here, outcome=outcome)
+
+
+def _new(given: Mapping[str, Any], known: Model) -> Iterator[MigratedAttribute]:
+    for each in known.attributes:
+        if each.ours and each.name not in given:
+            here = f"{each.without}: {each.use}".replace("`", "")
+            yield MigratedAttribute(attribute=each.name, there="", here=here, outcome=Outcome.NEW)
+
+
+def _calibration(given: Mapping[str, Any]) -> str:
+    """What can be said of the calibration file, from here."""
+    name = given.get("calibration_file")
+    if not isinstance(name, str) or not name:
+        return ""
+    try:
+        path = store.resolve(name)
+        if not path.exists():
+            where = "" if Path(name).is_absolute() else " in the directory of the module's data"
+            return f"{name} is{where} on the machine; run this there, beside the file, to check it"
+        found = store.read(path)
+    except CalibrationError as error:
+        return f"{name} cannot be used: {error}"
+    joints = f"{len(found.calibration)} joints"
+    return "; ".join((f"{found.path} is good: {joints}", *found.notes))

@@ -1,0 +1,1 @@
+"""The Viam resources, one file a model: validate, convert, call, convert back."""

@@ -1,0 +1,435 @@
+"""What every arm component does, real or simulated: Viam's methods over a rig.
+
+Each method converts, calls, converts back. Stop goes from the event loop straight to the arm's I/O
+thread; what blocks (letting go, closing) has a thread of its own. A ``Motion`` is awaited with
+``arrival``, so that a client that goes away ends its motion. Forward kinematics takes microseconds
+and is done in the event loop's thread, for the kinematic model belongs to one thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import aclosing
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh, MoveOptions, Pose
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import Geometry, PoseInFrame, ResourceName
+from viam.resource.base import ResourceBase
+from viam.services.motion import Motion as MotionService
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import SUPERSEDED, MotionError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.files.scene_file import obstacles_from, scene_to
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.rig.hardware_rig import Rig
+from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
+from so101_motion.viam.conversion import convert, kinematics, meshes
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.planner_options import (
+    OptionWarnings,
+    PlannerOptions,
+    cloud_in,
+    to_goal_cloud,
+)
+from so101_motion.viam.models.dependencies import motion_name, motion_service
+from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
+from so101_motion.viam.requests.commands import (
+    KEYS,
+    Command,
+    Request,
+    answer,
+    arguments,
+    motion_params,
+)
+from so101_motion.viam.requests.guided import PathCommands
+from so101_motion.viam.requests.manual import LONGEST, ManualMode
+from so101_motion.viam.requests.streaming import played
+
+AT_START = to_rad(0.5)
+"""How near a first waypoint must be to where the arm is to be taken for its start [rad]. Motion
+services send the present joints as the first waypoint; an arm rests up to this far off; chosen."""
+
+
+def scene_of(wanted: ArmConfig) -> Scene:
+    """What stands around an arm, as its configuration says.
+
+    Raises:
+        ConfigError: An obstacle cannot be meant; the message names it.
+    """
+    return Scene(floor_z=wanted.floor_z, obstacles=obstacles_from(wanted.obstacles))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmSettings:
+    """How an arm component behaves, beyond what its rig was built with.
+
+    Attributes:
+        motion: The motion service that plans MoveToPosition; None when we plan it.
+        visualize_ee_frame: Whether the tool frame is drawn.
+        use_urdf: Whether kinematics are served as URDF instead of SVA.
+        position_tolerance: Largest position error that counts as arrived [m]; None for ours.
+        approach_tolerance: Largest error of the approach direction [rad]; None for ours.
+    """
+
+    motion: MotionService | None
+    visualize_ee_frame: bool
+    use_urdf: bool
+    position_tolerance: float | None
+    approach_tolerance: float | None
+
+    @classmethod
+    def of(
+        cls,
+        wanted: ArmConfig,
+        dependencies: Mapping[ResourceName, ResourceBase],
+    ) -> ArmSettings:
+        """What a configuration says of it.
+
+        Raises:
+            ConfigError: It names a motion service that is not there.
+        """
+        return cls(
+            motion=motion_service(wanted.motion, dependencies),
+            visualize_ee_frame=wanted.visualize_ee_frame,
+            use_urdf=wanted.use_urdf,
+            position_tolerance=wanted.position_tolerance,
+            approach_tolerance=wanted.approach_tolerance,
+        )
+
+    def goal(self, T_base_goal: SE3) -> PoseGoal:
+        """A goal with this arm's tolerances."""
+        goal = PoseGoal(T_base_tool=T_base_goal)
+        return replace(
+            goal,
+            position_tolerance=self.position_tolerance or goal.position_tolerance,
+            approach_tolerance=self.approach_tolerance or goal.approach_tolerance,
+        )
+
+
+class ArmResource(Arm):
+    """An arm component.
+
+    Args:
+        name: The component's name.
+        rig: What it moves; closed with the component.
+        settings: How it behaves.
+    """
+
+    CONFIG: ClassVar[type[ArmConfig]]
+
+    NEEDS_SERVOS: ClassVar[frozenset[str]] = frozenset()
+    """The commands that are refused until the servos have been found; the others need none."""
+
+    here: ClassVar[dict[str, ArmResource]] = {}
+    """The arms of this process by name, for whoever names one: a gripper, a motion service."""
+
+    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
+        super().__init__(name)
+        self.rig = rig
+        self.short_name = name.rpartition(":")[2]
+        self.here[self.short_name] = self
+        self._arm = rig.arm
+        self.settings = settings
+        self._manual = ManualMode(rig.arm, self.logger)
+        self._ignored = OptionWarnings(self.logger)
+        self.paths = PathCommands(self)
+        self._commands: dict[str, Command] = {
+            "enter_manual_mode": self._enter_manual_mode,
+            "exit_manual_mode": self._exit_manual_mode,
+            "get_planning_setup": self._get_planning_setup,
+            **self.paths.commands,
+        }
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; a motion service named in them is a required dependency."""
+        settings = cls.CONFIG.from_attributes(convert.from_struct(config.attributes))
+        scene_of(settings)
+        return ([motion_name(settings.motion)] if settings.motion else []), []
+
+    # Where it is
+
+    async def get_end_position(self, **kwargs: Any) -> Pose:
+        """Pose of the tool frame in the arm's base frame, from the measured joints."""
+        await self.found()
+        return convert.to_pose(self._arm.T_base("tool"))
+
+    async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
+        """Measured joint angles."""
+        await self.found()
+        return convert.to_joint_positions(self._arm.state.q)
+
+    async def is_moving(self) -> bool:
+        """Whether a motion is being planned or is under way."""
+        return self._arm.is_moving or not self._arm.newest_motion.future.done()
+
+    # Moving
+
+    async def move_to_position(
+        self, pose: Pose, *, extra: dict[str, Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Bring the tool to a pose, along a path that is planned; returns on arrival."""
+        await self.ready()
+        extra = extra or {}
+        with grpc_statuses():
+            if self.settings.motion is not None:
+                await self._move_by_service(self.settings.motion, pose, extra, **kwargs)
+                return
+            self._ignored.warn(extra)
+            options = PlannerOptions.of(extra)
+            goal = options.goal(self.settings.goal(convert.from_pose(pose)))
+            search = options.search(self._arm.scene)
+            await self.arrived(self._arm.start_move(goal, search=search))
+
+    async def _move_by_service(
+        self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
+    ) -> None:
+        convert.from_pose(pose)  # refuses what is not finite before the service sees it
+        cloud = cloud_in(extra)
+        destination = PoseInFrame(reference_frame=f"{self.short_name}_origin", pose=pose)
+        if cloud is not None:
+            extra = {key: value for key, value in extra.items() if key != "pose_cloud"}
+            destination.goal_cloud.CopyFrom(to_goal_cloud(cloud))
+        else:
+            extra = {"goal_metric_type": "position_only", **extra}
+        try:
+            moved = await service.move(
+                component_name=self.short_name,
+                destination=destination,
+                extra=extra,
+                timeout=kwargs.get("timeout"),
+            )
+        except asyncio.CancelledError:
+            await self._at_rest(self._arm.start_stop())
+            raise
+        if not moved:
+            raise MotionError(f'the motion service "{service.name}" reports that it did not move')
+
+    async def move_to_joint_positions(
+        self, positions: JointPositions, *, extra: dict[str, Any] | None = None, **kwargs: Any
+    ) -> None:
+        """Bring the joints to angles, along a path that is planned; returns on arrival.
+
+        With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
+        angles from whatever it is doing: the form for a stream of targets.
+        """
+        await self.ready()
+        with grpc_statuses():
+            q_goal = self._checked(convert.from_joint_values(positions.values))
+            if convert.flag(extra or {}, "wait", True):
+                await self.arrived(self._arm.start_move(JointGoal(q=q_goal)))
+            else:
+                left_alone(self._arm.start_retarget(q_goal), self.logger)
+
+    async def move_through_joint_positions(
+        self,
+        positions: list[JointPositions],
+        options: MoveOptions | None = None,
+        *,
+        extra: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> None:
+        """Follow joint waypoints without stopping at each; returns on arrival at the last.
+
+        ``extra`` of Viam's teleoperation is honoured: ``interpolate`` false turns straight towards
+        the last waypoint from whatever the arm is doing, ``waitAtEnd`` false returns at once.
+        """
+        await self.ready()
+        extra = extra or {}
+        with grpc_statuses():
+            interpolate = convert.flag(extra, "interpolate", True)
+            waits = convert.flag(extra, "waitAtEnd", True)
+            limits = convert.from_move_options(options, self._arm.limits)
+            waypoints = self._waypoints(positions)
+            if len(waypoints) == 0:
+                return
+            if interpolate:
+                goal = PathGoal(waypoints=waypoints)
+                motion = self._arm.start_move(goal, limits=limits)
+            else:
+                motion = self._arm.start_retarget(waypoints[-1], limits=limits)
+            if waits:
+                await self.arrived(motion)
+            else:
+                left_alone(motion, self.logger)
+
+    # The SDK declares its async generator as a coroutine that returns one.
+    async def move_through_joint_positions_streamed(  # type: ignore[override]
+        self,
+        batches: AsyncIterator[list[Arm.TrajectoryPoint]],
+        *,
+        extra: dict[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> AsyncIterator[Arm.TrajectoryUpdate]:
+        """Play time-stamped points while they come in, an acknowledgement for each batch."""
+        await self.ready()
+        with grpc_statuses():
+            opening = self._arm.start_stream()
+            playing = played(opening, batches, self._point, self._come_to_rest)
+            async with aclosing(playing) as updates:
+                async for update in updates:
+                    yield update
+
+    def _point(self, point: Arm.TrajectoryPoint) -> Array:
+        q = convert.from_joint_values(point.positions)
+        return q if self._is_here(q) else self._checked(q)
+
+    def _waypoints(self, positions: list[JointPositions]) -> Array:
+        """Waypoints without the start, shape (n, 5), [rad], every one within the limits."""
+        rows = [
+            convert.from_joint_values(entry.values, what=f"positions[{i}]")
+            for i, entry in enumerate(positions)
+        ]
+        if len(rows) > 1 and self._is_here(rows[0]):
+            del rows[0]  # the start, perhaps just outside the limits: an arm may rest there
+        return np.array([self._checked(q) for q in rows]).reshape(-1, len(ARM_JOINTS))
+
+    def _is_here(self, q: Array) -> bool:
+        return bool(np.max(np.abs(q - self._arm.state.q)) <= AT_START)
+
+    def _checked(self, q: Array) -> Array:
+        self._arm.model.check_limits(q)
+        self._arm.range.check(q)
+        return q
+
+    async def stop(self, **kwargs: Any) -> None:
+        """Slow to rest and hold; returns when the arm is at rest."""
+        with grpc_statuses():
+            await self._at_rest(self._arm.start_stop())
+
+    async def make_way(self) -> None:
+        """End what is under way in favour of something newer; returns when the arm is at rest."""
+        await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
+
+    async def _at_rest(self, stop: Future[None]) -> None:
+        """Wait until a stop is over, even if the caller goes away."""
+        stopping = asyncio.wrap_future(stop)
+        await self._come_to_rest(stopping)
+        stopping.result()
+
+    async def found(self) -> None:
+        """Wait until the servos have been found, for a request that asks them something."""
+
+    async def ready(self) -> None:
+        """Let the arm hold again after a fault, for a request that moves it."""
+
+    async def ended(self, motion: Motion, by: str) -> None:
+        """End a motion of this arm, and wait until it is over."""
+        over = asyncio.wrap_future(motion.future)
+        motion.interrupt(by)
+        await self._come_to_rest(over)
+
+    async def arrived(self, motion: Motion) -> None:
+        """Wait until a motion of this arm has arrived; a cancelled wait ends it first."""
+        await arrival(motion, self._come_to_rest)
+
+    async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
+        """Wait until a motion that is being ended is over, well or not."""
+        await rest(over)
+
+    # Manual mode
+
+    async def set_manual_mode(
+        self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
+    ) -> None:
+        """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
+        await self.ready()
+        with grpc_statuses():
+            await self._manual.set(manual_mode, enabled_for)
+
+    async def get_manual_mode(self, **kwargs: Any) -> bool:
+        """Whether the arm is to be moved by hand: it yields, or its torque is off."""
+        await self.found()
+        return self._arm.in_manual
+
+    # What it is
+
+    async def get_properties(self, **kwargs: Any) -> Arm.Properties:
+        """What this arm can do."""
+        return Arm.Properties(support_manual_mode=True, support_cartesian_commands=True)
+
+    async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
+        """The five-joint chain, as SVA or, if configured, as URDF."""
+        name = self.short_name
+        if self.settings.use_urdf:
+            return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF, kinematics.arm_urdf(name)
+        return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
+
+    async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
+        """What the parts look like, keyed as in the labels of the geometries."""
+        return meshes.arm_models(with_tool=self.settings.visualize_ee_frame)
+
+    async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
+        """The parts as boxes where they are now, labelled ``<name>:<part>``."""
+        await self.found()
+        marker = self._arm.T_base("tool") if self.settings.visualize_ee_frame else None
+        links = self._arm.T_base_links()
+        return meshes.arm_geometries(self.short_name, links, marker)
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """Mode, joints and how the control loop is doing."""
+        state = self._arm.state
+        status = {
+            "mode": "manual" if self._arm.in_manual else "auto",
+            "state": state.mode.value,
+            "is_moving": await self.is_moving(),
+            "joint_positions_deg": dict(zip(ARM_JOINTS, to_deg(state.q), strict=True)),
+            "late_ticks": state.late_ticks,
+            "fault": state.fault,
+        }
+        return convert.to_result(status)
+
+    # Requests
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer the published module's requests, and ours."""
+        with grpc_statuses():
+            name = command.get("command")
+            if isinstance(name, str) and name in self.NEEDS_SERVOS:
+                await self.found()
+            result = await answer(command, self._commands, self._motion_params, KEYS)
+        return convert.to_result(result)
+
+    async def _motion_params(self, request: Request) -> dict[str, Any]:
+        return motion_params(self._arm, request)
+
+    async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "enabled_for", *MANUAL_RANGES)
+        how = compliance(given, self._arm.compliance)
+        seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
+        await self.ready()
+        await self._manual.set(True, seconds, how)
+        return {"mode": "manual"}
+
+    async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        await self._manual.set(False)
+        return {"mode": "auto"}
+
+    async def _get_planning_setup(self, request: Request) -> dict[str, Any]:
+        """What whoever plans for this arm elsewhere has to know: surroundings and joint ranges."""
+        arguments(request)
+        lower, upper = self._arm.range
+        setup = {
+            "scene": scene_to(self._arm.scene),
+            "joint_min_deg": to_deg(lower),
+            "joint_max_deg": to_deg(upper),
+        }
+        return convert.to_result(setup)
+
+    async def close(self) -> None:
+        """Stop and let go of everything; may be called twice."""
+        if self.here.get(self.short_name) is self:
+            del self.here[self.short_name]
+        self._manual.forget()
+        await self.paths.close()
+        await in_own_thread(self.rig.close)

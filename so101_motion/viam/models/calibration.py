@@ -1,0 +1,108 @@
+"""``devrel:so101:calibration``: a sensor that takes a kit of servos to a calibrated arm."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from viam.components.sensor import Sensor
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.calib.record import store
+from so101_motion.rig.hardware_rig import open_without_waiting
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.calibrator import Calibrator
+from so101_motion.setup.situation_json import readings
+from so101_motion.viam.attribute_table import CALIBRATION_FILE
+from so101_motion.viam.component_config import CalibrationConfig
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.calibration_commands import CalibrationCommands
+from so101_motion.viam.requests.commands import answer
+
+
+class So101Calibration(Sensor):
+    """Motor setup and calibration, told by readings and driven by commands.
+
+    It shares the port with an arm and a gripper and needs neither. Until a command wants the bus,
+    it only looks on.
+
+    Args:
+        name: The component's name.
+        calibrator: Does the work; closed with the component.
+        first_try: Done when the port has been looked at once.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:calibration")
+
+    def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
+        super().__init__(name)
+        self._first_try = first_try
+        self._calibrator = calibrator
+        self._commands = CalibrationCommands(calibrator).commands
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; there are no dependencies."""
+        CalibrationConfig.from_attributes(convert.from_struct(config.attributes))
+        return [], []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> So101Calibration:
+        """Build the component from its configuration; no servo need be there."""
+        with grpc_statuses():
+            wanted = CalibrationConfig.from_attributes(convert.from_struct(config.attributes))
+            rig = open_without_waiting(_asked(wanted))
+        try:
+            sensor = cls(config.name, Calibrator(rig, wanted.joints), rig.first_try)
+        except BaseException:
+            rig.close()
+            raise
+        for key in wanted.unused:
+            sensor.logger.info("%s has no effect here", key)
+        return sensor
+
+    async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
+        """How far calibration and motor setup are, and where the joints are."""
+        await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
+        return convert.to_result(readings(self._calibrator.situation))
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Carry out a step of the calibration or of the motor setup."""
+        with grpc_statuses():
+            result = await answer(command, self._commands)
+        return convert.to_result(result)
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """The state of the calibration, and whether the port is there."""
+        now = self._calibrator.situation
+        return {
+            "calibration_state": now.view.state.value,
+            "motor_setup_in_progress": now.setup.in_progress,
+            "calibration_file": str(now.calibration_file),
+            "connected": now.is_connected,
+        }
+
+    async def close(self) -> None:
+        """Put back what a calibration under way has changed, and give up the port."""
+        await carried_out(self._calibrator.close)
+
+
+def _asked(wanted: CalibrationConfig) -> ServoSettings:
+    """What it asks of the port: no servo, so nothing but to agree about the calibration file."""
+    file = wanted.connection.calibration_file
+    return replace(
+        wanted.connection.servo_settings(),
+        timeout=None,
+        rate=None,
+        fallback_file=store.resolve(file or CALIBRATION_FILE),
+    )

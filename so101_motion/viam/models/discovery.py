@@ -1,0 +1,141 @@
+"""``devrel:so101:discovery``: suggests configurations for the arms that are plugged in."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar
+
+from google.protobuf import json_format
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+from viam.services.discovery import Discovery as DiscoveryService
+from viam.utils import dict_to_struct
+
+from so101_motion.setup.discovery import Discovery, discover, ports_asked_for
+from so101_motion.setup.port_report import PortReport, Suggestion
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.hardware_arm import HardwareArm
+from so101_motion.viam.requests.commands import Command, Request, answer, arguments
+from so101_motion.viam.suggested_config import frame_json
+
+
+class So101Discovery(DiscoveryService):
+    """Finds arms.
+
+    Args:
+        name: The service's name.
+        ports: Ports to look at beyond those that are found.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
+
+    def __init__(self, name: str, ports: Sequence[str]) -> None:
+        super().__init__(name)
+        self._ports = ports
+        self._commands: dict[str, Command] = {"report": self._report}
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; there are no dependencies."""
+        ports_asked_for(convert.from_struct(config.attributes))
+        return [], []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> So101Discovery:
+        """Build the service from its configuration; it looks at nothing yet."""
+        with grpc_statuses():
+            return cls(config.name, ports_asked_for(convert.from_struct(config.attributes)))
+
+    async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
+        """Complete configurations for what is plugged in; takes less than two seconds.
+
+        What each port has, or why it has nothing, is said in the log.
+        """
+        found = await self._look()
+        return [_config(one) for report in found.reports for one in report.suggestions]
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer ``report``: what was found on each port, and why nothing was found."""
+        with grpc_statuses():
+            return convert.to_result(await answer(command, self._commands, self._report, ()))
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """Which ports are looked at beyond those that are found."""
+        return {"ports": list(self._ports)}
+
+    async def _look(self) -> Discovery:
+        with grpc_statuses():
+            found = await asyncio.to_thread(discover, self._ports)
+        for report in found.reports:
+            self.logger.info("%s: %s", report.port.name, report.sentence)
+        reports = tuple(_named(report) for report in found.reports)
+        for note in found.notes:
+            self.logger.warning("%s", note)
+        if found.reports and not any(report.has_arm for report in found.reports):
+            self.logger.warning("no complete arm found; the lines above say why, port by port")
+        return replace(found, reports=reports)
+
+    async def _report(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        found = await self._look()
+        return {
+            "ports": [_about(report) for report in found.reports],
+            "notes": list(found.notes),
+        }
+
+
+def _named(report: PortReport) -> PortReport:
+    """The report with the name of the arm that is configured on the port, if one is."""
+    if "arm" not in report.configured:
+        return report
+    for name, arm in ArmResource.here.items():
+        if isinstance(arm, HardwareArm) and arm.rig.is_on(report.port.name):
+            return replace(report, arm_name=name)
+    return report
+
+
+def _config(one: Suggestion) -> ComponentConfig:
+    namespace, _, kind = one.api.split(":")
+    config = ComponentConfig(
+        name=one.name,
+        namespace=namespace,
+        type=kind,
+        api=one.api,
+        model=one.model,
+        attributes=dict_to_struct(convert.to_result(one.attributes)),
+    )
+    if one.frame is not None:
+        json_format.ParseDict(frame_json(one.frame), config.frame)
+    return config
+
+
+def _about(report: PortReport) -> dict[str, Any]:
+    """A report as an answer; what is not known is left out."""
+    told: dict[str, Any] = {
+        "port": report.port.name,
+        "device": report.port.device,
+        "aliases": list(report.port.aliases),
+        "adapter": report.port.description,
+        "found": report.sentence,
+        "joints": list(report.joints),
+        "servo_ids": list(report.servo_ids),
+        "baudrate": report.baudrate,
+        "in_use": report.in_use,
+        "has_arm": report.has_arm,
+        "role": report.role,
+        "role_because": report.because,
+        "names": [one.name for one in report.suggestions],
+    }
+    if report.port.serial_number is not None:
+        told["serial_number"] = report.port.serial_number
+    if report.calibration is not None:
+        told["calibration_file"] = str(report.calibration)
+    return told

@@ -1,0 +1,130 @@
+"""What every gripper component does, real or simulated: looks, Stop, short requests."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from grpclib import GRPCError, Status
+from viam.components.gripper import Gripper
+from viam.proto.common import Geometry, KinematicsFileFormat
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.rig.hardware_rig import Rig
+from so101_motion.viam.conversion import convert, kinematics, meshes
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.requests.await_motion import in_own_thread, rest
+from so101_motion.viam.requests.commands import Command, Request, answer
+
+
+def clamped(percentage: float) -> float:
+    """0 to 100."""
+    return min(max(percentage, 0.0), 100.0)
+
+
+class GripperResource(Gripper):
+    """A gripper component.
+
+    Args:
+        name: The component's name.
+        rig: An arm and its gripper; only the gripper is used.
+        gripper_type: ``"follower"`` (moving jaw) or ``"leader"`` (handle and trigger).
+        mesh_detail: ``"low"`` or ``"high"``.
+    """
+
+    NEEDS_NO_SERVO: ClassVar[frozenset[str]] = frozenset()
+    """The commands that are answered before the servo has been found."""
+
+    here: ClassVar[dict[str, GripperResource]] = {}
+    """The grippers of this process by name, for whoever names one."""
+
+    def __init__(self, name: str, rig: Rig, *, gripper_type: str, mesh_detail: str) -> None:
+        super().__init__(name)
+        self.rig = rig
+        self.short_name = name.rpartition(":")[2]
+        self.here[self.short_name] = self
+        self._gripper = rig.gripper
+        self._type, self._detail = gripper_type, mesh_detail
+        self._latest: Motion | None = None
+        self._commands: dict[str, Command] = {}
+
+    async def found(self) -> None:
+        """Wait until the servo has been found, for a request that asks it something."""
+
+    def _watched(self, motion: Motion) -> Motion:
+        self._latest = motion
+        return motion
+
+    async def stop(self, **kwargs: Any) -> None:
+        """Slow to rest and stay there; returns when the jaw is at rest. The arm is left alone."""
+        with grpc_statuses():
+            await self._stop()
+
+    async def _stop(self) -> None:
+        stopping = asyncio.wrap_future(self._gripper.start_stop())
+        await rest(stopping)
+        stopping.result()
+
+    async def is_moving(self) -> bool:
+        """Whether the jaw is under way, or about to be."""
+        latest = self._latest
+        return self._gripper.is_moving or (latest is not None and not latest.future.done())
+
+    async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
+        """The parts as meshes, the jaw where it is now, in the arm's tool frame."""
+        await self.found()
+        body, moving = meshes.gripper_placements(self.rig.arm.model, self._gripper.q_jaw)
+        return meshes.gripper_geometries(self._type, self._detail, body, moving)
+
+    async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
+        """Boxes around the closed gripper, and the tool centre point as the leaf; no joints."""
+        body, moving = meshes.gripper_placements(self.rig.arm.model, JAW_CLOSED)
+        parts = [
+            (label, moving if label.startswith("gripper_moving") else body, box)
+            for label, box in meshes.gripper_boxes(self._type)
+        ]
+        sva = kinematics.gripper_sva(self.short_name, self._type, parts)
+        return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, sva
+
+    async def get_current_inputs(self, **kwargs: Any) -> list[float]:
+        """None: its kinematics have no joints."""
+        return []
+
+    async def go_to_inputs(self, values: list[float], **kwargs: Any) -> None:
+        """Its kinematics have no joints, so there is nowhere to go to."""
+        if len(values) > 0:
+            raise GRPCError(
+                Status.OUT_OF_RANGE,
+                f"got {len(values)} inputs, but this gripper's kinematics have no joints; "
+                'use open, grab or {"command": "set_position", "percentage": ...}',
+            )
+
+    # Requests
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer the published module's requests, and ours."""
+        with grpc_statuses():
+            if command.get("command") not in self.NEEDS_NO_SERVO:
+                await self.found()
+            result = await answer(command, self._commands, self._short_form, ("get", "set"))
+        return convert.to_result(result)
+
+    async def _short_form(self, request: Request) -> dict[str, Any]:
+        if "set" in request:
+            return {"position": await self._go("set", request["set"])}
+        return {"position": self._percentage()}
+
+    async def _go(self, key: str, value: object, *, waits: bool = True) -> float:
+        """Move to a percentage, clamped to 0..100 as the published module does; return that."""
+        raise NotImplementedError
+
+    def _percentage(self) -> float:
+        return round(clamped(100.0 * self._gripper.aperture), 3)
+
+    async def close(self) -> None:
+        """Stop and let go of everything; may be called twice."""
+        if self.here.get(self.short_name) is self:
+            del self.here[self.short_name]
+        await in_own_thread(self.rig.close)

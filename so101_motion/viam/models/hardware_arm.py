@@ -1,0 +1,166 @@
+"""``devrel:so101:arm``: the real arm on a serial port."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+from viam.components.arm import JointPositions
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.control.limit_recovery import remarks
+from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
+from so101_motion.viam.component_config import HardwareArmConfig
+from so101_motion.viam.conversion import convert, served_joints
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.arm_resource import AT_START, ArmResource, ArmSettings, scene_of
+from so101_motion.viam.requests.commands import Request
+from so101_motion.viam.requests.further_servos import FurtherServos
+from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
+
+
+class HardwareArm(ArmResource):
+    """The SO-101 arm.
+
+    It is there at once; its servos are looked for in the background until they answer. Until then
+    everything that needs them is refused with UNAVAILABLE, and the status says who is silent.
+
+    A fault (an unplugged cable, a servo that restarted) ends what is under way. The arm holds then;
+    the next request to move lets it hold where it stands, if it can be reached, and moves.
+
+    Args:
+        name: The component's name.
+        rig: Its share of the rig of its port.
+        settings: How it behaves.
+        servo_ids: Its servos, base to wrist.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:arm")
+    CONFIG = HardwareArmConfig
+    NEEDS_SERVOS = frozenset(
+        {
+            "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
+            "ping", "record_path", "replay_path", "servo_capabilities", "servo_move",
+            "servo_position", "servo_stop", "servo_wait_stop", "set_torque", "set_torque_limit",
+        }
+    )  # fmt: skip
+
+    rig: HardwareRig
+
+    def __init__(
+        self, name: str, rig: HardwareRig, settings: ArmSettings, servo_ids: tuple[int, ...]
+    ) -> None:
+        super().__init__(name, rig, settings)
+        self._remarked: set[str] = set()
+        self._servo_ids = servo_ids
+        self._commands |= {
+            **ServoCommands(rig, servo_ids, self._manual).commands,
+            **FurtherServos(rig, self.logger).commands,
+        }
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> HardwareArm:
+        """Build the component from its configuration; nothing moves."""
+        with grpc_statuses():
+            wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
+            settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
+            asked = replace(wanted.connection.servo_settings(), lets_go=wanted.lets_go)
+            rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
+        try:
+            ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
+            rig.arm.set_ceiling(ceiling)
+            rig.arm.set_speed(wanted.speed)
+            rig.arm.set_acceleration(wanted.acceleration)
+            rig.arm.compliance = wanted.compliance
+            rig.arm.set_load(wanted.load)
+            rig.arm.scene = scene
+            rig.warm_up()
+            arm = cls(config.name, rig, settings, wanted.servo_ids)
+        except BaseException:
+            rig.close()
+            raise
+        for key in wanted.unused:
+            arm.logger.info("%s has no effect here", key)
+        return arm
+
+    async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
+        """Measured joint angles; one that is a little outside the served limits is told inside."""
+        await self.found()
+        q = self._arm.state.q
+        self._log_new(served_joints.remarks(q))
+        return convert.to_joint_positions(served_joints.reported(q))
+
+    def _is_here(self, q: Array) -> bool:
+        """Whether ``q`` is where the arm is, or where viam-server was told that it is."""
+        told = served_joints.reported(self._arm.state.q)
+        return super()._is_here(q) or bool(np.max(np.abs(q - told)) <= AT_START)
+
+    def _log_new(self, remarks: list[str]) -> None:
+        """Log what is remarked of a joint when it begins, not each time it is asked for."""
+        joints = {remark.partition(" ")[0] for remark in remarks}
+        for remark in remarks:
+            if remark.partition(" ")[0] not in self._remarked:
+                self.logger.warning("%s", remark)
+        self._remarked = joints
+
+    async def found(self) -> None:
+        """Wait until the servos have been found.
+
+        Raises:
+            GRPCError: Some are silent, and which.
+        """
+        with grpc_statuses():
+            await ready(self.rig)
+
+    async def ready(self) -> None:
+        """Let the arm hold again after a fault, if it can be reached.
+
+        Raises:
+            GRPCError: It cannot, or the servos are being calibrated or set up.
+        """
+        with grpc_statuses():
+            await out_of_fault(self.rig)
+
+    # Requests
+
+    async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
+        return {**await super()._enter_manual_mode(request), "servos": list(self._servo_ids)}
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """Mode, joints, how the control loop is doing, and how the servos are."""
+        status = dict(await super().get_status(**kwargs))
+        status["not_ready"] = self.rig.not_ready
+        status["connected"] = self.rig.servos.is_connected
+        status["port_losses"] = self.rig.servos.port_losses
+        state = self._arm.state
+        status["alarms"] = dict(state.reading.alarms)
+        missing = [f"not ready: {self.rig.not_ready}"] if self.rig.not_ready else []
+        status["notes"] = [
+            *missing,
+            *self.rig.servos.notes,
+            *remarks(state.reading),
+            *([] if missing else served_joints.remarks(state.q)),
+        ]
+        status["lent_to"] = state.lent_to
+        status["health"] = health(self.rig.servos)
+        return convert.to_result(status)
+
+    async def close(self) -> None:
+        """Come to rest, hold, and give up the port; may be called twice."""
+        self._manual.forget()
+        if self.here.get(self.short_name) is self:
+            try:
+                await self._at_rest(self._arm.start_stop())
+            except So101Error as error:
+                self.logger.warning("the arm could not be stopped properly: %s", error)
+        await super().close()

@@ -1,0 +1,306 @@
+"""``devrel:so101:gripper``: the real gripper, the sixth servo of the arm's chain."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any, ClassVar
+
+from viam.components.gripper import Gripper
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import ConfigError, ServoAlarm, So101Error
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.common.units import to_rad
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.hardware_rig import HARDWARE_JAW_LIMITS, HardwareRig, open_without_waiting
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.viam.component_config import HardwareGripperConfig
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.gripper_resource import GripperResource, clamped
+from so101_motion.viam.models.hardware_arm import HardwareArm
+from so101_motion.viam.requests.await_motion import arrival, left_alone
+from so101_motion.viam.requests.commands import Request, arguments, in_deg
+from so101_motion.viam.requests.servo_commands import controller, health, out_of_fault, ready
+
+OPEN_PERCENT = 95.0
+"""How far ``open`` opens; the published module's."""
+
+CLOSED_PERCENT = 0.0
+"""How far ``grab`` closes when it meets nothing."""
+
+FASTEST_DEG = 120.0
+"""The jaw's largest speed [deg/s]: what half of its drive can do with something in reserve."""
+
+
+class HardwareGripper(GripperResource):
+    """The SO-101 gripper.
+
+    Args:
+        name: The component's name.
+        rig: Its share of the rig of its port.
+        config: How it looks, and which servo it is.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
+    NEEDS_NO_SERVO = frozenset(
+        {
+            "controller_status", "calibrate_positions", "set_motion_params", "get_motion_params",
+            "health",
+        }
+    )  # fmt: skip
+
+    rig: HardwareRig
+
+    def __init__(self, name: str, rig: HardwareRig, config: HardwareGripperConfig) -> None:
+        super().__init__(
+            name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
+        )
+        self._servo_id = config.servo_id
+        self._open_percent, self._closed_percent = OPEN_PERCENT, CLOSED_PERCENT
+        self._is_closed = False
+        self._commands |= {
+            "get_position": self._get_position,
+            "set_position": self._set_position,
+            "controller_status": self._controller_status,
+            "calibrate_positions": self._calibrate_positions,
+            "set_motion_params": self._set_motion_params,
+            "get_motion_params": self._get_motion_params,
+            "health": self._health,
+        }
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; an arm named in them is a required dependency."""
+        wanted = HardwareGripperConfig.from_attributes(convert.from_struct(config.attributes))
+        return ([wanted.arm] if wanted.arm else []), []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> HardwareGripper:
+        """Build the component from its configuration; nothing moves."""
+        with grpc_statuses():
+            wanted = HardwareGripperConfig.from_attributes(convert.from_struct(config.attributes))
+            rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
+        gripper = cls(config.name, rig, wanted)
+        if wanted.arm and wanted.connection and not _same_port(rig, wanted):
+            gripper.logger.warning(
+                "port %s is not that of arm %s; the arm's is used",
+                wanted.connection.port,
+                wanted.arm,
+            )
+        return gripper
+
+    # Moving
+
+    async def open(self, **kwargs: Any) -> None:
+        """Open to 95 %; returns when it is open."""
+        with grpc_statuses():
+            await arrival(await self._start(self._open_percent))
+
+    async def grab(self, **kwargs: Any) -> bool:
+        """Close until something stops the jaw, and hold it gently.
+
+        Returns:
+            Whether something is held.
+        """
+        with grpc_statuses():
+            await out_of_fault(self.rig)
+            closed = self._closed_percent / 100.0
+            await arrival(self._watched(self._gripper.start_grab(closed)))
+            return self._gripper.is_holding
+
+    async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
+        """Whether what was grabbed is still held, and by what that is told."""
+        await self.found()
+        load = health(self.rig.servos).get(GRIPPER_JOINT, {})
+        meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
+        return Gripper.HoldingStatus(
+            is_holding_something=self._gripper.is_holding,
+            meta={**meta, "position_percentage": self._percentage()},
+        )
+
+    async def _start(self, percentage: float) -> Motion:
+        """Begin to move; what the jaw meets on its way to closed is gripped, not crushed."""
+        await out_of_fault(self.rig)
+        aperture = percentage / 100.0
+        closes = aperture < self._gripper.aperture
+        if not closes:
+            await self._unload()
+        start = self._gripper.start_grab if closes else self._gripper.start_move
+        return self._watched(start(aperture))
+
+    async def _unload(self) -> None:
+        """Let a jaw that is overloaded stop pressing, for opening it is what helps.
+
+        An alarm ends whatever moves its joint, and leaves it standing where it is; that is all a
+        servo needs to take an overload back.
+        """
+        if "overload" not in self._own_health().get("faults", ()):
+            return
+        with suppress(ServoAlarm):
+            here = min(max(self._gripper.aperture, 0.0), 1.0)
+            await arrival(self._watched(self._gripper.start_move(here)))
+        for _ in range(10):
+            if GRIPPER_JOINT not in self.rig.arm.state.reading.alarms:
+                return
+            await asyncio.sleep(0.05)
+
+    async def found(self) -> None:
+        """Wait until the servo has been found.
+
+        Raises:
+            GRPCError: It is silent.
+        """
+        with grpc_statuses():
+            await ready(self.rig)
+
+    # Requests
+
+    async def _get_position(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {
+            **self._position(),
+            "open_position": self._open_percent,
+            "closed_position": self._closed_percent,
+        }
+
+    async def _set_position(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "servo_position", "percentage", "position_percentage", "wait")
+        waits = given.flag("wait", True)
+        if "servo_position" in request:
+            ticks = checked_number("servo_position", request["servo_position"], unit="ticks")
+            jaw = self._gripper
+            q = self.rig.servos.to_angle(GRIPPER_JOINT, round(min(max(ticks, 0.0), 4095.0)))
+            percentage = 100.0 * (q - jaw.closed) / (jaw.opened - jaw.closed)
+            left_alone(await self._start(clamped(percentage)), self.logger)
+            return {"success": True}
+        for key in ("percentage", "position_percentage"):
+            if key in request:
+                await self._go(key, request[key], waits=waits)
+                return {"success": True}
+        raise ConfigError(
+            "servo_position",
+            None,
+            'is missing; send "servo_position" in ticks, or "percentage" from 0 (closed) to 100',
+        )
+
+    async def _go(self, key: str, value: object, *, waits: bool = True) -> float:
+        """Move to a percentage, clamped to 0..100 as the published module does."""
+        percentage = clamped(checked_number(key, value, unit="%"))
+        motion = await self._start(percentage)
+        if waits:
+            await arrival(motion)
+        else:
+            left_alone(motion, self.logger)
+        return percentage
+
+    async def _controller_status(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {"servo_id": self._servo_id, **controller(self.rig)}
+
+    async def _calibrate_positions(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "open_position", "closed_position")
+        opened = given.number("open_position", self._open_percent, lower=0.0, upper=100.0)
+        closed = given.number("closed_position", self._closed_percent, lower=0.0, upper=100.0)
+        if closed >= opened:
+            raise ConfigError("closed_position", closed, f"must be below open_position, {opened:g}")
+        self._open_percent, self._closed_percent = opened, closed
+        return {"success": True, "open_position": opened, "closed_position": closed}
+
+    async def _set_motion_params(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "speed", "acceleration")
+        now = await self._get_motion_params({})
+        speed = given.number("speed", now["speed"], lower=1.0, upper=180.0, unit="deg/s")
+        acceleration = given.number(
+            "acceleration", now["acceleration"], lower=1.0, upper=500.0, unit="deg/s^2"
+        )
+        top = in_deg(float(HARDWARE_JAW_LIMITS.acceleration[0]))
+        self._gripper.limits = MotionLimits.uniform(
+            velocity=to_rad(min(speed, FASTEST_DEG)),
+            acceleration=to_rad(min(acceleration, top)),
+            jerk=float(HARDWARE_JAW_LIMITS.jerk[0]),
+            n=1,
+        )
+        return {"success": True, **await self._get_motion_params({})}
+
+    async def _get_motion_params(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        limits = self._gripper.limits
+        return {
+            "speed": in_deg(float(limits.velocity[0])),
+            "acceleration": in_deg(float(limits.acceleration[0])),
+        }
+
+    async def _health(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {"connected": self.rig.servos.is_connected, **self._own_health()}
+
+    # What it is doing
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """How far it is open, whether it moves and holds, and how its servo is."""
+        state, not_ready = self.rig.arm.state, self.rig.not_ready
+        status = {
+            **({} if not_ready else self._position()),
+            "not_ready": not_ready,
+            "is_moving": await self.is_moving(),
+            "state": state.mode.value,
+            "fault": state.fault,
+            "health": self._own_health(),
+        }
+        return convert.to_result(status)
+
+    def _own_health(self) -> dict[str, Any]:
+        figures: dict[str, Any] = health(self.rig.servos).get(GRIPPER_JOINT, {})
+        return figures
+
+    def _position(self) -> dict[str, Any]:
+        q_jaw = self._gripper.q_jaw
+        return {
+            "position_percentage": self._percentage(),
+            "position_radians": q_jaw,
+            "servo_position": self.rig.servos.to_ticks(GRIPPER_JOINT, q_jaw),
+            "is_holding_something": self._gripper.is_holding,
+        }
+
+    async def close(self) -> None:
+        """Come to rest, hold, and give up the port; may be called twice."""
+        if not self._is_closed:
+            self._is_closed = True
+            try:
+                await self._stop()
+            except So101Error as error:
+                self.logger.warning("the jaw could not be stopped properly: %s", error)
+        await super().close()
+
+
+def _settings(wanted: HardwareGripperConfig) -> ServoSettings:
+    """Of the port it names, or of the arm's.
+
+    Raises:
+        ConfigError: There is no such arm in this process.
+    """
+    if wanted.arm is None:
+        assert wanted.connection is not None  # the configuration has one of the two
+        return wanted.connection.servo_settings()
+    arm = HardwareArm.here.get(wanted.arm.rpartition("/")[2])
+    if not isinstance(arm, HardwareArm):
+        real = (name for name, arm in HardwareArm.here.items() if isinstance(arm, HardwareArm))
+        known = ", ".join(real) or "none so far"
+        raise ConfigError(
+            "arm", wanted.arm, f"is no {HardwareArm.MODEL} of this module; there are: {known}"
+        )
+    return arm.rig.settings
+
+
+def _same_port(rig: HardwareRig, wanted: HardwareGripperConfig) -> bool:
+    return wanted.connection is not None and rig.is_on(wanted.connection.port)

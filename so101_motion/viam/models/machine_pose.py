@@ -1,0 +1,37 @@
+"""Answer the machine's ``GetPose`` on this module's own socket.
+
+viam-server does not pass ``GetPose`` of a motion service on to the module. Its client sends the
+machine's request of that name to the module's socket instead, where the SDK answers it with
+UNIMPLEMENTED. The machine knows all frames, so it is asked. The name of the service is not part of
+that request, so all motion services of this module give the same answer.
+"""
+
+from __future__ import annotations
+
+from grpclib import GRPCError, Status
+from grpclib.server import Stream
+from viam.proto.robot import GetPoseRequest, GetPoseResponse
+from viam.robot.service import RobotService
+
+from so101_motion.viam.conversion.frames import machine_here
+
+
+async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPoseResponse]) -> None:
+    request = await stream.recv_message()
+    assert request is not None
+    machine = machine_here()
+    if machine is None:
+        raise GRPCError(
+            Status.FAILED_PRECONDITION, "no machine can be asked where its components are"
+        )
+    pose = await machine.get_pose(
+        request.component_name,
+        request.destination_frame,
+        list(request.supplemental_transforms),
+    )
+    await stream.send_message(GetPoseResponse(pose=pose))
+
+
+def serve_get_pose() -> None:
+    """Answer ``GetPose`` on the sockets of all servers that are made from now on."""
+    setattr(RobotService, "GetPose", _get_pose)  # noqa: B010  # the SDK asks nobody which to serve

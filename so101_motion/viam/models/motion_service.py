@@ -1,0 +1,415 @@
+"""``devrel:so101:motion``: a motion service for the arms of this module.
+
+``move`` plans with the whole of our planner and runs what it planned. What a request says of the
+surroundings (``world_state``) counts for that request alone, on top of what the arm's own
+configuration says. Constraints are kept along the whole path and checked on the very setpoints that
+will be sent: a plan that breaks one is refused, with where and by how much.
+
+It plans for arms of this module in this process and moves nothing else. A component that hangs from
+the arm, such as the gripper, may be named instead of the arm; its frame is then what is brought to
+the destination.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from google.protobuf import json_format
+from grpclib import GRPCError, Status
+from viam.proto.common import PoseInFrame, Transform, WorldState
+from viam.proto.service.motion import Constraints, MoveRequest
+from viam.resource.types import Model
+from viam.services.motion import Motion as MotionService
+
+from so101_motion.arm.arm import Arm
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import Attributes, checked_number
+from so101_motion.common.errors import ConfigError, MotionError, NoPath, PlanningError
+from so101_motion.common.geometry import SE3, Array, rotation_angle
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, PoseCloud, PoseGoal
+from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Plan, Search
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.frames import WORLD, Frames, carrier
+from so101_motion.viam.conversion.planner_options import (
+    OptionWarnings,
+    PlannerOptions,
+    from_goal_cloud,
+)
+from so101_motion.viam.conversion.tool_constraints import ToolConstraints
+from so101_motion.viam.conversion.world_state import allowing, scene_with
+from so101_motion.viam.models.arm_resource import AT_START, ArmResource
+from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
+from so101_motion.viam.requests.await_motion import TurnQueue
+from so101_motion.viam.requests.commands import Request, answer
+
+_COMPONENT = "component"  # what the planner calls the frame of a component that is not the arm
+
+
+class So101Motion(ServiceForAnArm, MotionService):
+    """Plans and moves one arm of this module.
+
+    Args:
+        name: The service's name.
+        arm: Name of the arm; None for the only one, or for the one that a request names.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:motion")
+
+    def __init__(self, name: str, arm: str | None) -> None:
+        super().__init__(name, arm)
+        self._model = RobotModel.load()
+        self._ignored = OptionWarnings(self.logger)
+        self._turns = TurnQueue()
+        self._running: set[tuple[ArmResource, Motion]] = set()
+
+    async def move(
+        self,
+        component_name: str,
+        destination: PoseInFrame,
+        world_state: WorldState | None = None,
+        constraints: Constraints | None = None,
+        *,
+        extra: Mapping[str, Any] | None = None,
+        **kwargs: Any,
+    ) -> bool:
+        """Bring a component to a pose around what is in the way; returns on arrival."""
+        with grpc_statuses():
+            wanted = MoveArguments(
+                component=component_name,
+                destination=destination,
+                world=world_state,
+                constraints=constraints,
+                extra=extra or {},
+            )
+            resource = await self._arm_for(component_name, wanted.transforms)
+            await resource.ready()
+            arm, loop = resource.rig.arm, asyncio.get_running_loop()
+            if arm.in_manual or not arm.newest_motion.future.done():
+                await self._refuse_hopeless(wanted)
+            await self._seen_through(
+                resource,
+                arm.start_planned(
+                    lambda: asyncio.run_coroutine_threadsafe(self._planned(wanted), loop)
+                ),
+            )
+        return True
+
+    async def get_pose(
+        self,
+        component_name: str,
+        destination_frame: str,
+        supplemental_transforms: Sequence[Transform] | None = None,
+        **kwargs: Any,
+    ) -> PoseInFrame:
+        """Where a component is, seen from a frame."""
+        with grpc_statuses():
+            brought = supplemental_transforms or ()
+            arm = await self._arm_for(component_name, brought)
+            frames = Frames(arm.short_name, arm.rig.arm.T_base(), brought)
+            T_base_component = await frames.T_base(component_name)
+            T_base_frame = await frames.T_base(destination_frame or WORLD)
+            pose = convert.to_pose(T_base_frame.inverse @ T_base_component)
+            return PoseInFrame(reference_frame=destination_frame or WORLD, pose=pose)
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer ``plan``, ``preview`` and ``execute``.
+
+        ``{"plan": <MoveRequest as JSON>}`` gives the joint angles of the path [rad], as the builtin
+        service does; ``preview`` the same with what is known of it; ``{"execute": <that>}``
+        moves along the angles, from where the arm stands.
+        """
+        with grpc_statuses():
+            return await answer(command, {}, self._by_key, ("plan", "preview", "execute"))
+
+    async def _by_key(self, request: Request) -> dict[str, Any]:
+        given = Attributes(request, ("plan", "preview", "execute"), kind="request")
+        result: dict[str, Any] = {}
+        for key in ("plan", "preview"):
+            if given.given(key):
+                await self._turns.passed()
+                wanted = await asyncio.to_thread(MoveArguments.of_json, key, request[key])
+                plan = await self._planned(wanted)
+                arm = await self._arm_for(wanted.component, wanted.transforms)
+                name = arm.short_name
+                result[key] = _plan_json(plan, name) if key == "preview" else _steps(plan, name)
+        if given.given("execute"):
+            await self._execute(request["execute"])
+            result["execute"] = True
+        return result
+
+    async def _execute(self, steps: object) -> None:
+        name, waypoints = _read_steps(steps)
+        resource = await self._arm_for(name)
+        if name != resource.short_name:
+            raise ConfigError("execute", name, f"is not the arm; that is {resource.short_name}")
+        await resource.ready()
+        await resource.make_way()
+        arm = resource.rig.arm
+        off = float(np.max(np.abs(waypoints[0] - arm.state.q_ref)))
+        if off > AT_START:
+            raise MotionError(
+                f"the arm is {to_deg(off):.1f} deg away from where these steps begin; plan again"
+            )
+        if len(waypoints) > 1:
+            motion = arm.start_move(PathGoal(waypoints=waypoints[1:]))
+            await self._seen_through(resource, motion)
+
+    # How
+
+    async def _arm_for(self, component: str, transforms: Iterable[Transform] = ()) -> ArmResource:
+        """The arm that moves a component: the configured one, the only one, or by the frames."""
+        if self._arm_name is not None or len(ArmResource.here) == 1:
+            return arm_here(self._arm_name)
+        name = await carrier(component, ArmResource.here, transforms)
+        if name is None:
+            known = ", ".join(ArmResource.here) or "none"
+            raise ConfigError(
+                "component_name",
+                component,
+                f"hangs from no arm of this module; arms here: {known}. Give it a frame whose"
+                ' parent is the arm, or set "arm" in this service\'s configuration',
+            )
+        return arm_here(name)
+
+    async def _seen_through(self, resource: ArmResource, motion: Motion) -> None:
+        """Wait until a motion has arrived; it ends with the call, and with this service."""
+        running = (resource, motion)
+        self._running.add(running)
+        try:
+            await resource.arrived(motion)
+        finally:
+            self._running.discard(running)
+
+    async def close(self) -> None:
+        """End what this service moves; may be called twice."""
+        for resource, motion in tuple(self._running):
+            await resource.ended(motion, "the removal of its motion service")
+
+    async def _refuse_hopeless(self, wanted: MoveArguments) -> None:
+        """Refuse what would be refused from anywhere, before it ends what the arm is doing.
+
+        Raises:
+            So101Error: Why it is hopeless; a path that is not found from here is not.
+        """
+        asked = await self._asked(wanted)
+        planning = asked.arm.start_plan(asked.goal, search=asked.search)
+        with suppress(NoPath):
+            await asyncio.wrap_future(planning)
+
+    async def _asked(self, wanted: MoveArguments) -> _PlanningTask:
+        """What a request means while the arm is where it is now.
+
+        Raises:
+            So101Error: It cannot be meant.
+        """
+        await self._turns.passed()
+        self._ignored.warn(wanted.extra)
+        resource = await self._arm_for(wanted.component, wanted.transforms)
+        arm, name = resource.rig.arm, resource.short_name
+        options = PlannerOptions.of(wanted.extra)
+        if wanted.destination.HasField("goal_cloud"):
+            options = replace(options, cloud=from_goal_cloud(wanted.destination.goal_cloud))
+        frames = Frames(name, arm.T_base(), wanted.transforms)
+        scene = await scene_with(arm.scene, wanted.world, frames)
+        asked = ToolConstraints.of(
+            wanted.constraints, counts_turn=options.metric is GoalMetric.FULL_POSE
+        )
+        if wanted.constraints is not None:
+            for specification in wanted.constraints.collision_specification:
+                scene = await allowing(scene, specification, frames)
+        T_tool_component = await frames.T_tool(wanted.component)
+        T_base_goal = await frames.T_base(wanted.destination.reference_frame)
+        T_base_goal = T_base_goal @ convert.from_pose(wanted.destination.pose)
+        goal = options.goal(resource.settings.goal(T_base_goal))
+        search = options.search(scene)
+        if wanted.component != name:
+            goal = replace(goal, frame=_COMPONENT)
+            search = replace(search, frames={_COMPONENT: T_tool_component})
+        return _PlanningTask(
+            arm=arm, goal=goal, search=search, constraints=asked, T_tool_component=T_tool_component
+        )
+
+    async def _planned(self, wanted: MoveArguments) -> Plan:
+        """A plan for a request, every constraint checked; moves nothing."""
+        asked = await self._asked(wanted)
+        goal, T_tool_component = asked.goal, asked.T_tool_component
+        problem: PlanningError | None = None
+        for attempt in _attempts(goal, asked.constraints):
+            try:
+                plan = await asyncio.wrap_future(asked.arm.start_plan(attempt, search=asked.search))
+                asked.constraints.check(
+                    plan.trajectory.q, lambda q: self._model.frame(q) @ T_tool_component
+                )
+                if goal.cloud is not None:
+                    _check_end(goal, goal.cloud, self._model.frame(plan.q_goal) @ T_tool_component)
+            except PlanningError as error:
+                problem = problem or error
+            else:
+                return plan
+        assert problem is not None
+        raise problem
+
+    # What it does not do
+
+    async def move_on_map(self, *args: Any, **kwargs: Any) -> str:
+        """Not for arms."""
+        raise _not_for_arms("MoveOnMap")
+
+    async def move_on_globe(self, *args: Any, **kwargs: Any) -> str:
+        """Not for arms."""
+        raise _not_for_arms("MoveOnGlobe")
+
+    async def stop_plan(self, *args: Any, **kwargs: Any) -> None:
+        """Not for arms; their own Stop ends a move of this service."""
+        raise _not_for_arms("StopPlan")
+
+    async def get_plan(self, *args: Any, **kwargs: Any) -> Any:
+        """Not for arms."""
+        raise _not_for_arms("GetPlan")
+
+    async def list_plan_statuses(self, *args: Any, **kwargs: Any) -> Any:
+        """Not for arms."""
+        raise _not_for_arms("ListPlanStatuses")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MoveArguments:
+    """One request, as it came.
+
+    Attributes:
+        component: What shall be brought there.
+        destination: Where to.
+        world: What is around.
+        constraints: What the path must keep.
+        extra: Options.
+    """
+
+    component: str
+    destination: PoseInFrame
+    world: WorldState | None
+    constraints: Constraints | None
+    extra: Mapping[str, Any]
+
+    @property
+    def transforms(self) -> Sequence[Transform]:
+        """The frames that the request brings along."""
+        return self.world.transforms if self.world is not None else ()
+
+    @classmethod
+    def of_json(cls, key: str, value: object) -> MoveArguments:
+        """From a MoveRequest as JSON, text or object.
+
+        Raises:
+            ConfigError: It is none.
+        """
+        request = MoveRequest()
+        try:
+            if isinstance(value, str):
+                json_format.Parse(value, request)
+            else:
+                json_format.ParseDict(value, request)
+        except (json_format.ParseError, *_NOT_JSON) as error:
+            raise ConfigError(key, "...", f"must be a MoveRequest as JSON: {error}") from error
+        return cls(
+            component=request.component_name,
+            destination=request.destination,
+            world=request.world_state if request.HasField("world_state") else None,
+            constraints=request.constraints if request.HasField("constraints") else None,
+            extra=convert.from_struct(request.extra),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _PlanningTask:
+    """What a request means.
+
+    Attributes:
+        arm: What moves.
+        goal: Where to.
+        search: Around what, and how.
+        constraints: What the path must keep.
+        T_tool_component: Where the component that is brought there hangs.
+    """
+
+    arm: Arm
+    goal: PoseGoal
+    search: Search
+    constraints: ToolConstraints
+    T_tool_component: SE3
+
+
+_NOT_JSON = (AttributeError, TypeError, ValueError, OverflowError, RecursionError)
+"""What protobuf's reader of JSON raises beside its own error."""
+
+
+def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
+    """What to try, in order, to keep what is asked of the path; a straight line keeps the most."""
+    if not asked.is_any:
+        return [goal]
+    line = LineGoal(T_base_tool=goal.T_base_tool, metric=goal.metric, frame=goal.frame)
+    line = replace(line, orientation_tolerance=min(asked.turn, line.orientation_tolerance))
+    lines: list[Goal] = [line]
+    if goal.cloud is not None and goal.cloud.metric is not goal.metric:
+        # A line leads to the middle of the cloud, if need be turned as there.
+        lines.append(replace(line, metric=goal.cloud.metric))
+    if asked.wants_line:
+        return lines
+    return [goal, *lines] if math.isinf(asked.line_share) else [*lines, goal]
+
+
+def _check_end(goal: PoseGoal, cloud: PoseCloud, T_base_reached: SE3) -> None:
+    T = goal.T_base_tool.inverse @ T_base_reached
+    if not is_in_cloud(cloud, T):
+        off_mm, off_deg = to_mm(float(np.linalg.norm(T.p))), to_deg(rotation_angle(T.R))
+        raise PlanningError(
+            f"a straight line ends {off_mm:.1f} mm and {off_deg:.1f} deg from the goal, which is"
+            " outside its cloud; widen the tolerances, or loosen the constraint"
+        )
+
+
+def _steps(plan: Plan, name: str) -> list[dict[str, list[float]]]:
+    return [{name: [float(angle) for angle in q]} for q in plan.path]
+
+
+def _plan_json(plan: Plan, name: str) -> dict[str, Any]:
+    report = plan.report
+    return {
+        "plan": _steps(plan, name),
+        "duration_s": plan.duration,
+        "tool_path_mm": [[float(x) for x in to_mm(point)] for point in plan.tool_path],
+        "clearance_mm": float(to_mm(report.clearance)),
+        "closest": list(report.closest),
+        "planning_ms": report.stages_ms["total"],
+    }
+
+
+def _read_steps(steps: object) -> tuple[str, Array]:
+    """The arm and its joint angles, shape (n, 5), [rad], in what ``plan`` gave."""
+    if isinstance(steps, Mapping):
+        steps = steps.get("plan")
+    if not isinstance(steps, list) or not steps:
+        raise ConfigError("execute", "...", "must be what plan or preview gave")
+    rows = []
+    for i, step in enumerate(steps):
+        if not isinstance(step, Mapping) or len(step) != 1:
+            raise ConfigError(f"execute[{i}]", step, 'must be an object such as {"arm": [...]}')
+        [(name, angles)] = step.items()
+        if not isinstance(angles, (list, tuple)) or len(angles) != len(ARM_JOINTS):
+            raise ConfigError(f"execute[{i}]", angles, f"must be {len(ARM_JOINTS)} angles [rad]")
+        rows.append([checked_number(f"execute[{i}]", angle, unit="rad") for angle in angles])
+    return str(name), np.array(rows)
+
+
+def _not_for_arms(what: str) -> GRPCError:
+    return GRPCError(Status.UNIMPLEMENTED, f"{what} is for machines that drive; this moves an arm")

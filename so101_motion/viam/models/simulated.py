@@ -1,0 +1,113 @@
+"""``devrel:so101:simulated``: the arm without hardware, moved by the same planner and executor."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.common.clock import ManualClock, MonotonicClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.rig.hardware_rig import TICK, Rig, open_simulated
+from so101_motion.viam.component_config import SimulatedArmConfig
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.arm_resource import ArmResource, ArmSettings, scene_of
+from so101_motion.viam.requests.await_motion import in_own_thread
+from so101_motion.viam.requests.commands import Request, arguments, in_deg
+
+LONGEST_STEP = 3600.0
+"""How much simulated time may pass in one request [s]; chosen."""
+
+
+class SimulatedArm(ArmResource):
+    """A simulated SO-101 arm.
+
+    Args:
+        name: The component's name.
+        rig: A simulated arm and its clock.
+        settings: How it behaves.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
+    CONFIG = SimulatedArmConfig
+
+    _left: ClassVar[dict[str, Array]] = {}
+    """Where arms that were closed stood, by name, shape (5,), [rad]: a new configuration closes an
+    arm and builds it anew, and a real one stays where it is meanwhile."""
+
+    def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
+        super().__init__(name, rig, settings)
+        self._commands |= {
+            "get_motion_params": self._get_motion_params,
+            "advance_time": self._advance_time,
+        }
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> SimulatedArm:
+        """Build the component from its configuration."""
+        with grpc_statuses():
+            wanted = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
+            settings = ArmSettings.of(wanted, dependencies)
+            rig = open_simulated(
+                speed=wanted.speed,
+                acceleration=wanted.acceleration,
+                scene=scene_of(wanted),
+                q_start=cls._left.pop(config.name, None),
+                clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
+            )
+        ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
+        rig.arm.set_ceiling(ceiling)
+        rig.arm.set_load(wanted.load)
+        arm = cls(config.name, rig, settings)
+        for key in wanted.unused:
+            arm.logger.info("%s has no effect here", key)
+        return arm
+
+    async def close(self) -> None:
+        """Stop and let go of everything; an arm built under this name next stands where it did."""
+        await super().close()
+        self._left[self.short_name] = self._arm.state.q_ref
+
+    async def _get_motion_params(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {"speed_degs_per_sec": in_deg(self._arm.speed)}
+
+    async def _advance_time(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "seconds")
+        seconds = given.number("seconds", 0.0, lower=0.0, upper=LONGEST_STEP, unit="s")
+        clock = self.rig.clock
+        if not isinstance(clock, ManualClock):
+            raise ConfigError(
+                "command", "advance_time", 'time passes by itself; set "simulate_time": false'
+            )
+        await in_own_thread(lambda: clock.advance(seconds))
+        return {"time": clock.now()}
+
+    async def _come_to_rest(self, over: asyncio.Future[None]) -> None:
+        """As for every arm; where time stands still, what the arm needs to stop is let pass.
+
+        Otherwise a stop, a cancelled call and the end of the process would wait for a request to
+        advance the time that nobody may send.
+        """
+        passing = asyncio.create_task(self._let_time_pass(over))
+        try:
+            await super()._come_to_rest(over)
+        finally:
+            passing.cancel()
+
+    async def _let_time_pass(self, over: asyncio.Future[None]) -> None:
+        clock = self.rig.clock
+        while isinstance(clock, ManualClock) and not over.done():
+            if self._arm.is_moving:
+                await in_own_thread(lambda: clock.advance(TICK))
+            await asyncio.sleep(0.001)

@@ -1,0 +1,122 @@
+"""``devrel:so101:simulated-gripper``: a jaw without hardware that is seen to open and close."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from viam.components.gripper import Gripper
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import checked_number
+from so101_motion.common.errors import ConfigError
+from so101_motion.rig.hardware_rig import Rig, open_simulated_gripper
+from so101_motion.viam.component_config import SimulatedGripperConfig
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.gripper_resource import GripperResource, clamped
+from so101_motion.viam.requests.await_motion import arrival, left_alone
+from so101_motion.viam.requests.commands import Request, arguments
+
+
+class SimulatedGripper(GripperResource):
+    """A simulated SO-101 gripper; it never holds anything.
+
+    Args:
+        name: The component's name.
+        rig: A simulated arm and gripper; only the gripper is used.
+        config: How it looks.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
+
+    _left: ClassVar[dict[str, float]] = {}
+    """Where the jaws that were closed stood, by name [rad]; as for the simulated arm."""
+
+    def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
+        super().__init__(
+            name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
+        )
+        self._target = self._gripper.aperture
+        self._commands |= {"set_position": self._set_position, "get_position": self._get_position}
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; there are no dependencies."""
+        SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
+        return [], []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> SimulatedGripper:
+        """Build the component from its configuration."""
+        with grpc_statuses():
+            wanted = SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
+            q_jaw = cls._left.pop(config.name, JAW_CLOSED)
+            return cls(config.name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
+
+    # Moving
+
+    async def open(self, **kwargs: Any) -> None:
+        """Open fully; returns when it is open."""
+        with grpc_statuses():
+            await arrival(self._start(1.0))
+
+    async def grab(self, **kwargs: Any) -> bool:
+        """Close fully; returns when it is closed. Nothing is ever held: False."""
+        with grpc_statuses():
+            await arrival(self._start(0.0))
+        return False
+
+    def _start(self, aperture: float) -> Motion:
+        self._target = aperture
+        return self._watched(self._gripper.start_move(aperture))
+
+    async def stop(self, **kwargs: Any) -> None:
+        """Slow to rest and stay there; returns when the jaw is at rest."""
+        await super().stop(**kwargs)
+        self._target = self._gripper.aperture
+
+    async def close(self) -> None:
+        """Stop and let go of everything; a jaw built under this name next stands where it did."""
+        await super().close()
+        self._left[self.short_name] = self._gripper.q_jaw
+
+    # What it is doing
+
+    async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
+        """A simulated gripper holds nothing."""
+        return Gripper.HoldingStatus(is_holding_something=False)
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """How far it is open, and whether it moves."""
+        return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
+
+    async def _set_position(self, request: Request) -> dict[str, Any]:
+        arguments(request, "percentage", "position_percentage", "wait")  # it never waits
+        for key in ("percentage", "position_percentage"):
+            if key in request:
+                return {"target_percentage": await self._go(key, request[key])}
+        raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
+
+    async def _get_position(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return self._position()
+
+    async def _go(self, key: str, value: object, *, waits: bool = False) -> float:
+        """Start moving to a percentage; never waits."""
+        percentage = clamped(checked_number(key, value, unit="%"))
+        left_alone(self._start(percentage / 100.0), self.logger)
+        return percentage
+
+    def _position(self) -> dict[str, Any]:
+        return {
+            "position_percentage": self._percentage(),
+            "target_percentage": round(100.0 * self._target, 3),
+        }

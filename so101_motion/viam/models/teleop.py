@@ -1,0 +1,282 @@
+"""``devrel:so101:teleop``: one arm follows another that is led by hand.
+
+Arms of this module's own process are reached directly, at the rate of their bus; others through
+Viam. The two sides are looked up anew with every start, so an arm that was rebuilt is no trouble.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+from viam.components.arm import Arm
+from viam.components.gripper import Gripper
+from viam.proto.app.robot import ComponentConfig
+from viam.proto.common import ResourceName
+from viam.resource.base import ResourceBase
+from viam.resource.types import Model
+from viam.services.generic import Generic
+
+from so101_motion.calib.record import store
+from so101_motion.common.clock import Clock, MonotonicClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.units import to_deg
+from so101_motion.rig.hardware_rig import TICK
+from so101_motion.tasks.teleop import (
+    LocalArm,
+    LocalFollower,
+    LocalLeader,
+    Recorder,
+    Status,
+    Teleop,
+    pilot,
+)
+from so101_motion.tasks.teleop.config import TeleopConfig
+from so101_motion.tasks.teleop.gate import Phase
+from so101_motion.tasks.teleop.local_arms import middles_of, side_of
+from so101_motion.tasks.teleop.recording import FPS
+from so101_motion.tasks.teleop.sides import Follower, Leader
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.gripper_resource import GripperResource
+from so101_motion.viam.models.teleop_remote import (
+    HORIZON,
+    LOST_AFTER,
+    RemoteArm,
+    RemoteFollower,
+    RemoteLeader,
+)
+from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.commands import Command, Request, answer, arguments
+
+RECORDINGS = "recordings"
+"""The folder in the module's data directory that records are written to."""
+
+
+class So101Teleop(Generic):
+    """Lets one arm follow another.
+
+    Args:
+        name: The service's name.
+        config: Who leads and who follows, and how.
+        dependencies: The arms and grippers, as clients.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
+
+    def __init__(
+        self,
+        name: str,
+        config: TeleopConfig,
+        dependencies: Mapping[ResourceName, ResourceBase],
+    ) -> None:
+        super().__init__(name)
+        self._config, self._dependencies = config, dependencies
+        self._session: Teleop | None = None
+        self._record: Path | None = None
+        self._rate = config.rate
+        self._starting: asyncio.Task[None] | None = None
+        self._one_at_a_time = asyncio.Lock()
+        self._commands: dict[str, Command] = {
+            "start": self._start,
+            "stop": self._stop,
+            "status": self._status,
+        }
+
+    @classmethod
+    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
+        """Check the attributes; arms and grippers named in them are required dependencies."""
+        wanted = TeleopConfig.from_attributes(convert.from_struct(config.attributes))
+        return list(wanted.dependencies), []
+
+    @classmethod
+    def new(
+        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    ) -> So101Teleop:
+        """Build the service from its configuration; it starts by itself only if told to."""
+        with grpc_statuses():
+            wanted = TeleopConfig.from_attributes(convert.from_struct(config.attributes))
+            service = cls(config.name, wanted, dependencies)
+        if wanted.auto_start:
+            service._starting = asyncio.ensure_future(service._start_alone())
+        return service
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """Answer ``start``, ``stop`` and ``status``."""
+        with grpc_statuses():
+            return convert.to_result(await answer(command, self._commands))
+
+    async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
+        """How it is, as ``status`` tells."""
+        return convert.to_result(await self._status({}))
+
+    async def close(self) -> None:
+        """Stop; may be called twice."""
+        if self._starting is not None:
+            self._starting.cancel()
+        async with self._one_at_a_time:
+            await self._leave()
+
+    # Requests
+
+    async def _start(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "record", "fps")
+        record = given.text("record", "")
+        fps = given.number("fps", FPS, lower=0.1, upper=1000.0, unit="1/s")
+        async with self._one_at_a_time:
+            if self._session is None or not self._session.status.is_running:
+                await self._leave()
+                await self._begin(record, fps)
+        return {"running": True, "recording": str(self._record) if self._record else None}
+
+    async def _stop(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        async with self._one_at_a_time:
+            if self._session is not None:
+                await carried_out(self._session.stop)
+        return {"running": False}
+
+    async def _status(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        session = self._session
+        if session is None:
+            return {"running": False, "cycles": 0, "consecutive_errors": 0, "last_error": "",
+                    "rate_hz": self._rate, "state": Phase.STOPPED.value}  # fmt: skip
+        return {**_status_json(session.status), "rate_hz": self._rate}
+
+    # How
+
+    async def _start_alone(self) -> None:
+        try:
+            await self._start({})
+        except Exception as error:  # nobody waits for it
+            self.logger.error("teleoperation could not be started: %s", error)
+
+    async def _begin(self, record: str, fps: float) -> None:
+        leader, follower, clock, is_local = self._sides()
+        recorder = self._recorder(record, fps, clock)
+        self._rate = 1.0 / TICK if is_local else self._config.rate
+        session = Teleop(
+            leader,
+            follower,
+            clock,
+            mirror=self._config.mirror,
+            pace=self._config.pace,
+            horizon=pilot.HORIZON if isinstance(follower, LocalFollower) else HORIZON,
+            lost_after=pilot.LOST_AFTER
+            if isinstance(leader, LocalLeader)
+            else max(LOST_AFTER, 2.5 / self._rate),
+        )
+        try:
+            await carried_out(lambda: session.start(recorder))
+        except BaseException:
+            if recorder is not None:
+                recorder.close()
+            self._record = None
+            await carried_out(session.close)
+            raise
+        self._session = session
+        if not self._config.lets_go:
+            self.logger.info("manage_leader_torque is false: the leader stays as stiff as it is")
+
+    async def _leave(self) -> None:
+        session, self._session = self._session, None
+        self._record = None
+        if session is not None:
+            await carried_out(session.close)
+
+    def _sides(self) -> tuple[Leader, Follower, Clock, bool]:
+        config = self._config
+        jaws = config.grippers or (None, None)
+        leading, following = (
+            self._side(arm, jaw)
+            for arm, jaw in zip((config.leader_arm, config.follower_arm), jaws, strict=True)
+        )
+        leader: Leader
+        follower: Follower
+        if isinstance(leading, LocalArm):
+            leader = LocalLeader(leading, lets_go=config.lets_go)
+        else:
+            leader = RemoteLeader(leading, lets_go=config.lets_go)
+        if isinstance(following, LocalArm):
+            follower = LocalFollower(following, guarded=config.guarded)
+        elif config.guarded:
+            raise ConfigError(
+                "collision_guard", True, "needs a follower of this module; leave it out"
+            )
+        else:
+            follower = RemoteFollower(following)
+        clocks = [side.station.clock for side in (leading, following) if isinstance(side, LocalArm)]
+        if len(set(map(id, clocks))) == 2 and not all(
+            isinstance(clock, MonotonicClock) for clock in clocks
+        ):
+            raise ConfigError(
+                "follower_arm",
+                config.follower_arm,
+                "needs time that passes by itself, like the leader",
+            )
+        clock = clocks[-1] if clocks else MonotonicClock()
+        return leader, follower, clock, len(clocks) == 2
+
+    def _side(self, arm: str, jaw: str | None) -> LocalArm | RemoteArm:
+        here = ArmResource.here.get(_short(arm))
+        if here is None:
+            return RemoteArm(
+                arm=cast("Arm", self._client(arm, "arm")),
+                gripper=cast("Gripper", self._client(jaw, "gripper")) if jaw else None,
+                loop=asyncio.get_running_loop(),
+                clock=MonotonicClock(),
+                rate=self._config.rate,
+            )
+        gripper = GripperResource.here.get(_short(jaw)) if jaw else None
+        if jaw and gripper is None:
+            raise ConfigError(
+                "grippers", jaw, f"is no gripper of this module, but {arm} is its arm"
+            )
+        return side_of(here.rig, gripper.rig if gripper is not None else None)
+
+    def _client(self, name: str, subtype: str) -> ResourceBase:
+        for resource, client in self._dependencies.items():
+            if resource.subtype == subtype and resource.name == _short(name):
+                return client
+        raise ConfigError(f"{subtype}s", name, f"there is no such {subtype} on this machine")
+
+    def _recorder(self, record: str, fps: float, clock: Clock) -> Recorder | None:
+        if not record:
+            return None
+        if Path(record).name != record:
+            raise ConfigError("record", record, "must be the name of a file, without folders")
+        path = store.resolve(f"{RECORDINGS}/{record}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        here = ArmResource.here.get(_short(self._config.follower_arm))
+        middles = middles_of(here.rig) if here is not None else None
+        self._record = path
+        return Recorder(path, epoch=time.time() - clock.now(), middles=middles, fps=fps)
+
+
+def _status_json(status: Status) -> dict[str, Any]:
+    joint, gap = status.gap
+    return {
+        "running": status.is_running,
+        "cycles": status.cycles,
+        "consecutive_errors": status.consecutive_errors,
+        "last_error": status.last_error,
+        "state": status.phase.value,
+        "streaming": status.phase is Phase.MIRRORING,
+        "reason": status.reason,
+        "gap_joint": joint,
+        "gap_deg": round(to_deg(gap), 2),
+        "beyond_range": list(status.beyond),
+        "held_back": status.is_held,
+        "gripping": status.is_gripping,
+        "leader_limp": status.leader_is_limp,
+        "recorded": status.recorded,
+    }
+
+
+def _short(name: str | None) -> str:
+    return (name or "").rpartition("/")[2].rpartition(":")[2]

@@ -1,0 +1,278 @@
+"""Use arms of other modules and machines in a teleoperation, through Viam.
+
+The leader is asked for its joints again and again. The follower is sent a goal in every period, by
+the call that Viam's own teleoperation uses (no interpolation, return at once), with the caps of the
+moment as move options; the arm itself makes the path there smooth.
+
+A side's calls go to the event loop from the session's own thread. A question that is not answered
+within ``PATIENCE`` is given up and asked anew; what follows from the silence is up to the gate.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from grpclib import GRPCError
+from viam.components.arm import Arm, JointPositions
+from viam.components.gripper import Gripper
+
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import MotionError, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.tasks.teleop.pilot import Pilot
+from so101_motion.tasks.teleop.predictor import Predictor
+from so101_motion.tasks.teleop.side_state import SideState
+from so101_motion.tasks.teleop.sides import Follower, Leader
+from so101_motion.viam.conversion import convert
+
+_log = logging.getLogger(__name__)
+
+PATIENCE = 0.25
+"""How long to wait for an answer [s]; chosen, a network's worst."""
+
+SETTING_UP = 5.0
+"""How long a request may take that is not part of the motion [s]; chosen."""
+
+HORIZON = 0.1
+"""How far ahead of now the leader is aimed at for an arm elsewhere [s]; chosen: it slows down
+towards every goal, and the goals have to come a long way."""
+
+LOST_AFTER = 0.09
+"""After how long without an answer of a leader elsewhere the follower holds [s]: with the period
+after, within 0.1 s."""
+
+_TROUBLE = (GRPCError, OSError, TimeoutError, So101Error)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RemoteArm:
+    """An arm elsewhere.
+
+    Attributes:
+        arm: Its client.
+        gripper: Its gripper's client; None to leave it alone.
+        loop: The event loop that the clients belong to.
+        clock: What time it is.
+        rate: How often to ask [1/s].
+    """
+
+    arm: Arm
+    gripper: Gripper | None
+    loop: asyncio.AbstractEventLoop
+    clock: Clock
+    rate: float
+
+    async def ask(self) -> tuple[float, Array, Array]:
+        """When it was measured [s], joint angles and aperture, and which of them it told.
+
+        Raises:
+            GRPCError: It does not answer.
+        """
+        begin = self.clock.now()
+        x, heard = np.zeros(6), np.ones(6, dtype=bool)
+        asked: list[Any] = [self.arm.get_joint_positions(timeout=PATIENCE)]
+        if self.gripper is not None:
+            asked.append(self.gripper.do_command({"command": "get_position"}, timeout=PATIENCE))
+        answers = await asyncio.gather(*asked)
+        x[:5] = convert.from_joint_values(answers[0].values)
+        percent = answers[1].get("position_percentage") if len(answers) > 1 else None
+        heard[5] = isinstance(percent, (int, float))
+        x[5] = 0.01 * percent if isinstance(percent, (int, float)) else 0.0
+        return 0.5 * (begin + self.clock.now()), x, heard
+
+    def run(self, call: Coroutine[Any, Any, Any]) -> Any:
+        """The outcome of ``call``, from another thread than the loop's."""
+        return asyncio.run_coroutine_threadsafe(call, self.loop).result(SETTING_UP)
+
+    def begin(self, job: Callable[[], Coroutine[Any, Any, None]]) -> Future[None]:
+        """Do ``job`` in every period until the future is cancelled."""
+        return asyncio.run_coroutine_threadsafe(self._repeat(job), self.loop)
+
+    async def _repeat(self, job: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        due = self.loop.time()
+        while True:
+            await job()
+            due = max(due + 1.0 / self.rate, self.loop.time())
+            await asyncio.sleep(due - self.loop.time())
+
+    async def set_torque(self, on: bool) -> bool:
+        """Hold its joints or let go of them; whether it could be told."""
+        try:
+            await self.arm.do_command({"command": "set_torque", "enable": on}, timeout=SETTING_UP)
+        except _TROUBLE as error:
+            _log.warning("%s could not be %s: %s", self.arm.name, "held" if on else "let go", error)
+            return False
+        return True
+
+
+class RemoteLeader(Leader):
+    """An arm elsewhere that leads.
+
+    Args:
+        arm: The arm.
+        lets_go: Whether its joints are let go of while it leads, and held again afterwards.
+    """
+
+    def __init__(self, arm: RemoteArm, *, lets_go: bool = True) -> None:
+        self._arm, self._lets_go = arm, lets_go
+        self._is_limp = False
+        self._x = np.zeros(6)
+        self._asking: Future[None] | None = None
+
+    def attach(self, predictor: Predictor) -> None:
+        """See ``Leader.attach``."""
+        if self._lets_go:
+            self._is_limp = bool(self._arm.run(self._arm.set_torque(False)))
+
+        async def ask() -> None:
+            try:
+                t, self._x, heard = await self._arm.ask()
+            except _TROUBLE as error:
+                _log.debug("the leader does not answer: %s", error)
+            else:
+                predictor.take(t, self._x, heard)
+
+        self._asking = self._arm.begin(ask)
+
+    def detach(self) -> None:
+        """See ``Leader.detach``."""
+        if self._asking is not None:
+            self._asking.cancel()
+        if self._is_limp:
+            self._arm.run(self._arm.set_torque(True))
+            self._is_limp = False
+
+    @property
+    def is_limp(self) -> bool:
+        """See ``Leader.is_limp``: as far as it was told to be."""
+        return self._is_limp
+
+    @property
+    def state(self) -> SideState:
+        """See ``Leader.state``."""
+        return SideState(x=self._x, x_goal=self._x)
+
+
+class RemoteFollower(Follower):
+    """An arm elsewhere that follows.
+
+    Args:
+        arm: The arm.
+    """
+
+    def __init__(self, arm: RemoteArm) -> None:
+        self._arm = arm
+        self._pilot: Pilot | None = None
+        self._going: Future[None] | None = None
+        self._x = np.zeros(6)
+        self._x_goal: Array | None = None
+        self._seen = -np.inf
+        self._engaged = self._moves = False
+        self._problem: MotionError | None = None
+        self._jaw: asyncio.Task[None] | None = None
+        self._percent = 0.0
+
+    def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
+        """See ``Follower.attach``."""
+        self._pilot = pilot
+
+        async def go() -> None:
+            try:
+                self._seen, self._x, _ = await self._arm.ask()
+                if self._engaged:
+                    await self._go(pilot)
+            except _TROUBLE as error:
+                self._lose(error)
+            look()
+
+        self._going = self._arm.begin(go)
+
+    def engage(self) -> None:
+        """See ``Follower.engage``."""
+        self._x_goal, self._problem = None, None
+        self._engaged = True
+
+    def detach(self) -> None:
+        """See ``Follower.detach``."""
+        self._engaged = False
+        if self._going is not None:
+            self._going.cancel()
+        try:
+            self._arm.run(self._arm.arm.stop(timeout=SETTING_UP))
+        except _TROUBLE as error:
+            raise MotionError(f"the follower could not be stopped: {error}") from error
+
+    def ending(self) -> BaseException | None:
+        """See ``Follower.ending``."""
+        problem, self._problem = self._problem, None
+        return problem
+
+    @property
+    def is_engaged(self) -> bool:
+        """See ``Follower.is_engaged``."""
+        return self._engaged
+
+    @property
+    def is_there(self) -> bool:
+        """See ``Follower.is_there``."""
+        return self._arm.clock.now() - self._seen < PATIENCE
+
+    @property
+    def state(self) -> SideState:
+        """See ``Follower.state``."""
+        return SideState(x=self._x, x_goal=self._x if self._x_goal is None else self._x_goal)
+
+    # In the event loop
+
+    async def _go(self, pilot: Pilot) -> None:
+        rest = np.zeros(5)
+        aim = pilot.arm(Setpoint(q=self._x[:5], qd=rest, qdd=rest))
+        if aim is None:
+            if self._moves:
+                self._moves = False
+                await self._arm.arm.stop(timeout=PATIENCE)
+            return
+        self._moves = True
+        self._x_goal = np.append(aim.q, self._x[5])
+        await self._arm.arm.move_through_joint_positions(
+            [JointPositions(values=to_deg(aim.q).tolist())],
+            convert.to_move_options(aim.limits.velocity, aim.limits.acceleration),
+            extra={"interpolate": False, "waitAtEnd": False},
+            timeout=PATIENCE,
+        )
+        self._go_on_with_jaw(pilot)
+
+    def _go_on_with_jaw(self, pilot: Pilot) -> None:
+        gripper, wanted = self._arm.gripper, pilot.jaw(_JAW_CAPS)
+        if gripper is None or wanted is None or (self._jaw is not None and not self._jaw.done()):
+            return
+        percent = 100.0 * wanted[0]
+        if self._jaw is None or abs(percent - self._percent) > _JAW_STEP:
+            self._percent = percent
+            self._jaw = asyncio.ensure_future(self._set_jaw(gripper, percent))
+
+    async def _set_jaw(self, gripper: Gripper, percent: float) -> None:
+        try:
+            await gripper.do_command(
+                {"command": "set_position", "percentage": percent, "wait": False}, timeout=PATIENCE
+            )
+        except _TROUBLE as error:
+            _log.warning("the follower's jaw did not move: %s", error)
+
+    def _lose(self, error: Exception) -> None:
+        if self._engaged:
+            self._engaged = False
+            self._problem = MotionError(f"the follower does not do as it is told: {error}")
+
+
+_JAW_STEP = 0.5  # [%]; a smaller change is not worth a request
+_JAW_CAPS = MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=1.0, n=1)  # it has its own

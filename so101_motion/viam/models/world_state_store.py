@@ -1,0 +1,204 @@
+"""``devrel:so101:world-state``: shows Viam's 3D view what an arm plans with.
+
+Obstacles, keep-out zones, what the gripper holds, the goal of the newest plan and the path of the
+tool to it are shown as transforms beside the arm. Nothing is stored: a stream compares a few times
+a second what the arm knows now with what was shown before.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import uuid
+from collections.abc import AsyncGenerator, Iterator, Mapping
+from functools import lru_cache
+from typing import Any, ClassVar
+
+import numpy as np
+from google.protobuf.field_mask_pb2 import FieldMask
+from google.protobuf.struct_pb2 import Struct
+from grpclib import GRPCError, Status
+from viam.proto.common import (
+    Geometry,
+    PoseInFrame,
+    Transform,
+)
+from viam.proto.service.worldstatestore import StreamTransformChangesResponse, TransformChangeType
+from viam.resource.types import Model
+from viam.services.worldstatestore import WorldStateStore
+
+from so101_motion.arm.arm import Arm
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import FLOOR, Box, Scene, Shape, ShapeFile, Sphere
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.conversion.geometries import to_geometry
+from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
+
+_PERIOD = 0.25
+"""How often a stream looks [s]; chosen: soon enough for the eye, near no load."""
+
+_POINTS = 32
+"""How many points of the tool's path are shown; chosen, 10 mm apart on a usual move."""
+
+_NAMESPACE = uuid.UUID("8f3b1b5e-6a0c-4d8e-9d38-5a0f1f1c9a51")
+
+_FLOOR_SIZE = 1.2
+_FLOOR_THICKNESS = 0.01
+"""How much of the floor is shown [m]; chosen: as far as the arm reaches, and a thin slab."""
+
+_FLOOR, _OBSTACLE, _ZONE, _HELD, _WAY, _GOAL = (
+    {"color": {"r": r, "g": g, "b": b}, "opacity": opacity}
+    for r, g, b, opacity in (
+        (200, 200, 200, 0.3),
+        (150, 150, 150, 0.8),
+        (220, 60, 60, 0.25),
+        (240, 165, 0, 0.8),
+        (60, 120, 220, 0.9),
+        (60, 200, 90, 0.9),
+    )
+)
+
+Shown = dict[bytes, Transform]
+"""What is shown, by UUID."""
+
+
+class So101WorldState(ServiceForAnArm, WorldStateStore):
+    """Shows what one arm of this module plans with.
+
+    Args:
+        name: The service's name.
+        arm: Name of the arm; None for the only one.
+    """
+
+    MODEL: ClassVar = Model.from_string("devrel:so101:world-state")
+
+    async def list_uuids(self, **kwargs: Any) -> list[bytes]:
+        """Everything that is shown now; the floor at least.
+
+        viam-server takes an empty list for a failure.
+        """
+        with grpc_statuses():
+            return list(await asyncio.to_thread(self._now))
+
+    async def get_transform(self, uuid: bytes, **kwargs: Any) -> Transform:
+        """One of the things that are shown."""
+        with grpc_statuses():
+            found = (await asyncio.to_thread(self._now)).get(uuid)
+        if found is None:
+            raise GRPCError(Status.NOT_FOUND, "nothing of that UUID is shown any more")
+        return found
+
+    # The SDK declares its async generator as a coroutine that returns one.
+    async def stream_transform_changes(  # type: ignore[override]
+        self, **kwargs: Any
+    ) -> AsyncGenerator[StreamTransformChangesResponse, None]:
+        """Everything that is shown, then what changes, until the client goes away.
+
+        The first message is empty: viam-server drops the first one, and waits for it. While the arm
+        is not there nothing is shown; it may be there again soon.
+        """
+        yield StreamTransformChangesResponse()
+        shown: Shown = {}
+        while True:
+            now = await asyncio.to_thread(self._now_or_nothing)
+            for change in _changes(shown, now):
+                yield change
+            shown = now
+            await asyncio.sleep(_PERIOD)
+
+    async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
+        """There are no requests; what is shown is asked for with the store's own methods."""
+        raise GRPCError(
+            Status.UNIMPLEMENTED,
+            "this store answers no requests; ListUUIDs, GetTransform and StreamTransformChanges"
+            " tell what it shows, and devrel:so101:motion answers plan and preview",
+        )
+
+    def _now(self) -> Shown:
+        resource = arm_here(self._arm_name)
+        return {t.uuid: t for t in shown_of(resource.short_name, resource.rig.arm)}
+
+    def _now_or_nothing(self) -> Shown:
+        try:
+            return self._now()
+        except ConfigError:
+            return {}
+
+
+def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
+    """What is shown of an arm.
+
+    Args:
+        name: The arm's short name.
+        arm: What knows its surroundings and plans.
+    """
+    scene, plan = (arm.scene, None) if arm.newest is None else (arm.newest[0].scene, arm.newest[1])
+    yield from _things(name, scene)
+    if plan is None or len(plan.trajectory) < 2:
+        return
+    points = plan.tool_path
+    chosen = np.unique(np.linspace(0, len(points) - 1, _POINTS).astype(int))
+    for k, i in enumerate(chosen):
+        at = SE3.from_translation(points[i])
+        is_last = k == len(chosen) - 1
+        shape = Sphere(radius=0.008 if is_last else 0.002)
+        label = f"{name} goal" if is_last else f"{name} way {k}"
+        yield _transform(label, f"{name}_origin", shape, at, _GOAL if is_last else _WAY)
+
+
+@lru_cache(maxsize=8)
+def _things(name: str, scene: Scene) -> tuple[Transform, ...]:
+    """What stands around an arm and what it holds; made once for each scene, for it may be much."""
+    return tuple(_each_thing(name, scene))
+
+
+def _each_thing(name: str, scene: Scene) -> Iterator[Transform]:
+    if scene.floor_z is not None:
+        slab = Box(size=np.array((_FLOOR_SIZE, _FLOOR_SIZE, _FLOOR_THICKNESS)))
+        at = SE3.from_translation((0.0, 0.0, scene.floor_z - _FLOOR_THICKNESS / 2.0))
+        yield _transform(f"{name} {FLOOR}", f"{name}_origin", slab, at, _FLOOR)
+    for thing in scene.obstacles:
+        look = _ZONE if thing.keep_out else _OBSTACLE
+        yield _transform(thing.name, f"{name}_origin", thing.shape, thing.T_base_obstacle, look)
+    for held in scene.attached:
+        yield _transform(held.name, name, held.shape, held.T_tool_object, _HELD)
+
+
+def _transform(
+    label: str, frame: str, shape: Shape | ShapeFile, pose: SE3, look: Mapping[str, Any]
+) -> Transform:
+    metadata = Struct()
+    metadata.update(look)
+    geometry: Geometry = to_geometry(shape, label)
+    return Transform(
+        reference_frame=label,
+        pose_in_observer_frame=PoseInFrame(reference_frame=frame, pose=convert.to_pose(pose)),
+        physical_object=geometry,
+        uuid=uuid.uuid5(_NAMESPACE, f"{frame}/{label}").bytes,
+        metadata=metadata,
+    )
+
+
+def _changes(before: Shown, now: Shown) -> Iterator[StreamTransformChangesResponse]:
+    kind = TransformChangeType
+    for key in before.keys() - now.keys():
+        yield StreamTransformChangesResponse(
+            change_type=kind.TRANSFORM_CHANGE_TYPE_REMOVED, transform=Transform(uuid=key)
+        )
+    for key, transform in now.items():
+        if key not in before:
+            yield StreamTransformChangesResponse(
+                change_type=kind.TRANSFORM_CHANGE_TYPE_ADDED, transform=transform
+            )
+        elif before[key] is not transform and before[key] != transform:
+            fields = [
+                field.name
+                for field in Transform.DESCRIPTOR.fields
+                if getattr(before[key], field.name) != getattr(transform, field.name)
+            ]
+            yield StreamTransformChangesResponse(
+                change_type=kind.TRANSFORM_CHANGE_TYPE_UPDATED,
+                transform=transform,
+                updated_fields=FieldMask(paths=fields),
+            )

@@ -1,0 +1,326 @@
+"""The commands of the calibration sensor: the published module's, with its answers' keys.
+
+Each runs in a thread, for it waits for the bus, and is finished even if the client goes away in
+mid-step. What an answer has beyond the published keys is said in ``docs/calibration.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from functools import partial
+from typing import Any
+
+from so101_motion.calib.motors.setup_view import MotorCheck, ScannedServo
+from so101_motion.calib.procedure import steps
+from so101_motion.calib.procedure.view import JointView
+from so101_motion.common.attributes import Attributes, suggest
+from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.common.units import to_deg
+from so101_motion.setup import setup_steps
+from so101_motion.setup.calibrator import Calibrator, StepResult
+from so101_motion.setup.situation_json import about_servo
+from so101_motion.viam.requests.await_motion import carried_out
+from so101_motion.viam.requests.commands import Command, Request, arguments
+
+
+class CalibrationCommands:
+    """Answers them.
+
+    Args:
+        calibrator: Carries them out.
+
+    Attributes:
+        commands: Who answers each ``command``.
+    """
+
+    def __init__(self, calibrator: Calibrator) -> None:
+        self._calibrator, self._setup = calibrator, calibrator.motor_setup
+        self.commands: Mapping[str, Command] = {
+            "start": self._step,
+            "set_homing": self._set_homing,
+            "start_range_recording": self._step,
+            "stop_range_recording": self._stop_recording,
+            "save_calibration": self._save,
+            "abort": self._abort,
+            "reset": self._reset,
+            "restore_calibration": self._restore,
+            "get_current_positions": self._get_positions,
+            "motor_setup_discover": self._discover,
+            "motor_setup_assign_id": self._assign,
+            "motor_setup_skip": self._skip,
+            "motor_setup_verify": self._verify,
+            "motor_setup_scan_bus": self._scan,
+            "motor_setup_reset_status": self._reset_status,
+            "setup_steps": self._list_steps,
+        }
+
+    # The workflow
+
+    async def _step(self, request: Request) -> dict[str, Any]:
+        """A step that leads to the next one."""
+        arguments(request)
+        await self._carry_out(request)
+        return self._next()
+
+    async def _set_homing(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        await self._carry_out(request)
+        joints = self._calibrator.situation.view.joints
+        offsets = {str(joint.servo_id): joint.homing_offset for joint in joints.values()}
+        return {**self._next(), "homing_offsets": offsets}
+
+    async def _stop_recording(self, request: Request) -> dict[str, Any]:
+        arguments(request, "accept")
+        await self._carry_out(request, accept=_names("accept", request.get("accept")))
+        view = self._calibrator.situation.view
+        return {
+            **self._next(),
+            "recording_duration": round(view.recording_time, 3),
+            "samples_collected": view.samples,
+            "ranges": ranges(view.joints),
+        }
+
+    async def _save(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        done = await self._carry_out(request)
+        stored = done.stored
+        assert stored is not None
+        said = (
+            f"The calibration is saved in {stored.path} and stored in the servos.",
+            *(f"{note}." for note in stored.notes),
+        )
+        return {
+            **self._over(done, " ".join(said)),
+            "calibration_file": str(stored.path),
+            "joints_calibrated": len(self._calibrator.situation.joints),
+        }
+
+    async def _abort(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        done = await self._carry_out(request)
+        return self._over(done, "The calibration was aborted; everything is as it was before.")
+
+    async def _reset(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        done = await self._carry_out(request)
+        return self._over(done, "Ready to start anew; everything is as it was before.")
+
+    async def _restore(self, request: Request) -> dict[str, Any]:
+        number = _whole(arguments(request, "number"), "number", 9999)
+        ended = await carried_out(lambda: self._calibrator.restore(number))
+        stored = ended.stored
+        assert stored is not None
+        return {
+            **self._over(ended, f"{stored.path} and the servos hold the calibration of before."),
+            "calibration_file": str(stored.path),
+        }
+
+    async def _get_positions(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        now = self._calibrator.situation
+        found = {joint: view for joint, view in now.joints.items() if view.ticks is not None}
+        if not found:
+            raise CalibrationError(
+                None,
+                "no servo answers" if now.is_connected else "the port is not there at present",
+                "check the arm's power supply and its cables",
+            )
+        return {
+            "success": True,
+            "positions": {
+                joint: {
+                    "servo_id": view.servo_id,
+                    "raw_position": view.ticks,
+                    "radians": now.angles[joint],
+                    "degrees": to_deg(now.angles[joint]),
+                }
+                for joint, view in found.items()
+            },
+            "silent": [joint for joint in now.joints if joint not in found],
+        }
+
+    async def _carry_out(self, request: Request, *, accept: Collection[str] = ()) -> StepResult:
+        step = steps.Command(request["command"])
+        return await carried_out(partial(self._calibrator.step, step, accept=accept))
+
+    def _next(self) -> dict[str, Any]:
+        view = self._calibrator.situation.view
+        message = view.instruction if view.note is None else f"{view.note} {view.instruction}"
+        return {"success": True, "state": view.state.value, "message": message}
+
+    def _over(self, ended: StepResult, message: str) -> dict[str, Any]:
+        state = self._calibrator.situation.view.state
+        joints = "The joints are held." if ended.holds else "The joints are limp."
+        return {
+            "success": True,
+            "state": state.value,
+            "message": f"{message} {joints if ended.trouble is None else f'But {ended.trouble}'}",
+            "torque_enabled": ended.holds,
+        }
+
+    # The motor setup
+
+    async def _discover(self, request: Request) -> dict[str, Any]:
+        joint = _motor_name(arguments(request, "motor_name"))
+        found = await carried_out(lambda: self._setup.discover(joint))
+        return {
+            "success": True,
+            "motor_name": joint,
+            "target_id": found.target_id,
+            **about_servo(found),
+            "status": found.sentence,
+            "fix": found.fix or None,
+            "next_step": self._setup.view.next_step,
+        }
+
+    async def _assign(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "motor_name", "current_id", "target_id", "current_baudrate")
+        joint = _motor_name(given)
+        current, target = _whole(given, "current_id", 253), _whole(given, "target_id", 253)
+        baud = _whole(given, "current_baudrate", 10_000_000)
+        done = await carried_out(
+            lambda: self._setup.assign(
+                joint, current_id=current, target_id=target, current_baud=baud
+            )
+        )
+        return {
+            "success": True,
+            "motor_name": joint,
+            "old_id": done.old_id,
+            "new_id": done.new_id,
+            "old_baudrate": done.old_baud,
+            "new_baudrate": done.new_baud,
+            "changed": list(done.changed),
+            "status": done.sentence,
+            "next_step": self._setup.view.next_step,
+        }
+
+    async def _skip(self, request: Request) -> dict[str, Any]:
+        joint = _motor_name(arguments(request, "motor_name"))
+        skipped = await carried_out(lambda: self._setup.skip(joint))
+        return {
+            "success": True,
+            "motor_name": joint,
+            "status": skipped.sentence,
+            "next_step": self._setup.view.next_step,
+        }
+
+    async def _verify(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        found = await carried_out(self._setup.verify)
+        return {
+            "success": found.ok,
+            "motors": {joint: _checked(check) for joint, check in found.motors.items()},
+            "unexpected_ids": list(found.unexpected_ids),
+            "notes": list(found.notes),
+            "status": found.sentence,
+            "next_step": self._setup.view.next_step,
+        }
+
+    async def _scan(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        found = await carried_out(self._setup.scan)
+        return {
+            "success": True,
+            "servos_found": len(found.servos),
+            "unexpected_count": found.unexpected_count,
+            "servos": [_scanned(servo) for servo in found.servos],
+            "status": found.sentence,
+        }
+
+    async def _reset_status(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        await carried_out(self._setup.reset)
+        return {"success": True, "status": self._setup.view.status}
+
+    # All of it
+
+    async def _list_steps(self, request: Request) -> dict[str, Any]:
+        name = arguments(request, "workflow").text("workflow", setup_steps.FULL.name)
+        wanted = next((each for each in setup_steps.WORKFLOWS if each.name == name), None)
+        if wanted is None:
+            names = [each.name for each in setup_steps.WORKFLOWS]
+            raise ConfigError("workflow", name, suggest(name, names))
+        known = setup_steps.SetupState.of(self._calibrator)
+        left = wanted.next_open(known)
+        return {
+            "success": True,
+            "workflow": wanted.name,
+            "title": wanted.title,
+            "minutes": wanted.minutes,
+            "steps": [_about_step(step, known) for step in wanted.steps],
+            "next_step": None if left is None else left.name,
+        }
+
+
+# What requests hold
+
+
+def _motor_name(given: Attributes) -> str:
+    if not given.given("motor_name"):
+        raise ConfigError("motor_name", None, 'is missing; name the motor, such as "gripper"')
+    return given.text("motor_name", "")
+
+
+def _whole(given: Attributes, key: str, upper: int) -> int | None:
+    if not given.given(key):
+        return None
+    value = given.number(key, 0.0, lower=0.0, upper=upper)
+    if value % 1.0:
+        raise ConfigError(key, value, f"must be a whole number from 0 to {upper}")
+    return round(value)
+
+
+def _names(key: str, value: object) -> tuple[str, ...]:
+    listed = [] if value is None else value
+    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
+        raise ConfigError(key, value, "must be a list of joint names")
+    return tuple(listed)
+
+
+# What answers hold
+
+
+def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
+    """The travels that were recorded [tick]."""
+    return {
+        joint: {"min": view.recorded_min, "max": view.recorded_max, "range": view.travel}
+        for joint, view in joints.items()
+        if view.recorded_min is not None
+    }
+
+
+def _about_step(step: setup_steps.SetupStep, known: setup_steps.SetupState) -> dict[str, Any]:
+    check = step.check(known)
+    return {
+        "name": step.name,
+        "title": step.title,
+        "instruction": step.instruction,
+        "minutes": step.minutes,
+        "verdict": check.verdict,
+        "message": check.sentence,
+        "fix": check.fix or None,
+    }
+
+
+def _checked(check: MotorCheck) -> dict[str, Any]:
+    told: dict[str, Any] = {"id": check.servo_id, "status": check.status}
+    if check.facts is not None:
+        told |= {
+            "model": check.facts.model,
+            "firmware": check.facts.firmware,
+            "volts": round(check.facts.volts, 1),
+        }
+    if check.error:
+        told |= {"error": check.error, "fix": check.fix}
+    return told
+
+
+def _scanned(servo: ScannedServo) -> dict[str, Any]:
+    return {
+        "id": servo.servo_id,
+        "model": servo.model or "unknown",
+        "status": "unexpected" if servo.expected_joint is None else "expected",
+        "expected_name": servo.expected_joint,
+        "baudrate": servo.baud,
+    }

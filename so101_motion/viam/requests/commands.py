@@ -1,0 +1,111 @@
+"""Dispatch the requests that an arm answers beyond Viam's own methods.
+
+The published module knows two styles. A ``command`` names what to do; ``set_speed``,
+``set_acceleration`` and ``get_motion_params`` are keys of the request itself and may be combined.
+Combined keys are checked together and then applied together, so a request that is refused has
+changed nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from typing import Any
+
+from so101_motion.arm.arm import Arm
+from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    SPEED_RANGE_DEG,
+    Attributes,
+    checked_number,
+    suggest,
+)
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.units import to_deg, to_rad
+
+Request = Mapping[str, object]
+Command = Callable[[Request], Awaitable[dict[str, Any]]]
+
+KEYS = ("set_speed", "set_acceleration", "get_motion_params")
+"""The requests that are keys."""
+
+
+async def answer(
+    request: Request,
+    commands: Mapping[str, Command],
+    keys: Command | None = None,
+    names: tuple[str, ...] = (),
+) -> dict[str, Any]:
+    """Do what ``request`` says.
+
+    Args:
+        request: As it came.
+        commands: What a ``command`` may be, and who answers it.
+        keys: Who answers a request without ``command``; None if it must have one.
+        names: The keys such a request may have.
+
+    Raises:
+        ConfigError: Nobody answers this request; the message names what would be.
+    """
+    command = request.get("command")
+    if command is None:
+        if keys is None or not any(name in request for name in names):
+            raise ConfigError("request", dict(request), _what_instead(request, commands, names))
+        return await keys(request)
+    if isinstance(command, str) and command in commands:
+        return await commands[command](request)
+    hint = suggest(str(command), (*commands, *names))
+    if command in names:
+        hint = f'is a key, not a command: send {{"{command}": ...}}'
+    raise ConfigError("command", command, hint)
+
+
+def _what_instead(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
+    """What somebody who sent neither a command nor a key might have meant."""
+    first = next(iter(request), "")
+    if first in commands:
+        return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
+    also = f" or one of {', '.join(names)}" if names else ""
+    return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
+
+
+def arguments(request: Request, *known: str) -> Attributes:
+    """What stands beside ``command``.
+
+    Raises:
+        ConfigError: Something that the command does not know.
+    """
+    return Attributes(request, ("command", *known), kind="argument")
+
+
+def motion_params(arm: Arm, request: Request) -> dict[str, Any]:
+    """Answer ``set_speed``, ``set_acceleration`` and ``get_motion_params``.
+
+    Raises:
+        ConfigError: One of them cannot be done; then none has been.
+    """
+    given = Attributes(request, KEYS, kind="request")
+    speed_deg = _wanted(request, "set_speed", SPEED_RANGE_DEG, "deg/s")
+    acceleration_deg = _wanted(request, "set_acceleration", ACCELERATION_RANGE_DEG, "deg/s^2")
+    wants_params = given.flag("get_motion_params", False)
+    result: dict[str, Any] = {}
+    if speed_deg is not None:
+        arm.set_speed(to_rad(speed_deg))
+        result["speed_set"] = speed_deg
+    if acceleration_deg is not None:
+        arm.set_acceleration(to_rad(acceleration_deg))
+        result["acceleration_set"] = acceleration_deg
+    if wants_params:
+        result["current_speed_degs_per_sec"] = in_deg(arm.speed)
+        result["current_acceleration_degs_per_sec_per_sec"] = in_deg(arm.acceleration)
+    return result
+
+
+def _wanted(request: Request, key: str, bounds: tuple[float, float], unit: str) -> float | None:
+    if key not in request:
+        return None
+    return checked_number(key, request[key], lower=bounds[0], upper=bounds[1], unit=unit)
+
+
+def in_deg(value: float) -> float:
+    """Degrees from radians as one would write them; 60 went in, 60 comes out."""
+    return round(to_deg(value), 9)

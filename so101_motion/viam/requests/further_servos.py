@@ -1,0 +1,133 @@
+"""Answer the ``servo_…`` requests, which move the jaw through the arm.
+
+Later versions of the published module let programs move such a servo through the arm when no
+gripper is configured; the answers are theirs. A jaw that a gripper component has as well is the
+same jaw: the newer motion takes over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import Attributes, checked_number
+from so101_motion.common.errors import ConfigError, MotionError
+from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.viam.requests.await_motion import left_alone
+from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.servo_commands import out_of_fault
+
+_PATIENCE_MS = 3000.0
+"""How long ``servo_wait_stop`` waits unless it is told otherwise [ms]; the published default."""
+
+_LOOK = 0.02
+"""Time between two looks while it waits [s]."""
+
+
+class FurtherServos:
+    """Answers them.
+
+    Args:
+        rig: The arm's.
+        logger: Told of motions that nobody waits for and that did not arrive.
+
+    Attributes:
+        commands: Who answers each ``command``.
+    """
+
+    def __init__(self, rig: HardwareRig, logger: logging.Logger) -> None:
+        self._rig, self._logger = rig, logger
+        self._latest: Motion | None = None
+        self.commands: Mapping[str, Command] = {
+            "servo_capabilities": self._capabilities,
+            "servo_move": self._move,
+            "servo_position": self._position,
+            "servo_stop": self._stop,
+            "servo_wait_stop": self._wait_stop,
+        }
+
+    async def _capabilities(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        return {"servo_commands": True, "servo_ids": [self._id] if self._is_there else []}
+
+    async def _move(self, request: Request) -> dict[str, Any]:
+        given = self._given(request, "percent", "raw", "speed")
+        jaw = self._rig.gripper
+        echo: dict[str, Any]
+        if given.given("raw"):
+            raw = checked_number("raw", request["raw"], lower=0.0, upper=4095.0, unit="ticks")
+            q = self._rig.servos.to_angle(GRIPPER_JOINT, round(raw))
+            aperture, echo = (q - jaw.closed) / (jaw.opened - jaw.closed), {"raw": raw}
+        else:
+            percent = checked_number("percent", request.get("percent"), unit="%")
+            aperture, echo = percent / 100.0, {"percent": min(max(percent, 0.0), 100.0)}
+        aperture = min(max(aperture, 0.0), 1.0)  # as the published module does, and tells
+        limits = jaw.limits
+        if given.given("speed"):
+            ticks = checked_number(
+                "speed", request["speed"], lower=1.0, upper=4096.0, unit="ticks/s"
+            )
+            asked = np.full(1, 2.0 * np.pi * ticks / 4096.0)
+            limits = replace(limits, velocity=np.minimum(asked, limits.velocity))
+        await out_of_fault(self._rig)
+        # What the jaw meets on its way to closed is gripped, not crushed.
+        start = jaw.start_grab if aperture < jaw.aperture else jaw.start_move
+        self._latest = start(aperture, limits=limits)
+        left_alone(self._latest, self._logger)
+        return echo
+
+    async def _position(self, request: Request) -> dict[str, Any]:
+        self._given(request)
+        jaw = self._rig.gripper
+        raw = self._rig.servos.to_ticks(GRIPPER_JOINT, jaw.q_jaw)
+        return {"percent": round(100.0 * min(max(jaw.aperture, 0.0), 1.0), 3), "raw": raw}
+
+    async def _stop(self, request: Request) -> dict[str, Any]:
+        self._given(request)
+        await asyncio.wrap_future(self._rig.gripper.start_stop())
+        return {}
+
+    async def _wait_stop(self, request: Request) -> dict[str, Any]:
+        given = self._given(request, "timeout_ms")
+        patience_ms = given.number("timeout_ms", _PATIENCE_MS, lower=0.0, upper=6e5, unit="ms")
+        waited_ms = 0.0
+        while self._is_moving:
+            if waited_ms >= patience_ms:
+                raise MotionError(f"servo {self._id} still moves after {patience_ms:g} ms")
+            await asyncio.sleep(_LOOK)
+            waited_ms += 1000.0 * _LOOK
+        return {}
+
+    @property
+    def _is_moving(self) -> bool:
+        begun = self._latest is not None and not self._latest.future.done()
+        return begun or self._rig.gripper.is_moving
+
+    @property
+    def _id(self) -> int:
+        return self._rig.settings.ids()[GRIPPER_JOINT]
+
+    @property
+    def _is_there(self) -> bool:
+        return GRIPPER_JOINT in self._rig.servos.setups
+
+    def _given(self, request: Request, *known: str) -> Attributes:
+        """What stands beside ``command``, the servo being one that may be moved so.
+
+        Raises:
+            ConfigError: It is the arm's, it is not there, or an argument is not known.
+        """
+        given = arguments(request, "servo_id", *known)
+        asked = checked_number("servo_id", request.get("servo_id"), lower=1.0, upper=6.0)
+        if asked != self._id:
+            raise ConfigError("servo_id", asked, f"is the arm's own; {self._id} is not")
+        if not self._is_there:
+            raise ConfigError("servo_id", asked, "did not answer when the arm was opened")
+        return given

@@ -1,0 +1,195 @@
+"""Answer the requests about guided paths, for every arm.
+
+A hand shows a path while the arm is in manual mode; it is kept as a file in the folder ``paths`` of
+the module's data and can be gone again. A recording is saved whenever it ends: by ``end_path``, by
+leaving manual mode, when its time is up, and when the component is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from so101_motion.calib.record import store
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, Attributes
+from so101_motion.common.errors import MotionError, So101Error
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.tasks.guided import (
+    GuidedPath,
+    PathRecorder,
+    Replay,
+    files,
+    plan_replay,
+    start_replay,
+)
+from so101_motion.tasks.guided.path import TOLERANCE
+from so101_motion.tasks.guided.replay import TOLERANCE_RANGE
+from so101_motion.tasks.teleop.local_arms import jaw_of
+from so101_motion.viam.requests.await_motion import finished, own_thread
+from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.manual import LONGEST
+
+if TYPE_CHECKING:
+    from so101_motion.viam.models.arm_resource import ArmResource
+
+PATHS = "paths"
+"""The folder in the module's data directory that guided paths are kept in."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Recording:
+    recorder: PathRecorder
+    file: Path
+    saved: asyncio.Task[GuidedPath]
+
+
+class PathCommands:
+    """Records, keeps and replays guided paths for one arm component. Lives in the event loop.
+
+    Args:
+        arm: The component.
+
+    Attributes:
+        commands: Who answers each ``command``.
+    """
+
+    def __init__(self, arm: ArmResource) -> None:
+        self._arm = arm
+        self._recording: _Recording | None = None
+        self._one_at_a_time = asyncio.Lock()  # two recordings begun at once would lose one
+        self.commands: Mapping[str, Command] = {
+            "record_path": self._record,
+            "end_path": self._end,
+            "list_paths": self._list,
+            "replay_path": self._replay,
+            "delete_path": self._delete,
+        }
+
+    async def close(self) -> None:
+        """End and save what is being recorded."""
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            recording.recorder.end()
+            await asyncio.wait([recording.saved])
+
+    async def _record(self, request: Request) -> dict[str, Any]:
+        given = arguments(request, "name", "replace", "enabled_for")
+        file, replace = _file(request), given.flag("replace", False)
+        seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
+        files.refuse_taken(file, replace=replace)
+        return await finished(self._begin(file, seconds, replace=replace))
+
+    async def _begin(self, file: Path, seconds: float, *, replace: bool) -> dict[str, Any]:
+        async with self._one_at_a_time:
+            await self._begin_alone(file, seconds, replace=replace)
+        return {"recording": file.stem, "mode": "manual"}
+
+    async def _begin_alone(self, file: Path, seconds: float, *, replace: bool) -> None:
+        if self._recording is not None and not self._recording.recorder.future.done():
+            raise MotionError(
+                f"{self._recording.file.stem} is being recorded already; send"
+                ' {"command": "end_path"} first'
+            )
+        rig = self._arm.rig
+        if seconds > 0.0 or not rig.arm.in_manual:
+            await self._arm.set_manual_mode(True, seconds)
+        recorder = PathRecorder(rig.executor, jaw_of(rig))
+        saved = asyncio.ensure_future(self._save(recorder, file, replace))
+        saved.add_done_callback(lambda task: task.cancelled() or task.exception())  # looked at
+        self._recording = _Recording(recorder=recorder, file=file, saved=saved)
+
+    async def _save(self, recorder: PathRecorder, file: Path, replace: bool) -> GuidedPath:
+        path = await asyncio.wrap_future(recorder.future)
+        try:
+            await asyncio.to_thread(files.write, path, file, replace=replace)
+        except So101Error as error:  # perhaps nobody waits for it
+            self._arm.logger.error("the guided path was not saved: %s", error)
+            raise
+        if recorder.ended_by:
+            self._arm.logger.info("%s is saved: %s", file.stem, recorder.ended_by)
+        return path
+
+    async def _end(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        recording = self._recording
+        if recording is None:
+            raise MotionError('nothing is being recorded; begin with {"command": "record_path"}')
+        recording.recorder.end()
+        path = await asyncio.shield(recording.saved)
+        return {
+            **_facts(recording.file.stem, path),
+            "file": str(recording.file),
+            "ended_by": recording.recorder.ended_by or "end_path",
+        }
+
+    async def _list(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        kept = await asyncio.to_thread(files.listed, store.resolve(PATHS))
+        recording = self._recording
+        running = recording is not None and not recording.recorder.future.done()
+        return {
+            "paths": [
+                {**_facts(each.name, each.path), "recorded_at": each.recorded_at} for each in kept
+            ],
+            "recording": recording.file.stem if recording is not None and running else "",
+        }
+
+    async def _replay(self, request: Request) -> dict[str, Any]:
+        given = arguments(
+            request,
+            "name",
+            "tolerance_deg",
+            "speed_degs_per_sec",
+            "acceleration_degs_per_sec_per_sec",
+        )
+        file, rig = _file(request), self._arm.rig
+        lower, upper = (to_deg(bound) for bound in TOLERANCE_RANGE)
+        tolerance_deg = given.number(
+            "tolerance_deg", to_deg(TOLERANCE), lower=lower, upper=upper, unit="deg"
+        )
+        limits, gripper = _limits(given, rig.arm.limits), jaw_of(rig)
+        path = await asyncio.to_thread(files.read, file)
+        await self._arm.set_manual_mode(False)  # and out of a fault
+        planned: list[Replay] = []
+
+        def plan() -> Replay:
+            planned.append(
+                plan_replay(
+                    rig.arm, path, gripper=gripper, tolerance=to_rad(tolerance_deg), limits=limits
+                )
+            )
+            return planned[-1]
+
+        # One motion from here on, so that a stop ends it while it is being planned, too.
+        await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
+        return {**_facts(file.stem, path), "replay_s": round(planned[0].duration, 3)}
+
+    async def _delete(self, request: Request) -> dict[str, Any]:
+        arguments(request, "name")
+        file = _file(request)
+        await asyncio.to_thread(files.delete, file)
+        return {"deleted": file.stem}
+
+
+def _file(request: Request) -> Path:
+    return files.file_of(store.resolve(PATHS), request.get("name"))
+
+
+def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:
+    """The arm's caps, lowered to what a request asks for."""
+
+    def cap(key: str, bounds: tuple[float, float], unit: str) -> float:
+        return to_rad(given.number(key, bounds[1], lower=bounds[0], upper=bounds[1], unit=unit))
+
+    return own.scaled_to(
+        cap("speed_degs_per_sec", SPEED_RANGE_DEG, "deg/s"),
+        cap("acceleration_degs_per_sec_per_sec", ACCELERATION_RANGE_DEG, "deg/s^2"),
+    )
+
+
+def _facts(name: str, path: GuidedPath) -> dict[str, Any]:
+    return {"name": name, "points": len(path), "duration_s": round(path.duration, 3)}

@@ -1,0 +1,108 @@
+"""Refuse requests that would take long to read, before they are read.
+
+The event loop answers Stop, so nothing on it may take long. The SDK turns the structs of a request
+(``extra``, ``command``) into dictionaries there, value by value, quotes names in its own errors,
+and reports a message that it cannot parse with file and line. So every call passes here first:
+structs are bounded in bytes and in values, a message that cannot be parsed is refused as such, and
+whatever error leaves is cut to what gRPC can encode without delay.
+
+What is left to the SDK: it decodes every message on the loop, 14 ms for the 31 MiB of a mesh and
+16 ms for 100,000 boxes (measured), before anything here can see it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from google.protobuf.message import DecodeError, Message
+from google.protobuf.struct_pb2 import Struct, Value
+from grpclib import GRPCError, Status
+from grpclib.events import RecvRequest, listen
+from grpclib.server import Stream
+from viam.rpc.server import Server
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.viam.conversion.convert import grpc_statuses, on_the_wire
+
+LARGEST_STRUCT = 1 << 20
+"""Largest struct of a request [byte]; chosen, a plan of a thousand steps has a tenth of that."""
+
+MOST_VALUES = 10_000
+"""Most values in the structs of a request. Chosen: the SDK takes 15 ms to read so many."""
+
+_SMALL = 2_000
+"""Structs of fewer bytes than this have few values; they are not counted."""
+
+DEEPEST = 32
+"""So many structs can be inside each other: protobuf gives up at 100 messages, three for each."""
+
+
+def guard(server: Server) -> None:
+    """Let every call of ``server`` pass here; to be called before it serves."""
+    listen(server._server, RecvRequest, _guarded)  # the SDK has no door of its own for this
+
+
+async def _guarded(event: RecvRequest) -> None:
+    answer = event.method_func
+
+    async def answered(stream: Stream[Any, Any]) -> None:
+        receive = stream.recv_message
+
+        async def received() -> Any:
+            try:
+                message = await receive()
+            except DecodeError as error:
+                raise GRPCError(
+                    Status.INVALID_ARGUMENT,
+                    "the request cannot be read: it is garbled, or structs in it are nested more"
+                    f" than {DEEPEST} deep; send it with fewer levels",
+                ) from error
+            with grpc_statuses():
+                check_size(message)
+            return message
+
+        stream.recv_message = received  # type: ignore[method-assign]  # as the SDK does it
+        try:
+            await answer(stream)
+        except GRPCError as error:
+            message = None if error.message is None else on_the_wire(error.message)
+            raise GRPCError(error.status, message, error.details) from error
+
+    event.method_func = answered
+
+
+def check_size(message: Message | None) -> None:
+    """Refuse a request whose structs would take long to read.
+
+    Raises:
+        ConfigError: One has too many bytes or values.
+    """
+    for field, value in message.ListFields() if message is not None else ():
+        if not isinstance(value, Struct):
+            continue
+        size = value.ByteSize()
+        if size > LARGEST_STRUCT:
+            raise ConfigError(
+                field.name, f"{size} bytes", f"is larger than the {LARGEST_STRUCT} that are read"
+            )
+        if size > _SMALL and _has_more_values(value, MOST_VALUES):
+            raise ConfigError(
+                field.name, f"{size} bytes", f"has more than the {MOST_VALUES} values that are read"
+            )
+
+
+def _has_more_values(struct: Struct, most: int) -> bool:
+    todo: list[Iterable[Value]] = [struct.fields.values()]
+    count = 0
+    while todo:
+        for value in todo.pop():
+            count += 1
+            if count > most:
+                return True
+            kind = value.WhichOneof("kind")
+            if kind == "struct_value":
+                todo.append(value.struct_value.fields.values())
+            elif kind == "list_value":
+                todo.append(value.list_value.values)
+    return False

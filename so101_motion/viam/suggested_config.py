@@ -1,0 +1,41 @@
+"""Suggest a configuration for the arms that were found, ready to paste."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from so101_motion.common.units import to_mm
+from so101_motion.setup.port_report import Frame, PortReport
+
+
+def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
+    """What viam-server understands: the arms with their frames, and this module."""
+    components: list[object] = []
+    for report in reports:
+        for one in report.suggestions:
+            component: dict[str, object] = {
+                "name": one.name,
+                "api": one.api,
+                "model": one.model,
+                "attributes": dict(one.attributes),
+            }
+            if one.frame is not None:
+                component["frame"] = frame_json(one.frame)
+            components.append(component)
+    return {"components": components, "modules": [*own_module()]}
+
+
+def frame_json(frame: Frame) -> dict[str, object]:
+    """A frame as viam-server's configuration has it, in millimetres."""
+    if not frame.y:
+        return {"parent": frame.parent}
+    return {"parent": frame.parent, "translation": {"x": 0.0, "y": to_mm(frame.y), "z": 0.0}}
+
+
+def own_module() -> list[dict[str, str]]:
+    """This installation as a local module; none if it is not one that viam-server can start."""
+    start = Path(__file__).resolve().parents[2] / "run.sh"
+    if not start.is_file():
+        return []
+    return [{"type": "local", "name": "so101-motion", "executable_path": str(start)}]

@@ -1,0 +1,60 @@
+"""An arm that rests outside the limits viam-server knows: the machine goes on, and is told."""
+
+import math
+
+import numpy as np
+import pytest
+from harness.emulated_rig import ModelBench, arm_client
+from viam.components.arm import JointPositions
+
+from so101_motion.viam.conversion import served_joints
+
+ELBOW = 2
+Q_START = (0.0, 0.0, math.radians(90.7), math.radians(-60.0), 0.0, 0.0)
+
+
+@pytest.fixture
+async def at_its_stop(tmp_path, planning_process):
+    """An arm whose elbow stands at its upper stop, 90.8 deg. With zero in the middle of the joint's
+    travel, as without a calibration of ours, that reads as 96.6."""
+    bench = ModelBench(tmp_path, q_start=Q_START)
+    try:
+        arm = bench.new_arm(floor_z_mm=-500)  # the hand hangs low there
+        await bench.pass_time(1.0)
+        async with arm_client(arm) as client:
+            yield bench, client
+    finally:
+        await bench.end()
+
+
+async def test_a_joint_outside_is_told_at_its_limit_and_said_where_it_is(at_its_stop, caplog):
+    bench, client = at_its_stop
+    lower, upper = (np.degrees(each) for each in served_joints.served_limits())
+    for _ in range(3):
+        values = list((await client.get_joint_positions()).values)
+        assert values[ELBOW] == pytest.approx(upper[ELBOW])
+        assert np.all(values <= upper)
+        assert np.all(values >= lower)
+    status = await client.get_status()
+    assert status["joint_positions_deg"]["elbow_flex"] == pytest.approx(96.5, abs=0.5)
+    (note,) = status["notes"]
+    for words in ("elbow_flex is at 96.", "90.8 deg", "GetJointPositions says 90.8"):
+        assert words in note
+    assert caplog.text.count("outside the limits that viam-server knows") == 1, "said once"
+
+    await bench.in_time(client.move_through_joint_positions([
+        JointPositions(values=values), JointPositions(values=[*values[:ELBOW], 60.0, *values[3:]])
+    ]))  # fmt: skip
+    values = list((await client.get_joint_positions()).values)
+    assert values[ELBOW] == pytest.approx(60.0, abs=0.5)
+    assert (await client.get_status())["notes"] == []
+
+
+def test_a_joint_far_outside_is_told_where_it_is():
+    _, upper = served_joints.served_limits()
+    beyond = upper + np.array([0.0, 0.0, served_joints.FARTHEST + 0.01, 0.0, 0.0])
+    assert served_joints.reported(beyond) == pytest.approx(beyond)
+    (remark,) = served_joints.remarks(beyond)
+    assert "elbow_flex" in remark
+    assert "moves no arm" in remark
+    assert "GetJointPositions" not in remark

@@ -1,0 +1,24 @@
+"""An arm that hangs below its table; the emulator knows none, a real one may be set wrong."""
+
+import pytest
+from harness.emulated_rig import hardware_bench
+
+from so101_motion.common.errors import InCollision
+from so101_motion.drivers.emulator.faults import parse_fault
+
+LOW = (0.0, 1.2, 0.0, 1.2, 0.0, 0.0)
+"""A configuration with the gripper far below the table [rad]."""
+
+
+def test_a_hand_leads_an_arm_back_that_hangs_below_its_table(tmp_path, planning_process):
+    with hardware_bench(tmp_path, q_start=LOW) as bench:
+        rig = bench.open()
+        bench.advance(1.0)
+        with pytest.raises(InCollision, match=r"into the floor.*by hand \(manual mode\)"):
+            bench.finish(bench.go(rig, 0, 0, 0, 0, 0))
+        rig.arm.set_manual(True)
+        bench.emulator.begin(parse_fault("pose"))
+        bench.advance(4.0)
+        rig.arm.set_manual(False)
+        bench.emulator.end(parse_fault("pose"))
+        bench.finish(bench.go(rig, 20, 0, 0, 0, 0))

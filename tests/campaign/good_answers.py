@@ -1,0 +1,192 @@
+"""Right answers on a clean bus, while the joints are treated roughly: how many are doubted.
+
+An arm with its weight is led fast by hand, limp and in manual mode, let fall, pushed while it
+holds and held fast in mid-motion. Each answer that the driver does not believe it asks for again,
+which shows on the wire as a question to fewer than all six servos::
+
+    PYTHONPATH=tests python -m campaign.good_answers 100000 --seed 1
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import math
+import random
+
+import click
+import numpy as np
+
+from campaign.torn_answers import DT, MAPS, SYNC_READ
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.control.joint_controller import JointController
+from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.motion_source import PlannedMotion
+from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
+from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.drivers.feetech.feetech_arm import FeetechArm
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+
+LED = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+
+
+class CountingPort:
+    """A port without a port.
+
+    Attributes:
+        answers: Positions that servos have sent.
+        again: Positions that were asked for once more.
+        fastest: The fastest a joint was between two answers [deg/s].
+    """
+
+    name, baud = "/dev/clean", 1_000_000
+
+    def __init__(self, clock, gravity):
+        self.world = build_world(EmulatorOptions(), t=clock.now(), gravity=gravity)
+        self._bus, self._clock = EmulatedBus(self.world), clock
+        self._arrived = b""
+        self.answers = self.again = 0
+        self.fastest, self._seen = 0.0, (0.0, np.zeros(6))
+
+    def write(self, data):
+        replies = self._bus.feed(data, self._clock.now())
+        self._arrived += b"".join(reply.data for reply in replies)
+        if data[4] == SYNC_READ and data[5] == 56:
+            self.answers += len(replies)
+            self.again += len(replies) if len(data) - 8 < 6 else 0
+            t, q = self._clock.now(), np.degrees(self.world.q)
+            if t > self._seen[0]:
+                speed = np.max(np.abs(q - self._seen[1])) / (t - self._seen[0])
+                self.fastest = max(self.fastest, float(speed))
+            self._seen = t, q
+
+    def read(self, until):
+        data, self._arrived = self._arrived, b""
+        return data
+
+    def discard(self):
+        self._arrived = b""
+
+    def close(self):
+        pass
+
+
+class RoughHandling:
+    """One arm for some seconds."""
+
+    def __init__(self, seed, gravity):
+        self._rng, self._clock = random.Random(seed), ManualClock()
+        self.port = CountingPort(self._clock, gravity)
+        arm = FeetechArm(
+            lambda: self.port,
+            self._clock,
+            MAPS,
+            gravity=gravity,
+            speed=math.radians(220.0),
+            acceleration=math.radians(1000.0),
+            patience=0.0,
+        )
+        limits = MotionLimits.uniform(velocity=math.pi, acceleration=10.47, jerk=200.0)
+        self._control = JointController(
+            arm,
+            dt=DT,
+            stop_limits=limits,
+            tolerances=Tolerances(settle_position=0.006, settle_velocity=0.06),
+        )
+        self._control.start(0.0, holding=True)
+        self._k = 0
+
+    def play(self):
+        for act in self._rng.sample((self._fall, self._lead_limp, self._guide, self._blocked), 4):
+            try:
+                act()
+            except So101Error:
+                self._ticks(10)
+            self.port.world.hand = Hand()
+            if self._control.mode is not Mode.HOLDING and not self._control.is_moving:
+                self._ticks(20)
+                self._control.hold()
+            while self._control.is_moving:
+                self._ticks(1)
+
+    def _fall(self):
+        self._move(self._rng.choice(([0, -0.9, 0.9, 0, 0], [0, 0.8, -0.8, 0, 0])), 3.0)
+        self._control.release()
+        self._ticks(100, self._rng.choice((0.01, 0.05)))
+
+    def _lead_limp(self):
+        self._control.release()
+        self._take_hold()
+        self._ticks(150)
+
+    def _guide(self):
+        self._control.guide(Compliance())
+        self._take_hold()
+        self._ticks(150)
+
+    def _blocked(self):
+        joint = self._rng.choice(LED)
+        self._hand(f"0.1 {joint} start\n1.5 {joint} release")
+        self._move([self._rng.uniform(-0.8, 0.8) for _ in range(5)], 2.0)
+
+    def _take_hold(self):
+        joint, speed = self._rng.choice(LED), self._rng.uniform(50.0, 400.0)
+        goal = self._rng.choice((-1, 1)) * self._rng.uniform(20.0, 60.0)
+        t = 0.2 + 2.0 * abs(goal) / speed
+        self._hand(
+            f"0.1 {joint} start\n{0.1 + abs(goal) / speed} {joint} {goal}\n{t} {joint} {-goal}\n"
+            f"{t + 0.1} {joint} release"
+        )
+
+    def _hand(self, script):
+        self.port.world.advance(self._clock.now())
+        self.port.world.hand = Hand(parse_script(script), self._clock.now())
+
+    def _move(self, goal, velocity):
+        limits = MotionLimits.uniform(velocity=velocity, acceleration=8.7, jerk=87.0)
+        q = self._control.state.q_ref
+        trajectory = online.point_to_point(q, np.array(goal, dtype=float), limits, DT)
+        self._control.k = self._k
+        self._control.play(PlannedMotion(trajectory), Channel.ARM)
+        while self._control.is_moving:
+            self._ticks(1)
+
+    def _ticks(self, n, dt=DT):
+        for _ in range(n):
+            self._clock.advance(dt)
+            self._k += 1
+            self._control.k = self._k
+            self._control.tick(self._clock.now(), 0)
+
+
+def run(answers, seed=0):
+    """Handle arms roughly until so many positions were sent: how many, doubted ones, top speed."""
+    gravity, seen, again, fastest, episode = RobotModel.load().gravity_torque, 0, 0, 0.0, 0
+    while seen < answers:
+        handling = RoughHandling(seed * 1_000_000 + episode, gravity)
+        handling.play()
+        seen, again = seen + handling.port.answers, again + handling.port.again
+        fastest, episode = max(fastest, handling.port.fastest), episode + 1
+    return seen, again, fastest
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("answers", type=int)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    logging.disable(logging.ERROR)
+    seen, again, fastest = run(options.answers, options.seed)
+    click.echo(
+        f"seed {options.seed}: {seen} answers, {again} doubted, joints up to {fastest:.0f} deg/s"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,265 @@
+"""Every reader of what comes from outside: what it is given, and what it may say to it."""
+
+import asyncio
+import itertools
+import json
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
+from viam.proto.common import Mesh as ViamMesh
+from viam.proto.common import PointCloud as ViamCloud
+
+from so101_motion.calib.motors import progress
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.record import record, store, zero_file
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import SE3
+from so101_motion.drivers.bus.protocol import Answers
+from so101_motion.drivers.emulator.codec import Listener, frame
+from so101_motion.drivers.emulator.faults import parse_fault
+from so101_motion.drivers.emulator.hand import parse_script
+from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.scene_file import read_scene
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.shape_files import read_shape
+from so101_motion.tasks.guided import GuidedPath
+from so101_motion.tasks.guided import files as guided_files
+from so101_motion.tasks.program import files as program_files
+from so101_motion.tasks.teleop.config import TeleopConfig
+from so101_motion.viam.component_config import (
+    CalibrationConfig,
+    HardwareArmConfig,
+    HardwareGripperConfig,
+    SimulatedArmConfig,
+    SimulatedGripperConfig,
+)
+from so101_motion.viam.conversion.frames import Frames
+from so101_motion.viam.conversion.geometries import from_geometry
+from so101_motion.viam.conversion.world_state import scene_with
+
+OURS = (So101Error,)
+"""What a reader may raise."""
+
+TRIANGLE = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader and what it usually gets.
+
+    Attributes:
+        name: What it reads.
+        read: Reads bytes; raises one of ``OURS`` or returns.
+        seeds: Good inputs.
+    """
+
+    name: str
+    read: Callable[[bytes], object]
+    seeds: tuple[bytes, ...]
+
+
+def _json(value):
+    return json.dumps(value).encode()
+
+
+def _calibration(**changes):
+    entry = {"id": 1, "drive_mode": 0, "homing_offset": -5, "range_min": 758, "range_max": 3292}
+    return {joint: {**entry, "id": i, **changes} for i, joint in enumerate(JOINTS, 1)}
+
+
+_LISTS = {  # as shown in LeRobot's issue 930
+    "homing_offset": [-2145, 4, -1401, -3126, 2970, -1769], "drive_mode": [0, 1, 0, 0, 1, 0],
+    "start_pos": [2085, 56, 1285, 3237, 3080, 1983],
+    "end_pos": [3169, 1020, 2425, 4150, -1946, 2793],
+    "calib_mode": ["DEGREE"] * 5 + ["LINEAR"], "motor_names": list(JOINTS),
+}  # fmt: skip
+_ZEROS = {"joints": {joint: {"by": "stops", "angle": 0.1} for joint in JOINTS}}
+_HELD = {joint: [5, 700, 3000] for joint in JOINTS}
+_JOURNAL = {
+    "before": _HELD, "meanwhile": _HELD, "is_decided": True,
+    "saving": {"calibration": _calibration(), "zeros": {"elbow_flex": ["stops", 0.1]}},
+}  # fmt: skip
+_SCENE = {
+    "floor_z_mm": -2.4, "margin_mm": 3.0,
+    "obstacles": [
+        {"name": "a", "box_mm": [10, 20, 30], "position_mm": [200, 0, 10], "rpy_deg": [0, 0, 9]},
+        {"name": "b", "sphere_radius_mm": 10, "position_mm": [200, 0, 10]},
+        {"name": "c", "capsule_radius_mm": 10, "capsule_length_mm": 50},
+        {"name": "d", "points_mm": [[1, 2, 3], [4, 5, 6]], "resolution_mm": 5},
+        {"name": "e", "vertices_mm": (TRIANGLE * 1e3).tolist(), "triangles": [[0, 1, 2]]},
+    ],
+    "attached": [{"name": "f", "box_mm": [10, 20, 30]}], "may_touch": [["a", "f"]],
+}  # fmt: skip
+_PROGRAM = {
+    "schema": "so101/program/1", "rounds": 3,
+    "waypoints": [
+        {"q_deg": [0, 1, 2, 3, 4], "aperture_percent": 50, "pause_s": 1.5, "name": "a"},
+        {"q_deg": [0, 1, 2, 3, 40], "pass": True},
+    ],
+}  # fmt: skip
+_POSES = {"schema": "so101/poses/1", "poses": [{"name": "a", "q_deg": [0, 1, 2, 3, 4]}]}
+_PROGRESS = {"port": "/dev/ttyACM0", "workflow": "motors", "step": "id", "done": ["gripper"]}
+_ATTRIBUTES = (
+    {"speed_degs_per_sec": 50, "acceleration_degs_per_sec_per_sec": 100, "simulate_time": True},
+    {"port": "/dev/ttyACM0", "servo_ids": [1, 2, 3, 4, 5], "baudrate": 1e6, "timeout": "1s"},
+    {"port": "/dev/ttyACM0", "calibration_file": "a.json", "manual_mode": {"p_gain": 8}},
+    {"leader_arm": "a", "follower_arm": "b", "rate_hz": 50, "offsets_deg": {"elbow_flex": 3}},
+)
+_HAND = b"1 elbow_flex start\n2 elbow_flex 9"
+_STL = b"x" * 80 + (1).to_bytes(4, "little") + TRIANGLE.astype("<f4").tobytes() + b"\0\0"
+_PLY = (
+    b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    b"property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n"
+)
+_PLY_BINARY = (
+    _PLY.partition(b"0 0 0\n")[0].replace(b"ascii", b"binary_little_endian")
+    + TRIANGLE.astype("<f4").tobytes()
+    + b"\3"
+    + np.array([0, 1, 2], "<i4").tobytes()
+)
+_PCD = (
+    b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 4\nHEIGHT 1\n"
+    b"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 4\nDATA "
+)
+_PCD_ASCII = _PCD + b"ascii\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+_PCD_BINARY = _PCD + b"binary\n" + TRIANGLE.astype("<f4").tobytes()
+
+
+def _guided_path(folder):
+    file = folder / "seed.json"
+    q = np.radians([[0, -20, 30, 5, 0], [10, -20, 30, 5, 0]])
+    guided_files.write(GuidedPath(t=[0.0, 0.5], q=q, aperture=[0.25, 0.5]), file)
+    return file.read_bytes()
+
+
+def _world(*geometries):
+    group = GeometriesInFrame(reference_frame="arm_origin", geometries=geometries)
+    return WorldState(obstacles=[group]).SerializeToString()
+
+
+def _mesh(data):
+    return Geometry(label="m", center=Pose(o_z=1.0), mesh=ViamMesh(content_type="ply", mesh=data))
+
+
+def _cloud(data):
+    return Geometry(label="c", center=Pose(o_z=1.0), pointcloud=ViamCloud(point_cloud=data))
+
+
+def _read_geometry(make):
+    def read(data):
+        return read_shape(from_geometry(make(data)))
+
+    return read
+
+
+def _read_world(data):
+    try:
+        world = WorldState.FromString(data)
+    except DecodeError:
+        return
+    frames = Frames("arm", SE3.identity(), world.transforms)
+    asyncio.run(scene_with(Scene(), world, frames))
+
+
+def _read_attributes(kinds):
+    def read(data):
+        try:
+            attributes = json.loads(data)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(attributes, dict):
+            return
+        refused = None
+        for kind in kinds:
+            try:
+                kind.from_attributes(attributes)
+            except OURS as error:
+                refused = error
+        if refused is not None:
+            raise refused
+
+    return read
+
+
+def _read_answers(data):
+    whole, cut = Answers((1, 2, 3), 4), Answers((1, 2, 3), 4)
+    whole.feed(data)
+    for start in range(0, len(data), 3):
+        cut.feed(data[start : start + 3])
+    assert cut.found == whole.found, f"{cut.found} in pieces, {whole.found} at once"
+    Listener().hear(data)
+
+
+def _read_progress(path):
+    return progress.SetupProgress(path, None)
+
+
+def _read_words(data):
+    text = data.decode(errors="replace")
+    refused = None
+    for parse in (parse_fault, parse_script):
+        try:
+            parse(text)
+        except OURS as error:
+            refused = error
+    if refused is not None:
+        raise refused
+
+
+_KINDS = (
+    SimulatedArmConfig, SimulatedGripperConfig, HardwareArmConfig, HardwareGripperConfig,
+    CalibrationConfig, TeleopConfig,
+)  # fmt: skip
+
+
+def all_readers(folder=None):
+    """The readers, with a folder of their own for what they read from files."""
+    shm = Path("/dev/shm")
+    folder = Path(folder or tempfile.mkdtemp(dir=shm if shm.is_dir() else None))
+    names = itertools.count()
+
+    def of_file(read, name=None):
+        path = folder / (name or f"reader{next(names)}.json")
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+        def run(data):
+            path.write_bytes(data)
+            return read(path)
+
+        return run
+
+    calibration = record.parse(_calibration())
+    at = folder / "journal" / "arm.json"
+    journal_name = journal.path_for(at).relative_to(folder)
+    answers = b"".join(frame(i, 0, bytes((1, 2, 3, 255))) for i in (1, 2, 3))
+    return (
+        Reader("packets", _read_answers, (answers, answers[5:], b"\xff" * 9)),
+        Reader("calibration", of_file(store.read), (_json(_calibration()), _json(_LISTS))),
+        Reader("zeros", of_file(lambda path: zero_file.read(path, calibration)), (_json(_ZEROS),)),
+        Reader("journal", of_file(lambda _: journal.read(at), journal_name), (_json(_JOURNAL),)),
+        Reader(
+            "progress",
+            of_file(lambda path: progress.SetupProgress(path, None)),
+            (_json(_PROGRESS),),
+        ),
+        Reader("scene", of_file(read_scene), (_json(_SCENE),)),
+        Reader("program", of_file(program_files.read), (_json(_PROGRAM),)),
+        Reader("guided path", of_file(guided_files.read), (_guided_path(folder),)),
+        Reader("poses", of_file(lambda path: PoseBook(path).own()), (_json(_POSES),)),
+        Reader("attributes", _read_attributes(_KINDS), tuple(map(_json, _ATTRIBUTES))),
+        Reader("world state", _read_world, (_world(_mesh(_PLY), _cloud(_PCD_BINARY)),)),
+        Reader("mesh", _read_geometry(_mesh), (_STL, _PLY, _PLY_BINARY)),
+        Reader("cloud", _read_geometry(_cloud), (_PCD_ASCII, _PCD_BINARY)),
+        Reader(
+            "faults and hands",
+            _read_words,
+            (b"hot:3=60@1+5", b"1 elbow_flex start\n2 elbow_flex 9"),
+        ),
+    )

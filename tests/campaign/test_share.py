@@ -1,0 +1,42 @@
+"""A short share of the campaign; ``make campaign MINUTES=10`` does more of the same."""
+
+import random
+
+import pytest
+
+from campaign.interleavings import run
+from campaign.mutator import attack
+from campaign.readers import OURS, all_readers
+
+EXECUTIONS = 150
+
+
+@pytest.fixture(scope="module")
+def seed(request):
+    """One of their own for every run; it is told with whatever fails."""
+    return random.Random(request.config.option.hypothesis_seed).randrange(10**6)
+
+
+@pytest.mark.parametrize("name", [reader.name for reader in all_readers()])
+def test_a_reader_refuses_what_it_cannot_read_with_an_error_of_ours(name, seed, tmp_path):
+    (reader,) = (each for each in all_readers(tmp_path) if each.name == name)
+    outcome = attack(reader, OURS, seed=seed, executions=EXECUTIONS)
+    assert outcome.failures == {}, f"seed {seed}"
+    assert outcome.executions == EXECUTIONS
+    assert outcome.lines > 10
+
+
+@pytest.mark.parametrize("name", [reader.name for reader in all_readers()])
+def test_what_the_campaign_begins_with_is_good(name, tmp_path):
+    (reader,) = (each for each in all_readers(tmp_path) if each.name == name)
+    if name in ("attributes", "faults and hands"):
+        pytest.skip("each input is for one of several readers")
+    for data in reader.seeds:
+        reader.read(data)
+
+
+@pytest.mark.parametrize("faulty", [False, True])
+def test_requests_in_any_order_end_and_break_no_rule_of_motion(seed, faulty):
+    done, _, broken = run(seed, count=15, faulty=faulty)
+    assert broken == []
+    assert sum(done.values()) > 20

@@ -1,0 +1,25 @@
+"""A short share of the campaign; see ``torn_answers.py`` for the long one."""
+
+import logging
+
+import pytest
+
+from campaign.torn_answers import run
+
+
+@pytest.fixture(autouse=True)
+def faults_are_expected(caplog):
+    caplog.set_level(logging.CRITICAL, logger="so101_motion.control.joint_controller")
+
+
+def test_wrong_answers_make_nothing_jump_and_nothing_impossible_is_believed():
+    tally = run(spoiled=2000, seed=16)
+    assert tally.broken == []
+    assert tally.total >= 2000
+
+
+def test_on_a_clean_bus_no_answer_is_doubted():
+    tally = run(spoiled=0, seed=17, share=0.0, episodes=4)
+    assert tally.broken == []
+    assert tally.answers > 5_000
+    assert tally.doubted == 0

@@ -1,0 +1,1 @@
+"""Programs, ports and people that tests of several folders need."""

@@ -1,0 +1,120 @@
+"""Somebody looking at the page, with a mouse and a keyboard.
+
+The page tells its state through the hooks that viser's own tests use (``window.__viser…``), so the
+tests look at nodes and widgets and hardly at pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from playwright.sync_api import Locator, Page
+
+from so101_motion.common.named_poses import POSES
+
+HOME = np.zeros(5)
+READY = next(pose.q for pose in POSES if pose.name == "ready")
+
+
+@dataclass
+class Guest:
+    """One window on the page.
+
+    Attributes:
+        page: The browser's page.
+        problems: Errors its scripts raised.
+        asked: Addresses it requested.
+    """
+
+    page: Page
+    problems: list[str]
+    asked: list[str]
+
+    def open(self, url: str) -> None:
+        """Open the page and wait for its arm."""
+        self.page.goto(url)
+        self.see_the_arm()
+
+    def see_the_arm(self) -> None:
+        self.page.wait_for_function(
+            "() => window.__viserSceneTree && '/live/gripper_link' in "
+            "window.__viserSceneTree.getState()",
+            timeout=60_000,
+        )
+        self.until(lambda: self.button("Plan").count() == 1)
+
+    def leave(self) -> None:
+        """Close the window."""
+        self.page.context.close()
+
+    def button(self, name: str) -> Locator:
+        return self.page.get_by_role("button", name=name, exact=True)
+
+    def press(self, name: str) -> None:
+        self.button(name).click()
+
+    def says(self, words: str) -> bool:
+        return self.page.get_by_text(words).count() > 0
+
+    def until(self, condition: Callable[[], bool], *, seconds: float = 20.0) -> None:
+        """Wait for ``condition`` and let the page live meanwhile; fail when it never comes."""
+        for _ in range(round(seconds / 0.05)):
+            if condition():
+                return
+            self.page.wait_for_timeout(50)
+        pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
+
+    def color_of(self, part: str) -> int:
+        """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
+        color: list[int] = self.page.evaluate(
+            "part => { const nodes = window.__viserSceneTree.getState();"
+            " const name = Object.keys(nodes).find((name) => name.startsWith(part));"
+            " return [...nodes[name].message.props.color]; }",
+            part,
+        )
+        red, green, blue = color
+        return (red << 16) + (green << 8) + blue
+
+    def words(self) -> str:
+        return self.page.inner_text("body")
+
+    def nodes(self) -> set[str]:
+        return set(self.page.evaluate("Object.keys(window.__viserSceneTree.getState())"))
+
+    def pose_of(self, node: str) -> dict[str, list[float]]:
+        """Where the browser has a node: ``position`` [m] and ``wxyz``."""
+        pose: dict[str, list[float]] = self.page.evaluate(
+            "name => { const d = window.__viserMutable.nodePoseData[name];"
+            " return {position: [...d.position], wxyz: [...d.wxyz]}; }",
+            node,
+        )
+        return pose
+
+    def end_of_path(self) -> list[float]:
+        """The last point of the line to the target, as the browser has it [m]."""
+        point: list[float] = self.page.evaluate(
+            "() => Array.from(window.__viserSceneTree.getState()['/path'].message.props.points)"
+            ".slice(-3)"
+        )
+        return point
+
+    def fields(self, label: str) -> Locator:
+        """The number fields behind a label."""
+        return self.page.locator(
+            f"xpath=//*[text()='{label}']/ancestor::*[.//input][1]//input[not(@type='hidden')]"
+        )
+
+    def target_mm(self) -> tuple[float, ...]:
+        """What the three fields of the target say."""
+        return tuple(float(field.input_value()) for field in self.fields("Target (mm)").all())
+
+    def type_target(self, *target_mm: float) -> None:
+        fields = self.fields("Target (mm)")
+        for k, value in enumerate(target_mm):
+            fields.nth(k).fill(f"{value:g}")
+            fields.nth(k).press("Enter")
+            self.page.wait_for_timeout(80)  # the page sends one message per panel every 50 ms
+        self.until(lambda: self.target_mm() == target_mm)

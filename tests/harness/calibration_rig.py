@@ -1,0 +1,215 @@
+"""An emulated arm whose bus is lent inside the calling thread, and a hand that is never late.
+
+Nothing waits and nothing runs by itself: a test puts a joint somewhere and lets a tick come. The
+bytes and the servos are the emulator's. Everything that leaves a trace, a packet that writes or a
+file operation, is counted, and the process can be made to "die" at any of them: from that instant
+on neither packets nor files get anywhere, whatever the dying code still tries.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+from so101_motion.calib.procedure.eeprom import read_held
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
+from so101_motion.drivers.emulator.codec import Code
+from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
+from so101_motion.drivers.emulator.faults import WireFaults
+from so101_motion.drivers.emulator.hardware import SO101
+
+TICK = 0.01
+TICKS_PER_DEG = 4096 / 360
+
+
+class Died(BaseException):
+    """The process is gone."""
+
+
+class Death:
+    """Counts what leaves a trace, and ends the process at one of them.
+
+    Attributes:
+        count: How many there were.
+    """
+
+    _hook: Callable | None = None  # audit hooks stay for good, so there is one for all
+
+    def __init__(self, folder):
+        self._folder = str(folder)
+        self.count = 0
+        self.at = math.inf
+        self.is_dead = False
+        if Death._hook is None:
+            sys.addaudithook(lambda event, args: Death._hook(event, args))
+        Death._hook = self._audit
+
+    def trace(self):
+        if self.is_dead:
+            raise Died
+        self.count += 1
+        if self.count > self.at:
+            self.is_dead = True
+            raise Died
+
+    def rebirth(self):
+        self.is_dead, self.at = False, math.inf
+
+    def _audit(self, event, args):
+        if event not in ("open", "os.rename", "os.remove", "os.mkdir"):
+            return
+        if not str(args[0]).startswith(self._folder):
+            return
+        if event != "open" or (isinstance(args[2], int) and args[2] & 0o3):
+            self.trace()
+        elif self.is_dead:
+            raise Died
+
+
+class Clock:
+    """A time that a test sets; fits ``Clock`` as far as a calibration looks at it."""
+
+    def __init__(self):
+        self.t = 0.0
+
+    def now(self):
+        return self.t
+
+
+class LentPort:
+    """Fits ``Port``; the emulated servos answer at once."""
+
+    name, baud = "/dev/lent", 1_000_000
+
+    def __init__(self, world, clock, death):
+        self.faults = WireFaults()
+        self.unplugged = False
+        self.sent = []
+        self._bus, self._clock, self._death = EmulatedBus(world, self.faults), clock, death
+        self._arrived = bytearray()
+
+    def write(self, data):
+        if self.unplugged:
+            raise PortUnavailable(self.name, "unplugged")
+        if self._death is not None:
+            if self._death.is_dead:
+                raise Died
+            if data[4] in (Code.WRITE, Code.SYNC_WRITE):
+                self._death.trace()
+        self.sent.append(bytes(data))
+        for reply in self._bus.feed(data, self._clock.now()):
+            self._arrived += reply.data
+
+    def read(self, until):
+        data = bytes(self._arrived)
+        self._arrived.clear()
+        return data
+
+    def discard(self):
+        self._arrived.clear()
+
+    def close(self):
+        pass
+
+
+class LentArm:
+    """An emulated arm and its ``BusAccess``.
+
+    Args:
+        death: When the process dies.
+        joints: Changes to how the servos are mounted, by joint.
+        options: As of the emulator.
+
+    Attributes:
+        calls: How often the bus was asked for.
+        between: Called before each, with their number: what happens meanwhile.
+    """
+
+    port = LentPort.name
+
+    def __init__(self, death=None, joints=None, **options):
+        mounted = tuple(replace(joint, **(joints or {}).get(joint.name, {})) for joint in SO101)
+        self.clock = Clock()
+        self.world = build_world(EmulatorOptions(joints=mounted, **options), t=0.0)
+        self.wire = LentPort(self.world, self.clock, death)
+        self.bus = Bus(self.wire, patience=0.0)
+        self.watcher = None
+        self.calls = 0
+        self.between = lambda calls: None
+
+    # BusAccess
+
+    def call(self, job):
+        self.calls += 1
+        self.between(self.calls)
+        return job(self.bus)
+
+    def watch(self, job):
+        self.watcher = job
+
+    def at_baud(self, baud):
+        raise NotImplementedError
+
+    # The hand
+
+    def tick(self, count=1):
+        """Let time pass; the joints are where they were put."""
+        for _ in range(count):
+            self.clock.t += TICK
+            if self.watcher is not None:
+                with suppress(PortUnavailable):  # as the contract of ``watch`` has it
+                    self.watcher(self.bus)
+
+    def drive(self, joint):
+        return self.world.servo(joint).drive
+
+    def stops(self, joint):
+        """The stops of a joint on its encoder [tick], unrolled."""
+        shaft = self.drive(joint).shaft
+        return math.ceil(shaft.lower), math.floor(shaft.upper)
+
+    def put(self, **encoders):
+        """Put joints where their encoders count so much."""
+        for joint, encoder in encoders.items():
+            self.drive(joint).shaft.put(float(encoder))
+
+    def put_deg(self, **angles):
+        """Put joints at these angles [deg]."""
+        for joint, angle in angles.items():
+            drive = self.drive(joint)
+            drive.shaft.put(drive.to_ticks(math.radians(angle)))
+
+    def sweep(self, joint, *ends, step=40):
+        """Lead a joint in a straight line to each of ``ends`` on its encoder, and rest there."""
+        shaft = self.drive(joint).shaft
+        for end in ends:
+            while shaft.output != end:
+                way = end - shaft.output
+                shaft.put(shaft.output + max(min(way, step), -step))
+                self.tick()
+            self.tick(2)
+
+    def sweep_all(self, joints=None, **how):
+        """Each joint to both its stops."""
+        for servo in self.world.servos:
+            name = servo.joint.name
+            if joints is None or name in joints:
+                self.sweep(name, *self.stops(name), **how)
+
+    def held(self, joint):
+        """Offset and limits that a servo holds now."""
+        return read_held(self.bus, SERVO_IDS[joint])
+
+    def flashed(self, joint):
+        """Offset and limits that it would hold after its power was cut."""
+        servo = self.world.servo(joint)
+        now = bytes(servo.memory.bytes)
+        servo.memory.boot()
+        try:
+            return self.held(joint)
+        finally:
+            servo.memory.bytes[:] = now

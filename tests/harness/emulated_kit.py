@@ -1,0 +1,140 @@
+"""Servos of an arm in the tests' own process, on a port that the module's process opens.
+
+They are those of ``so101 emulate``, and time is real. What a person does to a kit, the tests do:
+they plug servos in and out, put joints somewhere, and lead them to their stops.
+"""
+
+import math
+import time
+from contextlib import contextmanager
+
+import numpy as np
+
+from harness.fake_parent import until
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
+from so101_motion.drivers.emulator.hardware import DATASHEET_12V, JOINTS, SO101
+from so101_motion.planning.kinematics.model import RobotModel
+
+NEW = dict.fromkeys(range(1, 7), 1)
+"""Ids of servos that come out of the box."""
+
+SPEED = math.radians(150.0)  # of the hand; a person is slower
+REST = 0.3  # [s] that it stays at a stop
+PRESS = 2.0 * DATASHEET_12V.break_away  # [N m] against a stop
+
+
+class Kit:
+    """Six servos on a port.
+
+    Attributes:
+        port: A link to the port.
+        world: The servos.
+    """
+
+    def __init__(self, folder, *, weighs=False, **options):
+        self.port = str(folder / "arm")
+        self.weight = RobotModel.load().gravity_torque if weighs else np.zeros_like
+        self._emulator = Emulator(
+            EmulatorOptions(link=folder / "arm", calibrated=False, **options), gravity=self.weight
+        )
+        self.world = self._emulator.world
+
+    def close(self):
+        self._emulator.close()
+
+    # Plugs
+
+    async def connect_only(self, *joints):
+        """Have these servos on the cable, started up, and no others."""
+        for joint in JOINTS:
+            (self.world.connect if joint in joints else self.world.disconnect)(joint)
+        await until(lambda: self._are_up(joints))
+
+    def _are_up(self, joints):
+        self._emulator.advance()
+        return all(self.world.servo(joint).drive.powered for joint in joints)
+
+    def unplug(self):
+        self._emulator.unplug()
+
+    def plug(self):
+        self._emulator.plug()
+
+    # The hand
+
+    def put(self, share, joints=JOINTS):
+        """Put joints at a share of their travel."""
+        with self.world.lock:
+            for joint in joints:
+                shaft = self.world.servo(joint).drive.shaft
+                shaft.put(round(shaft.lower + share * (shaft.upper - shaft.lower)))
+
+    def hold(self, **pose):
+        """Let a hand lead all joints to ``pose`` [rad], zeros by default, and keep them there."""
+        self._lead([(0.0, self._pose(pose), 0.0), (1.0, self._pose(pose), 0.0)])
+        return 1.2
+
+    def sweep(self, **pose):
+        """From ``pose`` lead all joints at once to their lower stops, the upper ones, and back.
+
+        Returns how long that takes [s].
+        """
+        held = self._pose(pose)
+        lower, upper = (np.array([getattr(joint, end) for joint in SO101]) for end in
+                        ("lower", "upper"))  # fmt: skip
+        t, stations, here = 0.0, [(0.0, held, 0.0)], held
+        for there, press in ((lower, -PRESS), (upper, PRESS), (held, 0.0)):
+            t += float(np.max(np.abs(there - here))) / SPEED
+            stations += [(t, there, press), (t + REST, there, press)]
+            t, here = t + REST, there
+        self._lead(stations)
+        return t + 0.2
+
+    @staticmethod
+    def _pose(pose):
+        return np.array([pose.get(joint, 0.0) for joint in JOINTS])
+
+    def _lead(self, stations):
+        lines = [f"0 {joint} start" for joint in JOINTS]
+        for t, q, press in stations[1:]:
+            aims = np.degrees(q + (press + self.weight(q)) / STIFFNESS)
+            lines += [f"{t} {joint} {aim}" for joint, aim in zip(JOINTS, aims, strict=True)]
+        with self.world.lock:
+            self.world.hand = Hand(parse_script("\n".join(lines)), time.monotonic())
+
+    def let_go(self):
+        with self.world.lock:
+            self.world.hand = Hand()
+
+    # The truth
+
+    @property
+    def ids(self):
+        return [servo.memory.raw(reg.ID) for servo in self.world.servos]
+
+    @property
+    def driven(self):
+        return [servo.memory.raw(reg.TORQUE_ENABLE) == 1 for servo in self.world.servos]
+
+    @property
+    def offsets(self):
+        return {
+            servo.joint.name: reg.decode_offset(servo.memory.raw(reg.OFFSET))
+            for servo in self.world.servos
+        }
+
+    def stops(self, joint):
+        """Where the encoder is at the stops of a joint [tick]."""
+        shaft = self.world.servo(joint).drive.shaft
+        return shaft.lower, shaft.upper
+
+
+@contextmanager
+def emulated_kit(folder, **options):
+    kit = Kit(folder, **options)
+    try:
+        yield kit
+    finally:
+        kit.close()

@@ -1,0 +1,62 @@
+"""Simulated components behind a gRPC channel in this process, and a hand on their clock."""
+
+import asyncio
+from contextlib import asynccontextmanager
+
+from grpclib.testing import ChannelFor
+from viam.components.arm import ArmClient
+from viam.components.arm.service import ArmRPCService
+from viam.components.gripper import GripperClient
+from viam.components.gripper.service import GripperRPCService
+from viam.resource.manager import ResourceManager
+
+from harness.fake_parent import ARM, GRIPPER, SIMULATED, SIMULATED_GRIPPER, config_of, until
+from so101_motion.viam.models.simulated import SimulatedArm
+from so101_motion.viam.models.simulated_gripper import SimulatedGripper
+
+
+def new_arm(dependencies=None, name="arm", **attributes):
+    return SimulatedArm.new(config_of(ARM, SIMULATED, attributes, name), dependencies or {})
+
+
+def new_gripper(name="gripper", **attributes):
+    return SimulatedGripper.new(config_of(GRIPPER, SIMULATED_GRIPPER, attributes, name), {})
+
+
+@asynccontextmanager
+async def arm_client(arm):
+    async with ChannelFor([ArmRPCService(ResourceManager([arm]))]) as channel:
+        yield ArmClient(arm.name, channel)
+
+
+@asynccontextmanager
+async def gripper_client(gripper):
+    async with ChannelFor([GripperRPCService(ResourceManager([gripper]))]) as channel:
+        yield GripperClient(gripper.name, channel)
+
+
+async def advance(client, seconds):
+    """Let simulated time pass."""
+    answer = await client.do_command({"command": "advance_time", "seconds": seconds})
+    return answer["time"]
+
+
+async def in_time(client, call, step=0.1):
+    """The outcome of ``call`` while simulated time passes."""
+    task = asyncio.ensure_future(call)
+    while not task.done():
+        await advance(client, step)
+    return await task
+
+
+async def duration_of(client, call):
+    """How much simulated time a move takes [s], its planning not counted."""
+    task = asyncio.ensure_future(call)
+
+    async def has_begun():
+        return task.done() or (await client.get_status())["state"] == "moving"
+
+    await until(has_begun)
+    begin = await advance(client, 0.0)
+    await in_time(client, task, 0.01)
+    return await advance(client, 0.0) - begin

@@ -1,0 +1,132 @@
+"""A lent bus without a port: the emulated servos answer inside the call that asks, at any rate."""
+
+from contextlib import nullcontext
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.emulator import registers as emulated
+from so101_motion.drivers.emulator.bus import Bus as EmulatedBus
+from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
+from so101_motion.drivers.emulator.faults import WireFaults
+
+APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
+"""Joint angles [rad] that differ, as those of loose servos do; twins are noticed by that."""
+
+
+class WirePort:
+    """Fits ``Port``; a reply is there at once or not at all.
+
+    Attributes:
+        sent: Every packet, with the rate it was sent at.
+        unplugged: Set it to pull the plug.
+    """
+
+    name = "/dev/wired"
+
+    def __init__(self, bus, now, baud):
+        self.sent = []
+        self.unplugged = False
+        self.baud = baud
+        self._bus, self._now = bus, now
+        self._arrived = bytearray()
+
+    def write(self, data):
+        self._check()
+        self.sent.append((self.baud, bytes(data)))
+        for reply in self._bus.feed(data, self._now(), baud=self.baud):
+            self._arrived += reply.data
+
+    def read(self, until):
+        self._check()
+        data = bytes(self._arrived)
+        self._arrived.clear()
+        return data
+
+    def discard(self):
+        self._check()
+        self._arrived.clear()
+
+    def close(self):
+        pass
+
+    def _check(self):
+        if self.unplugged:
+            raise PortUnavailable(self.name, "the port went away; check the USB cable")
+
+
+class LentBus:
+    """Fits ``BusAccess``.
+
+    Args:
+        loose: The servos that hang on the adapter, as id by place; the others are unplugged.
+        baud: The port's own rate.
+
+    Attributes:
+        world: All six servos.
+        faults: What goes wrong on the wire.
+        before: Called before each job; for what happens in between.
+    """
+
+    def __init__(self, loose=None, *, baud=1_000_000, **options):
+        self.clock = ManualClock()
+        options.setdefault("q_start", APART)
+        if loose is not None:
+            options["ids"] = loose
+        self.world = build_world(EmulatorOptions(**options), t=0.0)
+        self.faults = WireFaults()
+        self.wire = WirePort(EmulatedBus(self.world, self.faults), self.clock.now, baud)
+        self.rates = []
+        self.before = lambda: None
+        self._bus = Bus(self.wire, patience=0.0)
+
+    @property
+    def port(self):
+        return self.wire.name
+
+    def lent(self):
+        return nullcontext(self)
+
+    def call(self, job):
+        self.before()
+        return job(self._bus)
+
+    def watch(self, job):
+        raise NotImplementedError
+
+    def at_baud(self, baud):
+        self.rates.append(baud)
+        self.wire.baud = baud
+
+    # What a test does to the servos
+
+    def plug(self, *places):
+        """Let just these hang on the adapter, powered up."""
+        for place in range(1, 7):
+            (self.world.connect if place in places else self.world.disconnect)(str(place))
+        self.settle()
+
+    def settle(self):
+        """Let the servos that were switched on start up."""
+        self.clock.advance(2.0)
+        self.world.advance(self.clock.now())
+        self.clock.advance(2.0)
+        self.world.advance(self.clock.now())
+
+    def set(self, place, **values):
+        """Let the servo at ``place`` hold values for good, by the driver's register names."""
+        memory = self.world.servo(str(place)).memory
+        for name, value in values.items():
+            row = reg.REGISTERS[name]
+            held = emulated.Register(row.address, row.size, emulated.Keep.EEPROM, 0, 0, 0, "", "")
+            memory.keep(held, int.from_bytes(row.encode(value), "little"))
+
+    def holds(self, place, register, *, after_power_off=False):
+        """What a register of the servo at ``place`` holds."""
+        servo = self.world.servo(str(place))
+        data = servo.memory._flash if after_power_off else servo.memory.bytes
+        return register.cut(bytes(data), 0)
+
+    def whole_arm(self):
+        self.plug(1, 2, 3, 4, 5, 6)

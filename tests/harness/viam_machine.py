@@ -1,0 +1,208 @@
+"""A Viam machine with our module, for whoever wants to connect to one.
+
+The module's real process runs, with a stand-in for viam-server as its parent. Its own socket speaks
+the robot protocol as well as the module's, so a port of 127.0.0.1 that forwards to it is a machine:
+plain, without a key. The door can be shut and opened again, as when a cable is pulled.
+
+    with running_machine() as machine:                 # a simulated arm and gripper
+        MachineRig.connect(machine.address)
+
+    with running_machine(emulated=True) as machine:    # on six virtual servos, and all our models
+
+By hand: ``python tests/harness/viam_machine.py --sim`` (or ``--emulate``) prints the address and
+runs until Ctrl-C.
+"""
+
+import argparse
+import asyncio
+import contextlib
+import signal
+import tempfile
+import threading
+from concurrent.futures import Future
+from contextlib import AsyncExitStack, contextmanager
+from pathlib import Path
+
+import viam.services.discovery  # noqa: F401  # importing registers the client
+
+from harness.emulated_port import emulated_port
+from harness.fake_parent import (
+    ARM,
+    CALIBRATION,
+    DISCOVERY,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    SENSOR,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    running_module,
+)
+
+SIM = (
+    (ARM, SIMULATED, "arm", {}),
+    (GRIPPER, SIMULATED_GRIPPER, "gripper", {}),
+)
+"""What the machine has by default: api, model, name, attributes."""
+
+
+def on_port(port):
+    """What a machine with an arm on ``port`` has."""
+    return (
+        (ARM, HARDWARE_ARM, "arm", {"port": port}),
+        (GRIPPER, HARDWARE_GRIPPER, "gripper", {"port": port}),
+        (SENSOR, CALIBRATION, "calibration", {"port": port}),
+        ("rdk:service:discovery", DISCOVERY, "discovery", {}),
+    )
+
+
+class Door:
+    """A TCP port of 127.0.0.1 that leads to a socket."""
+
+    def __init__(self, socket):
+        self.port = 0
+        self._socket = socket
+        self._server = None
+        self._pipes = set()
+
+    async def open(self, port=0):
+        """Let connections in; on the same port as before."""
+        self._server = await asyncio.start_server(self._enter, "127.0.0.1", self.port or port)
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def shut(self):
+        """Throw everybody out and let nobody in."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        pipes = set(self._pipes)
+        for pipe in pipes:
+            pipe.cancel()
+        await asyncio.gather(*pipes, return_exceptions=True)
+
+    async def _enter(self, reader, writer):
+        self._pipes.add(asyncio.current_task())
+        try:
+            inner_reader, inner_writer = await asyncio.open_unix_connection(self._socket)
+            try:
+                await asyncio.gather(_forward(reader, inner_writer), _forward(inner_reader, writer))
+            finally:
+                inner_writer.transport.abort()
+        except (asyncio.CancelledError, OSError):
+            pass
+        finally:
+            writer.transport.abort()
+            self._pipes.discard(asyncio.current_task())
+
+
+async def _forward(reader, writer):
+    while chunk := await reader.read(65536):
+        writer.write(chunk)
+        await writer.drain()
+    with contextlib.suppress(OSError, RuntimeError):
+        writer.write_eof()
+
+
+class Machine:
+    """A running machine. Its methods may be called from any thread.
+
+    Attributes:
+        address: For ``MachineRig.connect`` and ``--machine``.
+        port: The serial port of its emulated arm; None for a simulated one.
+    """
+
+    def __init__(self, loop, module, door, servos):
+        self._loop, self._module, self._door, self._servos = loop, module, door, servos
+        self.address = f"127.0.0.1:{door.port}"
+        self.port = None if servos is None else servos.port
+
+    def cut(self):
+        """Pull the network cable: connections break and nobody gets in."""
+        self._run(self._door.shut())
+
+    def mend(self):
+        """Plug it in again, at the same address."""
+        self._run(self._door.open())
+
+    def fault(self, line):
+        """Let something happen to the emulated servos, e.g. ``unplug`` or ``end unplug``."""
+        self._run(self._servos.fault(line))
+
+    def remove(self, api, name):
+        """Take a resource out of the machine's configuration."""
+        self._run(self._module.remove(api, name))
+
+    def add(self, api, model, name, attributes=None):
+        """Put a resource into the machine's configuration."""
+        self._run(self._module.add(api, model, attributes or {}, name))
+
+    def _run(self, work):
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(30.0)
+
+
+@contextmanager
+def running_machine(*, emulated=False, resources=None, port=0):
+    """Start a machine; it ends with the block.
+
+    Args:
+        emulated: Whether its arm is on emulated servos, which somebody holds up until it holds
+            itself, instead of simulated.
+        resources: What it has, like ``SIM``; by default an arm, a gripper, and on emulated servos
+            the calibration and discovery as well.
+        port: The TCP port it listens on; 0 for any free one.
+    """
+    loop, ready, done = asyncio.new_event_loop(), Future(), asyncio.Event()
+
+    async def live():
+        try:
+            async with AsyncExitStack() as stack:
+                ready.set_result(await _start(stack, loop, emulated, resources, port))
+                await done.wait()
+        except BaseException as error:
+            if ready.done():
+                raise
+            ready.set_exception(error)
+
+    thread = threading.Thread(target=lambda: loop.run_until_complete(live()), name="machine")
+    thread.start()
+    try:
+        yield ready.result()
+    finally:
+        loop.call_soon_threadsafe(done.set)
+        thread.join()
+        loop.close()
+
+
+async def _start(stack, loop, emulated, resources, port):
+    servos = None
+    if emulated:
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="so101-"))
+        servos = await stack.enter_async_context(emulated_port(Path(folder)))
+    module, _, _ = await stack.enter_async_context(running_module())
+    for api, model, name, attributes in resources or (on_port(servos.port) if servos else SIM):
+        await module.add(api, model, attributes, name)
+    if servos is not None:
+        await servos.let_go()
+    door = Door(module.socket)
+    await door.open(port)
+    stack.push_async_callback(door.shut)
+    return Machine(loop, module, door, servos)
+
+
+def main():
+    parser = argparse.ArgumentParser(description="A Viam machine with our module, until Ctrl-C.")
+    kind = parser.add_mutually_exclusive_group(required=True)
+    kind.add_argument("--sim", action="store_true", help="a simulated arm and gripper")
+    kind.add_argument("--emulate", action="store_true", help="an arm on six virtual servos")
+    parser.add_argument("--port", type=int, default=0, help="TCP port; any free one by default")
+    given = parser.parse_args()
+    done = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: done.set())
+    with running_machine(emulated=given.emulate, port=given.port) as machine:
+        print(machine.address, flush=True)  # noqa: T201
+        done.wait()
+
+
+if __name__ == "__main__":
+    main()

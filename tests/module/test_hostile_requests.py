@@ -1,0 +1,167 @@
+"""What a hostile client sends must not keep the event loop, which answers Stop, from running."""
+
+import asyncio
+import time
+from contextlib import asynccontextmanager
+
+import pytest
+from google.protobuf.struct_pb2 import Struct
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness.in_process_module import new_arm
+from viam.components.arm import ArmClient, JointPositions, Pose
+from viam.components.arm.service import ArmRPCService
+from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
+from viam.proto.common import DoCommandRequest
+from viam.resource.manager import ResourceManager
+from viam.rpc.server import _patch_mappings
+
+from so101_motion.viam.requests.request_guard import DEEPEST, LARGEST_STRUCT, MOST_VALUES, guard
+
+LONGEST_GAP = 0.5
+"""Of the processor [s]; what is sent here held the loop for 0.7 to 25 s."""
+
+
+class _Guarded:
+    """The part of the SDK's server that the guard looks at."""
+
+    def __init__(self, server):
+        self._server = server
+
+
+class _Channel(ChannelFor):
+    async def __aenter__(self):
+        channel = await super().__aenter__()
+        guard(_Guarded(self._server))
+        return channel
+
+
+@asynccontextmanager
+async def guarded_arm():
+    arm = new_arm()
+    try:
+        async with _Channel(_patch_mappings([ArmRPCService(ResourceManager([arm]))])) as channel:
+            yield ArmClient(arm.name, channel)
+    finally:
+        await arm.close()
+
+
+class Gaps:
+    """The longest time of the processor between two turns of the loop."""
+
+    async def __aenter__(self):
+        self.longest = 0.0
+        self._task = asyncio.create_task(self._tick())
+        await asyncio.sleep(0)
+        return self
+
+    async def __aexit__(self, *error):
+        self._task.cancel()
+        await asyncio.wait([self._task])
+
+    async def _tick(self):
+        before = time.thread_time()
+        while True:
+            await asyncio.sleep(0.001)
+            now = time.thread_time()
+            self.longest, before = max(self.longest, now - before), now
+
+
+async def refusal(call):
+    """The error that a call ends with, seen while the loop goes on."""
+    async with Gaps() as gaps:
+        with pytest.raises(GRPCError) as caught:
+            await call
+    assert gaps.longest < LONGEST_GAP
+    return caught.value
+
+
+LONG = {"not ascii": "é" * 100_000, "ascii": "a" * 300_000, "escapes": "\\\n\x00" * 30_000}
+
+
+@pytest.mark.parametrize("text", LONG.values(), ids=LONG)
+async def test_a_long_text_in_a_command_is_refused_at_once_and_not_echoed(text):
+    async with guarded_arm() as arm:
+        for request in (
+            {"command": text},
+            {text: 1.0},
+            {"set_speed": text},
+            {"command": "advance_time", "seconds": text},
+            {"command": "advance_time", text: 1.0},
+            {"command": [text, {text: text}]},
+        ):
+            error = await refusal(arm.do_command(request))
+            assert error.status is Status.INVALID_ARGUMENT
+            assert len(error.message) <= 1_000
+
+
+@pytest.mark.parametrize("text", LONG.values(), ids=LONG)
+async def test_long_texts_elsewhere_are_not_echoed_either(text):
+    async with guarded_arm() as arm:
+        at = Pose(x=200, z=200, o_z=1)
+        calls = [
+            (arm.move_to_position(at, extra={"goal_metric_type": text}), Status.INVALID_ARGUMENT),
+            (arm.move_to_position(at, extra={"pose_cloud": {text: 1.0}}), Status.INVALID_ARGUMENT),
+            (
+                arm.move_to_joint_positions(JointPositions(values=[0.0] * 5), extra={"wait": text}),
+                Status.INVALID_ARGUMENT,
+            ),
+            (
+                arm.move_to_joint_positions(JointPositions(values=[1e9] * 100_000)),
+                Status.INVALID_ARGUMENT,
+            ),
+        ]
+        for call, status in calls:
+            error = await refusal(call)
+            assert error.status is status
+            assert len(error.message) <= 1_000
+
+
+async def test_a_component_of_a_long_name_is_not_found_at_once():
+    async with guarded_arm() as arm:
+        arm.name = "é" * 100_000
+        error = await refusal(arm.do_command({"command": "advance_time"}))
+        assert error.status is Status.NOT_FOUND
+        assert len(error.message) <= 1_000
+
+
+async def test_a_thousand_unknown_options_are_not_all_compared_with_ours():
+    options = {f"option number {i} of many that nobody knows": 1.0 for i in range(1_000)}
+    options["goal_metric_type"] = "none"
+    async with guarded_arm() as arm:
+        await refusal(arm.move_to_position(Pose(x=200, z=200, o_z=1), extra=options))
+
+
+def struct_of(value):
+    struct = Struct()
+    struct.update(value)
+    return struct
+
+
+async def test_a_struct_of_too_many_values_or_bytes_is_refused_with_the_limit():
+    many = struct_of({"command": "x", "v": [0.0] * (MOST_VALUES + 1)})
+    large = struct_of({"command": "x" * (LARGEST_STRUCT + 1)})
+    async with guarded_arm() as arm:
+        stub = ArmServiceStub(arm.channel)
+        for struct, limit in ((many, f"{MOST_VALUES} values"), (large, f"{LARGEST_STRUCT}")):
+            error = await refusal(stub.DoCommand(DoCommandRequest(name="arm", command=struct)))
+            assert error.status is Status.INVALID_ARGUMENT
+            assert limit in error.message
+
+
+def nested(levels):
+    value = {"a": 1.0}
+    for _ in range(levels):
+        value = {"a": value}
+    request = DoCommandRequest(name="arm")
+    request.command.update(value)
+    return request
+
+
+async def test_structs_nested_too_deeply_are_an_invalid_argument():
+    async with guarded_arm() as arm:
+        stub = ArmServiceStub(arm.channel)
+        for levels in (DEEPEST + 1, 60, 90):
+            error = await refusal(stub.DoCommand(nested(levels)))
+            assert error.status is Status.INVALID_ARGUMENT
+            assert "nested" in error.message

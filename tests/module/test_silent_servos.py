@@ -1,0 +1,187 @@
+"""Components whose servos do not answer when they are configured, in the real module process: they
+are there at once, say who is silent, keep nobody else waiting, and work when the servos answer."""
+
+import asyncio
+import os
+import signal
+import termios
+import time
+import tty
+
+import pytest
+from grpclib import GRPCError, Status
+from harness.emulated_port import emulated_port
+from harness.fake_parent import (
+    ARM,
+    CALIBRATION,
+    GRIPPER,
+    HARDWARE_ARM,
+    HARDWARE_GRIPPER,
+    SENSOR,
+    SIMULATED,
+    running_module,
+    until,
+)
+from viam.components.arm import JointPositions
+
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.port.serial_port import SerialPort
+
+pytestmark = pytest.mark.emulator_only
+
+PATIENT = {"timeout": "10s"}
+"""For how long a component once kept everybody waiting for silent servos, and a little more."""
+
+AT_ONCE = 3.0
+"""Within what time a component must be there [s]; mostly 0.02."""
+
+
+@pytest.fixture
+async def emulated(tmp_path):
+    async with emulated_port(tmp_path, "--fault", "dead:3") as emulated:
+        yield emulated
+
+
+@pytest.fixture
+def empty_port():
+    """A port on which nobody ever answers."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs, termios.TCSANOW)
+    yield os.ttyname(theirs)
+    os.close(ours)
+    os.close(theirs)
+
+
+async def refused(call, status=Status.UNAVAILABLE):
+    """The message that a call is refused with."""
+    with pytest.raises(GRPCError) as caught:
+        await call
+    assert caught.value.status is status
+    return caught.value.message
+
+
+async def within(seconds, call):
+    """What a call returns, which must come soon."""
+    begin = time.monotonic()
+    answer = await call
+    assert time.monotonic() - begin < seconds
+    return answer
+
+
+async def works(call):
+    """Whether a call succeeds, which is refused as long as servos are silent."""
+    try:
+        await call()
+    except GRPCError as error:
+        if error.status is not Status.UNAVAILABLE:
+            raise
+        return False
+    return True
+
+
+async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated):
+    async with running_module() as (module, _, _):
+        attributes = {"port": emulated.port, **PATIENT}
+        arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, attributes, "arm"))
+        before = await arm.get_kinematics()
+        for call in (
+            arm.get_joint_positions(),
+            arm.get_end_position(),
+            arm.move_to_joint_positions(JointPositions(values=[0.0] * 5)),
+            arm.do_command({"command": "ping"}),
+            arm.do_command({"command": "get_calibration"}),
+        ):
+            message = await within(AT_ONCE, refused(call))
+            for words in ("not ready", "no reply from servo 3 (elbow_flex)", "tried for "):
+                assert words in message
+        await arm.stop()
+        status = await arm.get_status()
+        assert status["connected"] is False
+        assert "elbow_flex" in status["not_ready"]
+        assert "elbow_flex" in status["notes"][0]
+        assert "elbow_flex" in (await arm.do_command({"command": "diagnose"}))["error"]
+
+        await emulated.fault("end dead:3")
+        await until(lambda: works(arm.get_geometries))
+        status = await arm.get_status()
+        assert "not_ready" not in status
+        assert status["notes"] == []
+        assert status["state"] == "holding"
+        start = list((await arm.get_joint_positions()).values)
+        goal = [start[0] + 5.0, *start[1:]]
+        await arm.move_to_joint_positions(JointPositions(values=goal))
+        assert list((await arm.get_joint_positions()).values) == pytest.approx(goal, abs=0.5)
+        assert await arm.get_kinematics() == before
+
+
+async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
+    emulated, empty_port, tmp_path
+):
+    (tmp_path / "other").mkdir()
+    async with emulated_port(tmp_path / "other") as healthy, running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": healthy.port}, "arm")
+        start = list((await arm.get_joint_positions()).values)
+        goal = JointPositions(values=[start[0] + 90.0, *start[1:]])
+        move = asyncio.ensure_future(arm.move_to_joint_positions(goal))
+
+        async def is_under_way():
+            return (await arm.get_joint_positions()).values[0] > start[0] + 5.0
+
+        await until(is_under_way)
+        for name, port in (("silent", empty_port), ("dead", emulated.port)):
+            attributes = {"port": port, **PATIENT}
+            await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, attributes, name))
+        await within(AT_ONCE, arm.stop())
+        await refused(move, Status.CANCELLED)
+        assert (await arm.get_joint_positions()).values[0] < start[0] + 70.0
+
+
+async def test_a_component_that_is_still_connecting_is_removed_at_once(empty_port):
+    async with running_module() as (module, _, _):
+        attributes = {"port": empty_port, **PATIENT}
+        await module.add(ARM, SIMULATED, {}, "other")  # keeps the planning process
+        for _ in range(2):
+            arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+            gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, attributes, "gripper")
+            for component in (arm, gripper):
+                assert "no servo answers" in await refused(component.get_geometries())
+                assert "no servo answers" in (await component.get_status())["not_ready"]
+            await within(AT_ONCE, module.remove(ARM, "arm"))
+            await within(AT_ONCE, module.remove(GRIPPER, "gripper"))
+            Bus(SerialPort(empty_port)).close()  # somebody else may have the port
+        await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        module.process.send_signal(signal.SIGTERM)
+        assert await module.ended() == 0
+    Bus(SerialPort(empty_port)).close()
+
+
+async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(emulated):
+    async with running_module() as (module, _, _):
+        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
+        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
+        sensor = await within(
+            AT_ONCE, module.add(SENSOR, CALIBRATION, {"port": emulated.port}, "sensor")
+        )
+        assert (await sensor.get_status())["connected"] is True, "the port is there"
+        assert "elbow_flex" in await refused(gripper.open())
+        await emulated.fault("end dead:3")
+        await until(lambda: works(arm.get_geometries))
+        await gripper.open()
+        for component in (arm, gripper):
+            status = await component.do_command({"command": "controller_status"})
+            assert status["ref_count"] == 3
+
+
+async def test_a_silent_gripper_does_not_keep_its_arm_from_working(tmp_path):
+    async with emulated_port(tmp_path, "--fault", "dead:6") as bench, running_module() as running:
+        module, port = running[0], {"port": bench.port, **PATIENT}
+        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, port, "gripper")
+        assert "gripper" in await refused(gripper.open())
+        arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, port, "arm"))
+        await until(lambda: works(arm.get_geometries))
+        assert "gripper" in await refused(gripper.open())
+        assert "gripper" in (await gripper.get_status())["not_ready"]
+        await bench.fault("end dead:6")
+        await until(lambda: works(gripper.open))
+        assert (await gripper.get_status())["position_percentage"] > 90.0
+        assert (await arm.get_status())["state"] == "holding"

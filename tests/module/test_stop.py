@@ -1,0 +1,312 @@
+"""Stop waits for nobody, and who leaves leaves nothing behind, on a clock the test moves."""
+
+import asyncio
+import math
+import os
+import signal
+from contextlib import asynccontextmanager, contextmanager, suppress
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness.fake_parent import MOTION, config_of, until
+from harness.in_process_module import advance, arm_client, in_time, new_arm
+from viam.components.arm import Arm, JointPositions
+from viam.proto.common import Pose, PoseInFrame
+from viam.resource.manager import ResourceManager
+from viam.services.motion import MotionClient
+from viam.services.motion.service import MotionRPCService
+
+from so101_motion.common.errors import SUPERSEDED, Interrupted
+from so101_motion.rig.hardware_rig import TICK
+from so101_motion.viam.models.motion_service import So101Motion
+
+HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
+FAR = [80.0, -45.0, 45.0, 60.0, 0.0]
+BRISK = {"speed_degs_per_sec": 20.0, "acceleration_degs_per_sec_per_sec": 500.0}
+
+ABANDONED = 50
+STOPS = 1000
+
+
+@pytest.fixture
+async def arm():
+    arm = new_arm(simulate_time=False, **BRISK)
+    yield arm
+    await arm.close()
+
+
+@pytest.fixture
+async def client(arm):
+    async with arm_client(arm) as client:
+        yield client
+
+
+@pytest.fixture
+async def motion(arm):
+    service = So101Motion.new(config_of(MOTION, "devrel:so101:motion", {}, "planner"), {})
+    async with ChannelFor([MotionRPCService(ResourceManager([service]))]) as channel:
+        client = MotionClient(service.name, channel)
+        client.resource = service
+        yield client
+
+
+def joints(degrees):
+    return JointPositions(values=[float(value) for value in degrees])
+
+
+def point(x, y, z):
+    pose = Pose(x=x, y=y, z=z, o_z=1.0)
+    return PoseInFrame(reference_frame="arm_origin", pose=pose)
+
+
+@contextmanager
+def hung_planner(arm):
+    """The planning process does nothing, as one that computes for long."""
+    pid = arm.rig._worker.pid
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+
+
+@asynccontextmanager
+async def under_way(arm, client):
+    """A move that is well under way; over when the block is."""
+    call = asyncio.ensure_future(client.move_to_joint_positions(joints(FAR)))
+    while np.degrees(arm.rig.arm.state.q[0]) < 5.0:
+        assert not call.done(), await call
+        await advance(client, 0.05)
+    yield call
+    await client.stop()
+    await asyncio.wait([call])
+    call.cancelled() or call.exception()
+
+
+async def error_of(call):
+    with pytest.raises(GRPCError) as caught:
+        await call
+    return caught.value
+
+
+async def at_rest(arm, client):
+    """The arm rests, nothing is under way, and time changes nothing about it."""
+    async with asyncio.timeout(10):
+        while await client.is_moving():
+            await advance(client, 0.01)
+            await asyncio.sleep(0.001)
+    here = arm.rig.arm.state.q_ref
+    await advance(client, 1.0)
+    assert not await client.is_moving()
+    np.testing.assert_allclose(arm.rig.arm.state.q_ref, here, atol=1e-6)
+
+
+async def gone(call):
+    """The client of ``call`` leaves, and its side of the call is over."""
+    call.cancel()
+    with suppress(asyncio.CancelledError):
+        await call
+    await asyncio.sleep(0.02)
+
+
+async def test_the_first_cycle_after_a_stop_is_slower_whatever_is_being_planned(arm, motion):
+    executor, clock = arm.rig.executor, arm.rig.clock
+    there = {"reference_frame": "arm_origin", "pose": {"x": 250, "y": 60, "z": 150, "o_z": 1}}
+    request = {"component_name": "arm", "destination": there}
+    await motion.do_command({"preview": request})  # the planning process runs
+    slower = 0
+    with hung_planner(arm):
+        plans = [
+            asyncio.ensure_future(motion.do_command({"preview": request})) for _ in range(ABANDONED)
+        ]
+        await asyncio.sleep(0.05)
+        for plan in plans:
+            plan.cancel()
+        await asyncio.wait(plans)
+        arm.rig.arm.set_speed(math.radians(5.0))  # at cruise after 0.07 s
+        for k in range(STOPS):
+            arm.rig.arm.start_retarget(np.radians([60.0 if k % 2 else -60.0, 0, 0, 0, 0]))
+            clock.advance(0.08 + 1e-4 * (k % 100))
+            before = abs(executor.state.qd_ref[0])
+            stop = asyncio.ensure_future(arm.stop())
+            await asyncio.sleep(0)  # the request is there
+            clock.advance(TICK)
+            slower += bool(abs(executor.state.qd_ref[0]) < before)
+            assert before > math.radians(4.9)
+            clock.advance(0.2)
+            await stop
+    assert slower == STOPS
+
+
+def swing(t):
+    return [10.0 * (1.0 - math.cos(0.5 * t)), 0.0, 0.0, 0.0, 0.0]
+
+
+async def points():
+    """A slow swing of the first joint from where the arm is when it is new."""
+    for k in range(1000):
+        times = 0.1 * k + np.array([0.0, 0.05])
+        yield [
+            Arm.TrajectoryPoint(
+                timedelta(seconds=t), [10.0 * (1.0 - math.cos(0.5 * t)), 0, 0, 0, 0]
+            )
+            for t in times
+        ]
+
+
+def stream(client):
+    async def play():
+        async for _ in client.move_through_joint_positions_streamed(points()):
+            pass
+
+    return asyncio.ensure_future(play())
+
+
+async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(arm, client):
+    async with under_way(arm, client) as move:
+        opening = stream(client)  # waits until the arm rests, which time must pass for
+        await asyncio.sleep(0.02)
+        await gone(opening)
+        assert (await error_of(move)).status is Status.ABORTED
+    await at_rest(arm, client)
+
+
+async def test_manual_mode_that_was_asked_for_has_its_time_limit_although_nobody_waits(arm, client):
+    async with under_way(arm, client):
+        request = {"command": "enter_manual_mode", "enabled_for": 0.2}
+        asking = asyncio.ensure_future(client.do_command(request))
+        await asyncio.sleep(0.02)
+        asking.cancel()
+        async with asyncio.timeout(10):
+            while not await client.get_manual_mode():
+                await advance(client, 0.01)
+            while await client.get_manual_mode():
+                await advance(client, 0.01)
+        with suppress(asyncio.CancelledError):
+            await asking
+
+
+async def test_of_two_who_begin_to_record_at_once_one_is_refused(
+    arm, client, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    requests = [{"command": "record_path", "name": name} for name in ("one", "two", "three")]
+    answers = await asyncio.gather(*map(client.do_command, requests), return_exceptions=True)
+    refused = [answer for answer in answers if isinstance(answer, GRPCError)]
+    assert len(refused) == 2
+    assert all("is being recorded already" in error.message for error in refused)
+    kept = await client.do_command({"command": "end_path"})
+    assert (tmp_path / "paths" / f"{kept['name']}.json").exists()
+    assert (await client.do_command({"command": "list_paths"}))["recording"] == ""
+
+
+# Status codes: one truth for whatever moves the arm
+
+
+def retarget(client, motion):
+    extra = {"interpolate": False}
+    return client.move_through_joint_positions([joints(FAR)], extra=extra)
+
+
+SOURCES = {
+    "a move": lambda client, motion: client.move_to_joint_positions(joints(FAR)),
+    "a pose": lambda client, motion: client.move_to_position(Pose(x=100, y=250, z=150, o_z=1)),
+    "a retarget": retarget,
+    "a stream": lambda client, motion: stream(client),
+    "the motion service": lambda client, motion: motion.move("arm", point(100, 250, 150)),
+}
+
+
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize(
+    ("ending", "status"), [("stop", Status.CANCELLED), ("newer", Status.ABORTED)]
+)
+async def test_superseded_is_aborted_and_stopped_is_cancelled(
+    arm, client, motion, source, ending, status
+):
+    call = asyncio.ensure_future(SOURCES[source](client, motion))
+    await until(lambda: arm.rig.arm.is_moving or call.done())
+    await advance(client, 0.3)
+    assert not call.done()
+    if ending == "stop":
+        await client.stop()
+    else:
+        await in_time(client, client.move_to_joint_positions(joints(HOME)))
+    assert (await error_of(call)).status is status
+    await at_rest(arm, client)
+
+
+@pytest.mark.parametrize("source", SOURCES)
+async def test_a_jog_aborts_what_is_under_way_and_ends_with_a_stop(arm, client, motion, source):
+    call = asyncio.ensure_future(SOURCES[source](client, motion))
+    await until(lambda: arm.rig.arm.is_moving or call.done())
+    await advance(client, 0.3)
+    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.open_jog))
+    assert (await error_of(call)).status is Status.ABORTED
+    await client.stop()
+    with pytest.raises(Interrupted) as caught:
+        await asyncio.wrap_future(jog.future)
+    assert caught.value.by == "stop"
+
+
+async def test_a_move_takes_over_from_a_jog(arm, client):
+    jog = await in_time(client, asyncio.to_thread(arm.rig.arm.open_jog))
+    await in_time(client, client.move_to_joint_positions(joints(HOME)))
+    with pytest.raises(Interrupted) as caught:
+        await asyncio.wrap_future(jog.future)
+    assert caught.value.by == SUPERSEDED
+
+
+@pytest.mark.parametrize("source", SOURCES)
+async def test_a_stop_ends_what_waits_for_the_arm_to_rest(arm, client, motion, source):
+    async with under_way(arm, client):
+        call = asyncio.ensure_future(SOURCES[source](client, motion))
+        await asyncio.sleep(0.05)
+        await client.stop()
+        assert (await error_of(call)).status is Status.CANCELLED
+    await at_rest(arm, client)
+
+
+async def test_a_stop_ends_a_move_of_the_motion_service_that_is_being_planned(arm, client, motion):
+    with hung_planner(arm):
+        call = asyncio.ensure_future(motion.move("arm", point(100, 250, 150)))
+        await until(lambda: not arm.rig.arm.newest_motion.future.done())
+        await client.stop()
+        assert (await error_of(call)).status is Status.CANCELLED
+    await at_rest(arm, client)
+
+
+# The motion service
+
+
+@pytest.mark.parametrize(
+    ("destination", "extra"),
+    [
+        (point(250, 60, 150), {"goal_metric_type": "best"}),
+        (point(900, 0, 100), {}),
+        (PoseInFrame(reference_frame="moon", pose=Pose(x=250, o_z=1)), {}),
+    ],
+)
+async def test_a_move_that_is_refused_leaves_the_motion_under_way_alone(
+    arm, client, motion, destination, extra
+):
+    async with under_way(arm, client) as move:
+        await error_of(motion.move("arm", destination, extra=extra))
+        assert not move.done()
+        await in_time(client, move)
+    assert np.degrees(arm.rig.arm.state.q) == pytest.approx(FAR, abs=0.1)
+
+
+async def test_a_motion_service_that_is_removed_ends_what_it_moves(arm, client, motion):
+    call = asyncio.ensure_future(motion.move("arm", point(100, 250, 150)))
+    await until(lambda: arm.rig.arm.is_moving)
+    await advance(client, 0.3)
+    await motion.resource.close()
+    error = await error_of(call)
+    assert error.status is Status.CANCELLED
+    assert "the removal of its motion service" in error.message
+    await at_rest(arm, client)

@@ -1,0 +1,331 @@
+"""The referee objects to every rule that is broken, and to nothing else."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from referee import RULES, Caps, CommandCaps, Referee
+from referee.command import Command
+from referee.packets import Parser, Writes
+from referee.travel import Travel
+from so101_motion.drivers.emulator.emulator import Emulator
+
+TICK = 360.0 / 4096.0
+CAPS = Caps(speed=50.0, acceleration=600.0)
+
+
+def packet(servo_id, code, *params):
+    body = bytes((servo_id, len(params) + 2, code, *params))
+    return b"\xff\xff" + body + bytes((~sum(body) & 0xFF,))
+
+
+def goal(servo_id, ticks):
+    return packet(servo_id, 3, 42, ticks & 0xFF, ticks >> 8)
+
+
+def goals(*ticks):
+    shares = [byte for i, each in enumerate(ticks, 1) for byte in (i, each & 0xFF, each >> 8)]
+    return packet(254, 0x83, 42, 2, *shares)
+
+
+def torque(servo_id, on):
+    return packet(servo_id, 3, 40, on)
+
+
+class Pitch:
+    """An emulated arm without a driver, under a referee of its own."""
+
+    def __init__(self, emulator, clock):
+        self.emulator, self.clock = emulator, clock
+        self.referee = Referee()
+        emulator.bus.observers.clear()
+        self.match = self.referee.attend(emulator)
+        self.match.ask_caps(lambda: (CAPS,) * 6)
+
+    def say(self, data):
+        self.emulator.bus.feed(data, self.clock.now())
+
+    def at(self, place):
+        return self.emulator.world.servo(place).drive.position
+
+    def hold(self, *places):
+        for place in places or range(1, 7):
+            self.say(goal(place, self.at(place)))
+            self.say(torque(place, 1))
+
+    def lead(self, place, deg_per_s, seconds):
+        """Send goals at a speed, a hundred times a second."""
+        start = self.at(place)
+        for k in range(round(seconds * 100)):
+            self.say(goal(place, round(start + deg_per_s * 0.01 * k / TICK)))
+            self.clock.advance(0.01)
+
+    def wait(self, seconds):
+        for _ in range(round(seconds * 100)):
+            self.clock.advance(0.01)
+            self.say(packet(1, 1))
+
+    @property
+    def broken(self):
+        return {finding.rule for finding in self.referee.findings}
+
+
+@pytest.fixture
+def pitch(clock):
+    with Emulator(now=clock.now) as emulator:
+        yield Pitch(emulator, clock)
+
+
+# The wire
+
+
+def test_a_client_that_keeps_the_rules_is_not_objected_to(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.lead(2, 40.0, 1.0)
+    pitch.wait(0.5)
+    assert pitch.referee.findings == []
+    assert pitch.referee.seen > 100
+
+
+def test_a_goal_that_jumps_is_caught(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.say(goal(4, 2048 + 512))
+    assert pitch.broken == {"travel"}
+
+
+def test_goals_that_run_faster_than_the_cap_are_caught(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.lead(1, 115.0, 0.5)
+    assert "travel" in pitch.broken
+
+
+def test_goals_of_a_sync_write_are_heard_by_each_servo(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.say(goals(2048, 2048, 2048, 2048, 2500, 2048))
+    assert [finding.place for finding in pitch.referee.findings] == [5]
+
+
+def test_a_goal_outside_the_limits_is_caught(pitch):
+    pitch.emulator.world.servo(1).memory.bytes[9:13] = bytes((0, 4, 0, 12))  # 1024 to 3072
+    pitch.say(goal(1, 3073))
+    assert "limits" in pitch.broken
+
+
+def test_a_goal_that_leaves_its_joint_behind_is_caught(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    servo = pitch.emulator.world.servo(1)
+    servo.memory.bytes[48:50] = b"\0\0"  # no torque at all: it stays where it is
+    pitch.say(packet(1, 3, 48, 0, 0))
+    servo.drive.profile.target = servo.drive.position
+    pitch.match.ask_caps(lambda: (Caps(170.0, 600.0),) * 6)
+    servo.drive.powered = True
+    stay = servo.drive.position
+    for k in range(60):
+        pitch.say(goal(1, 2048 + 18 * k))
+        pitch.clock.advance(0.01)
+        servo.drive.shaft.put(stay)
+    assert "distance" in pitch.broken
+
+
+def test_torque_without_a_goal_is_caught(pitch):
+    pitch.say(torque(3, 1))
+    assert pitch.broken == {"seed"}
+
+
+def test_torque_with_an_old_goal_is_caught(pitch):
+    pitch.hold(3)
+    pitch.wait(0.5)
+    pitch.say(torque(3, 0))
+    pitch.wait(0.1)
+    pitch.say(torque(3, 1))
+    assert pitch.broken == {"seed"}
+
+
+def test_a_limp_servo_that_is_sent_away_is_caught(pitch):
+    pitch.say(goal(3, 2300))
+    assert pitch.broken == {"seed"}
+
+
+def test_what_goes_on_after_a_stop_was_answered_is_caught(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.lead(2, 40.0, 0.5)
+    pitch.match.stop_answered()
+    pitch.lead(2, 40.0, 0.1)
+    assert pitch.referee.findings == []  # that may be the ramp
+    pitch.lead(2, 40.0, 0.5)
+    assert pitch.broken == {"stop"}
+
+
+def test_a_new_request_ends_the_stop(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.match.stop_answered()
+    pitch.match.set_off()
+    pitch.lead(2, 40.0, 1.0)
+    assert pitch.referee.findings == []
+
+
+# The joints
+
+
+def test_a_joint_that_truly_moves_too_fast_is_caught(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.say(goal(1, 2900))
+    pitch.wait(0.6)
+    assert "motion" in pitch.broken
+
+
+def test_a_joint_that_a_hand_pushes_is_nobody_s_fault(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.emulator.world.hand = SimpleNamespace(busy=True, torque=lambda *_: 4.0)
+    pitch.wait(1.0)
+    assert pitch.referee.findings == []
+
+
+# The command
+
+
+class Commanded:
+    def __init__(self, caps=None):
+        self.caps = caps or CommandCaps(50.0, 100.0, 1000.0)
+        self.findings = []
+        self.judge = Command(lambda rule, t, text: self.findings.append(text))
+        self.t = 0.0
+
+    def send(self, *angles, off_joint=10.0, after=0.01):
+        for q in angles:
+            self.t += after
+            self.judge.sent(self.t, q, self.caps, off_joint)
+
+    def rest(self):
+        self.send(*[0.0] * 6)
+
+
+def within_caps(n, jerk=1000.0, dt=0.01):
+    """Angles of a command that begins with constant jerk."""
+    q = qd = qdd = 0.0
+    for _ in range(n):
+        qdd += jerk * dt
+        qd += qdd * dt
+        q += qd * dt
+        yield q
+
+
+def test_a_command_at_its_caps_is_not_objected_to():
+    commanded = Commanded()
+    commanded.rest()
+    commanded.send(*within_caps(10), 0.0)
+    assert commanded.findings == []
+
+
+@pytest.mark.parametrize("share", [1.01, 1.5])
+def test_a_command_of_too_much_jerk_is_caught(share):
+    commanded = Commanded()
+    commanded.rest()
+    commanded.send(*within_caps(9, 1000.0 * share), 0.0)
+    assert "jerk" in commanded.findings[0]
+
+
+def test_a_command_of_too_much_acceleration_is_caught():
+    commanded = Commanded(CommandCaps(50.0, 100.0, 1e9))
+    commanded.rest()
+    commanded.send(0.0102, 0.0)
+    assert "acceleration 102 " in commanded.findings[0]
+
+
+def test_a_command_that_is_too_fast_is_caught():
+    commanded = Commanded(CommandCaps(50.0, 1e9, 1e12))
+    commanded.rest()
+    commanded.send(0.51, 1.02, 1.53)
+    assert "speed 51 " in commanded.findings[0]
+
+
+def test_a_command_that_jumps_after_a_pause_is_caught():
+    commanded = Commanded()
+    commanded.rest()
+    commanded.send(5.0, 5.0, after=3.0)
+    assert "speed" in commanded.findings[0]
+
+
+def test_a_command_that_goes_to_where_its_joint_is_moves_nothing():
+    commanded = Commanded()
+    commanded.rest()
+    commanded.send(5.0, off_joint=0.4)
+    commanded.send(*[5.0] * 5)
+    assert commanded.findings == []
+
+
+def test_a_command_beside_its_joint_after_a_fault_is_caught():
+    commanded = Commanded()
+    commanded.rest()
+    commanded.send(5.0, off_joint=1.2)
+    commanded.send(*[5.0] * 5)
+    assert len(commanded.findings) == 1
+
+
+@pytest.mark.parametrize(
+    ("goals", "findings"),
+    [(range(1, 7), [("command", 3)]), ((1, 2, 4, 5, 6), [])],  # silent servos are sent nothing
+)
+def test_the_record_of_an_arm_reaches_the_judge_of_each_joint(pitch, goals, findings):
+    caps = CommandCaps(50.0, 100.0, 1000.0)
+    sent = pitch.match.listen(lambda: (caps,) * 6, lambda i, q: 2048 + q * 4096.0 / math.tau)
+    for k, q in enumerate([0.0] * 5 + [0.2] * 2):
+        sent(
+            SimpleNamespace(
+                t=0.01 * k, q_cmd=(0.0, 0.0, q, 0.0, 0.0), q_jaw_cmd=0.0,
+                is_guided=False, is_seed=False, goals=goals,
+            )
+        )  # fmt: skip
+    assert [(one.rule, one.place) for one in pitch.referee.findings] == findings
+
+
+# Its tools
+
+
+def test_packets_are_found_however_they_are_cut():
+    data = b"\x00\xff" + goal(1, 2048) + b"\xff" + goals(1, 2, 3, 4, 5, 6) + b"\x12"
+    whole = Parser().feed(data)
+    parser = Parser()
+    assert [one for byte in data for one in parser.feed(bytes((byte,)))] == whole
+    assert [one.code for one in whole] == [3, 0x83]
+
+
+def test_a_spoilt_packet_is_not_believed():
+    spoilt = bytearray(goal(1, 2048))
+    spoilt[-2] ^= 1
+    assert Parser().feed(bytes(spoilt) + goal(2, 100))[0].servo_id == 2
+
+
+def test_a_write_that_waits_counts_when_it_is_let_go():
+    writes = Writes()
+    assert writes.feed(packet(1, 4, 42, 0, 8)) == []
+    (written,) = writes.feed(packet(254, 5))
+    assert written.value(42, 2) == 2048
+
+
+def test_travel_is_judged_over_every_window():
+    travel = Travel(0.04, 1.5)
+    slow = [travel.excess(0.01 * k, 0.3 * k, 30.0) for k in range(50)]
+    assert max(slow) <= 0.0
+    fast = [travel.excess(0.5 + 0.01 * k, 15.0 + 0.35 * k, 30.0) for k in range(100)]
+    assert max(fast) == pytest.approx(100 * 0.05 + 0.3 - 1.5, abs=0.1)
+
+
+def test_a_value_that_was_kept_for_long_counts_from_now():
+    travel = Travel(0.04, 1.5)
+    travel.excess(0.0, 0.0, 30.0)
+    assert travel.excess(10.0, 4.0, 30.0) == pytest.approx(4.0 - 30.0 * 0.04 - 1.5)
+
+
+def test_every_rule_has_a_name_a_test_can_give():
+    assert set(RULES) == {"travel", "limits", "distance", "seed", "stop", "motion", "command"}

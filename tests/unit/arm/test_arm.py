@@ -1,0 +1,301 @@
+"""The arm on simulated joints, planned for by the real worker, on a clock the test drives."""
+
+import math
+import threading
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    MotionError,
+    OutsideLimits,
+    Unreachable,
+)
+from so101_motion.common.geometry import SE3
+from so101_motion.common.modes import Mode
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.planning.request import Search
+from so101_motion.rig.hardware_rig import open_simulated
+
+READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
+ASIDE = np.radians([40.0, -20.0, 30.0, 30.0, 50.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=READY))
+        yield
+
+
+@pytest.fixture
+def arm(clock):
+    with open_simulated(clock=clock) as rig:
+        yield rig.arm
+
+
+def finish(clock, motion):
+    """Let time pass until ``motion`` is over."""
+    while not motion.future.done():
+        clock.advance(0.05)
+    motion.result()
+
+
+def in_time(clock, call):
+    """Call what waits for the arm while time passes."""
+    done: Future = Future()
+
+    def run():
+        try:
+            done.set_result(call())
+        except BaseException as error:
+            done.set_exception(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while not done.done():
+        clock.advance(0.01)
+    thread.join()
+    return done.result()
+
+
+def run_until(clock, condition):
+    while not condition():
+        clock.advance(0.01)
+
+
+def test_planning_moves_nothing(arm, clock):
+    before = arm.state.q
+    plan = arm.plan(JointGoal(q=READY))
+    clock.advance(1.0)
+    assert plan.trajectory.duration > 0.5
+    np.testing.assert_array_equal(arm.state.q, before)
+
+
+def test_a_pose_is_reached(arm, clock):
+    p_goal = np.array([0.25, 0.12, 0.15])
+    finish(clock, arm.start_move(PoseGoal.at_point(p_goal)))
+    assert np.linalg.norm(arm.T_base("tool").p - p_goal) <= 2e-4
+    assert not arm.is_moving
+
+
+def test_exactly_the_plan_is_executed(arm, clock):
+    plan = arm.plan(JointGoal(q=READY))
+    motion = arm.start_execute(plan)
+    finish(clock, motion)
+    assert motion.plan is plan
+    np.testing.assert_allclose(arm.state.q, READY, atol=1e-3)
+
+
+def test_a_plan_from_elsewhere_is_refused(arm, clock):
+    plan = arm.plan(JointGoal(q=READY))
+    finish(clock, arm.start_move(JointGoal(q=ASIDE)))
+    with pytest.raises(MotionError, match="away from where this plan starts; plan again"):
+        finish(clock, arm.start_execute(plan))
+
+
+def test_a_newer_motion_supersedes(arm, clock):
+    first = arm.start_move(JointGoal(q=READY))
+    run_until(clock, lambda: arm.is_moving)
+    clock.advance(0.2)
+    second = arm.start_move(JointGoal(q=ASIDE))
+    finish(clock, second)
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result()
+    np.testing.assert_allclose(arm.state.q, ASIDE, atol=1e-3)
+
+
+def test_interrupting_a_superseded_motion_leaves_its_successor_alone(arm, clock):
+    first = arm.start_move(JointGoal(q=READY))
+    second = arm.start_move(JointGoal(q=ASIDE))
+    run_until(clock, first.future.done)
+    first.interrupt("cancelled")
+    finish(clock, second)
+    np.testing.assert_allclose(arm.state.q, ASIDE, atol=1e-3)
+
+
+def test_stop_ends_the_motion_at_rest_on_the_way(arm, clock):
+    motion = arm.start_move(JointGoal(q=READY))
+    run_until(clock, lambda: arm.is_moving)
+    clock.advance(0.3)
+    in_time(clock, arm.stop)
+    with pytest.raises(Interrupted, match="stop"):
+        motion.result()
+    assert arm.state.mode is Mode.HOLDING
+    assert np.max(np.abs(arm.state.qd)) < 0.02
+    assert 0.05 < np.max(np.abs(arm.state.q)) < np.max(np.abs(READY)) - 0.05
+
+
+def test_stop_ends_a_motion_that_is_still_being_planned(arm, clock):
+    motion = arm.start_move(JointGoal(q=READY))
+    in_time(clock, arm.stop)
+    run_until(clock, motion.future.done)
+    with pytest.raises(Interrupted):
+        motion.result()
+
+
+def test_retargeting_turns_without_stopping(arm, clock):
+    first = arm.start_retarget(np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
+    clock.advance(0.5)
+    second = arm.start_retarget(np.array([1.2, 0.0, 0.0, 0.0, 0.0]))
+    clock.advance(0.05)
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result()
+    assert arm.state.qd_ref[0] > 0.3
+    finish(clock, second)
+    assert arm.state.q[0] == pytest.approx(1.2, abs=1e-3)
+
+
+def test_a_retarget_outside_the_limits_is_refused_and_nothing_changes(arm, clock):
+    with pytest.raises(OutsideLimits, match="elbow_flex = 95"):
+        arm.start_retarget(np.radians([0.0, 0.0, 95.0, 0.0, 0.0]))
+    finish(clock, arm.start_move(JointGoal(q=READY)))
+
+
+def test_waypoints_are_passed_without_stopping(arm, clock):
+    halfway = 0.5 * READY + np.radians([5.0, 0.0, 0.0, 0.0, 0.0])
+    motion = arm.start_move(PathGoal(waypoints=np.array([halfway, READY])))
+    finish(clock, motion)
+    trajectory = motion.plan.trajectory
+    nearest = np.argmin(np.max(np.abs(trajectory.q - halfway), axis=1))
+    assert np.max(np.abs(trajectory.q[nearest] - halfway)) < math.radians(3.0)
+    assert np.max(np.abs(trajectory.qd[nearest])) > 0.1
+
+
+def test_a_motion_leaves_manual_mode_from_where_the_arm_was_put(arm, clock):
+    in_time(clock, lambda: arm.set_manual(True))
+    assert arm.in_manual
+    finish(clock, arm.start_move(JointGoal(q=READY)))
+    assert not arm.in_manual
+
+
+def test_out_of_reach_says_how_far(arm, clock):
+    with pytest.raises(Unreachable, match="mm") as caught:
+        arm.plan(PoseGoal.at_point([0.6, 0.0, 0.2]))
+    assert caught.value.error_position > 0.1
+
+
+@pytest.mark.parametrize("speed_deg", [2.9, 181.0, math.nan])
+def test_a_speed_outside_its_range_is_refused(arm, speed_deg):
+    before = arm.speed
+    with pytest.raises(ConfigError, match=r"3 to 180 deg/s"):
+        arm.set_speed(math.radians(speed_deg))
+    assert arm.speed == before
+
+
+def test_a_slower_arm_plans_a_longer_motion(arm):
+    fast = arm.plan(JointGoal(q=READY)).trajectory
+    arm.set_speed(math.radians(20.0))
+    slow = arm.plan(JointGoal(q=READY)).trajectory
+    assert slow.duration > fast.duration
+    assert np.max(np.abs(slow.qd)) <= math.radians(20.0) * (1 + 1e-6)
+
+
+def test_a_point_is_reached_with_the_joints_of_this_very_arm(arm):
+    p = np.array([0.25, 0.0, 0.12])
+    assert np.degrees(arm.plan(PoseGoal.at_point(p)).q_goal[2]) > 30.0
+    upper = np.array(arm.model.upper)
+    upper[2] = np.radians(20.0)
+    arm.set_range(arm.model.lower, upper)
+    plan = arm.plan(PoseGoal.at_point(p))
+    assert np.degrees(plan.trajectory.q[:, 2].max()) <= 20.201
+    assert arm.model.frame(plan.q_goal).p == pytest.approx(p, abs=1e-4)
+
+
+def test_what_stands_around_the_arm_is_planned_around(arm):
+    aside = np.radians([60.0, -45.0, 45.0, 60.0, 0.0])
+    goal = JointGoal(q=[-1.0, 1.0, 1.0, 1.0, 1.0] * aside)
+    before = arm.plan(JointGoal(q=aside))
+    here = SE3.from_translation((0.24, 0.0, 0.1))
+    box = Obstacle(name="box", shape=Box(size=(0.1, 0.06, 0.2)), T_base_obstacle=here)
+    arm.scene = Scene(obstacles=(box,))
+    assert before.report.straight
+    with pytest.raises(InCollision, match="'box'"):
+        arm.plan(JointGoal(q=READY))
+    assert arm.plan(goal) is not None
+
+
+def shut_in():
+    """A goal on the other side of a wall, looked for in vain for a minute; and where to start."""
+    q = np.radians([60.0, 0.0, 0.0, 0.0, 0.0])
+    around = tuple(
+        Obstacle(name=name, shape=Box(size=size), T_base_obstacle=SE3.from_translation(at))
+        for name, size, at in (
+            ("wall", (0.6, 0.02, 1.2), (0.39, 0.0, 0.6)),
+            ("roof", (1.0, 1.0, 0.02), (0.0, 0.0, 0.3)),
+        )
+    )
+    search = Search(scene=Scene(obstacles=around), time_budget=60.0)
+    return {"goal": JointGoal(q=-q), "q_start": q, "search": search}
+
+
+def test_a_step_that_plans_in_vain_ends_with_its_motion(arm, clock):
+    planning = threading.Event()
+
+    def step(motion):
+        planning.set()
+        arm.plan(**shut_in())
+
+    motion = arm.start_series([step])
+    run_until(clock, planning.is_set)
+    in_time(clock, arm.stop)
+    with pytest.raises(Interrupted, match="stop"):
+        motion.result(10.0)
+
+
+def test_closing_an_arm_ends_what_it_plans_and_then_refuses_to_move(clock):
+    with open_simulated(clock=clock) as rig:
+        planning = threading.Event()
+
+        def step(motion):
+            planning.set()
+            rig.arm.plan(**shut_in())
+
+        motion = rig.arm.start_series([step])
+        run_until(clock, planning.is_set)
+    with pytest.raises(Interrupted, match="shutdown"):
+        motion.result(0.0)
+    with pytest.raises(MotionError, match="closed"):
+        rig.arm.start_move(JointGoal(q=READY))
+
+
+@pytest.fixture
+def late_move(arm, clock):
+    """A move that is asked for but cannot begin before ``gate`` is set."""
+    gate = threading.Event()
+    arm.start_series([lambda motion: gate.wait(10.0)])
+    yield gate, arm.start_move(JointGoal(q=READY))
+    gate.set()
+
+
+@pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING])
+def test_a_move_that_was_ended_takes_no_hold_of_an_arm_that_was_let_go(
+    arm, clock, late_move, mode
+) -> None:
+    gate, move = late_move
+    if mode is Mode.LIMP:
+        in_time(clock, lambda: arm.set_torque(False))
+    else:
+        in_time(clock, lambda: arm.set_manual(True))
+    gate.set()
+    with pytest.raises(Interrupted, match="stop"):
+        finish(clock, move)
+    clock.advance(0.2)
+    assert arm.state.mode is mode
+
+
+def test_a_move_that_was_superseded_does_not_stop_what_superseded_it(arm, clock, late_move) -> None:
+    gate, move = late_move
+    retarget = arm.start_retarget(ASIDE)
+    gate.set()
+    with pytest.raises(Interrupted, match="a newer motion"):
+        finish(clock, move)
+    finish(clock, retarget)
+    np.testing.assert_allclose(arm.state.q_ref, ASIDE)

@@ -1,0 +1,155 @@
+import threading
+from dataclasses import replace
+
+import pytest
+
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
+from so101_motion.common.errors import ConfigError, Interrupted, NotHolding, ServoAlarm
+from so101_motion.common.units import to_rad
+from so101_motion.control.joint_group import Tolerances
+
+
+class TroubledArm:
+    """Mixed into a simulated arm: it can report alarms."""
+
+    alarms = None
+
+    def read(self):
+        return replace(super().read(), alarms=self.alarms or {})
+
+
+@pytest.fixture
+def rig(make_sim, taped_arm, clock):
+    arm = type("Arm", (TroubledArm, taped_arm), {})(clock, q_jaw=JAW_CLOSED)
+    sim = make_sim(arm, jaw_tolerances=Tolerances(settle_timeout=0.4, following_error=0.08))
+    sim.executor.start()
+    return sim
+
+
+@pytest.fixture
+def gripper(rig):
+    return Gripper(executor=rig.executor)
+
+
+def test_it_opens_as_far_as_it_is_told(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.5).future)
+
+    assert gripper.aperture == pytest.approx(0.5, abs=1e-3)
+    assert rig.state.q_jaw == pytest.approx((JAW_CLOSED + JAW_OPEN) / 2, abs=1e-3)
+    with pytest.raises(ConfigError):
+        gripper.start_move(1.1)
+
+
+def test_another_travel_is_another_aperture(rig, gripper):
+    gripper.closed, gripper.opened = to_rad(0.0), to_rad(50.0)
+    rig.after(3.0, gripper.start_move(1.0).future)
+
+    assert rig.state.q_jaw == pytest.approx(to_rad(50.0), abs=1e-3)
+
+
+def test_a_grab_that_meets_nothing_closes(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    rig.after(3.0, gripper.start_grab().future)
+
+    assert gripper.aperture == pytest.approx(0.0, abs=1e-3)
+    assert not gripper.is_holding
+
+
+def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    grab = gripper.start_grab()
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    rig.after(3.0, grab.future)
+
+    assert gripper.is_holding
+    assert rig.state.q_jaw - rig.arm.jaw_goals[-1] == pytest.approx(SQUEEZE, abs=1e-6)
+    rig.arm.unjam("gripper")
+    rig.clock.advance(1.0)
+    assert not gripper.is_holding
+
+
+def test_what_is_stopped_near_its_end_is_taken_for_closed(rig, gripper):
+    gripper.closed = JAW_CLOSED - to_rad(1.0)
+    rig.arm.jam("gripper")
+    rig.after(3.0, gripper.start_grab().future)
+
+    assert not gripper.is_holding
+
+
+def test_an_opening_jaw_holds_nothing(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.3).future)
+    rig.arm.jam("gripper")
+    rig.after(3.0, gripper.start_grab().future)
+    assert gripper.is_holding
+    gripper.start_move(0.6)
+
+    assert not gripper.is_holding
+
+
+def test_a_newer_motion_is_not_undone_by_the_grip_of_the_older(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    grab = gripper.start_grab()
+    rig.clock.advance(0.1)
+    rig.after(3.0, gripper.start_move(0.9).future)
+
+    assert isinstance(grab.future.exception(timeout=0), Interrupted)
+    assert gripper.aperture == pytest.approx(0.9, abs=1e-3)
+
+
+def test_a_limp_jaw_cannot_be_moved(rig, gripper):
+    rig.after(0.1, rig.executor.release())
+
+    assert isinstance(rig.error_after(0.1, gripper.start_grab().future), NotHolding)
+    assert not gripper.is_holding
+
+
+def test_an_alarm_of_the_jaw_ends_its_motion_and_not_the_arm_s(rig, gripper):
+    arm = rig.executor.execute(rig.to_goal([0.5, 0, 0, 0, 0]))
+    jaw = gripper.start_move(1.0)
+    rig.clock.advance(0.1)
+    rig.arm.alarms = {"gripper": "71 degC"}
+    error = rig.error_after(1.0, jaw.future)
+
+    assert isinstance(error, ServoAlarm)
+    assert (error.joint, error.reason) == ("gripper", "71 degC")
+    assert error.recent
+    rig.after(3.0, arm)
+
+
+def test_new_angles_for_old_places_move_nothing(rig):
+    rig.after(3.0, rig.executor.retarget([0.4, 0, 0, 0, 0], rig.limits))
+    written = len(rig.arm.tape)
+
+    def count_from_elsewhere(arm):
+        arm._q, arm._inner, arm._goal = arm._q + 0.2, arm._inner + 0.2, arm._goal + 0.2
+
+    rig.after(0.1, rig.executor.call_and_rehold(count_from_elsewhere))
+
+    assert rig.state.q_ref == pytest.approx([0.6, 0.2, 0.2, 0.2, 0.2], abs=1e-3)
+    assert len(rig.arm.tape) == written + 1, "the goal was seeded, once"
+    assert rig.arm.goals[-1] == pytest.approx(rig.state.q_ref, abs=1e-6)
+
+
+def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    grab = gripper.start_grab()
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    while not rig.executor.state.jaw_moving or rig.executor.state.mode.value != "stopping":
+        rig.clock.advance(0.01)  # it has met it, and slows down
+    stopped = gripper.start_stop()
+    rig.clock.advance(2.0)
+    assert stopped.exception(timeout=0) is None
+    assert isinstance(grab.future.exception(timeout=0), Interrupted)
+    assert rig.state.q_jaw - rig.state.q_jaw_ref < 0.5 * SQUEEZE
+
+
+def test_a_pursuit_makes_way_with_the_reason(rig, gripper):
+    opening = threading.Thread(target=lambda: pursuits.append(gripper.open_pursuit(lambda _: None)))
+    pursuits = []
+    opening.start()
+    opening.join()
+    newer = gripper.start_move(0.3)
+    rig.after(3.0, newer.future)
+    assert pursuits[0].future.exception(timeout=0).by == "a newer motion"

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from so101_motion.arm.joint_caps import TOLERANCE, JointRange
+from so101_motion.common.errors import OutsideLimits
+
+WIDE = JointRange(np.full(5, -2.0), np.full(5, 2.0))
+NARROW = WIDE.narrowed(
+    np.array([-3.0, -1.0, -1.0, -1.0, -1.0]), np.array([1.0, 1.0, 3.0, 1.0, 1.0])
+)
+
+postures = arrays(np.float64, 5, elements=st.floats(-3.0, 3.0))
+ways = arrays(np.float64, (6, 5), elements=st.floats(-3.0, 3.0))
+
+
+def refuses(call, q) -> bool:
+    try:
+        call(q)
+    except OutsideLimits:
+        return True
+    return False
+
+
+def is_inside(q: np.ndarray, bounds: JointRange = NARROW) -> bool:
+    lower, upper = bounds.with_tolerance()
+    return bool(np.all((q >= lower) & (q <= upper)))
+
+
+def test_it_is_narrowed_and_never_widened() -> None:
+    lower, upper = NARROW
+    np.testing.assert_array_equal(lower, [-2.0, -1.0, -1.0, -1.0, -1.0])
+    np.testing.assert_array_equal(upper, [1.0, 1.0, 2.0, 1.0, 1.0])
+
+
+def test_what_it_is_made_of_cannot_be_changed_by_others() -> None:
+    given_lower = np.full(5, -1.0)
+    bounds = WIDE.narrowed(given_lower, np.full(5, 1.0))
+    given_lower[0] = 0.5
+    assert bounds.lower[0] == -1.0
+    with pytest.raises(ValueError, match="read-only"):
+        bounds.lower[0] = 0.5
+
+
+def test_a_refusal_names_joint_value_and_range() -> None:
+    says = r"wrist_flex at 68\.75 deg .* -57\.30 to 57\.30 deg"
+    with pytest.raises(OutsideLimits, match=says) as caught:
+        NARROW.check(np.array([0.0, 0.0, 0.0, 1.2, 0.0]))
+    error = caught.value
+    assert (error.joint, error.value, error.lower, error.upper) == ("wrist_flex", 1.2, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(("beyond", "is_refused"), [(0.9, False), (1.1, True)])
+def test_two_ticks_beyond_are_let_pass(beyond: float, is_refused: bool) -> None:
+    q = np.array([0.0, 0.0, 0.0, 0.0, 1.0 + beyond * TOLERANCE])
+    assert refuses(NARROW.check, q) is is_refused
+
+
+def test_what_is_no_number_is_outside() -> None:
+    assert refuses(NARROW.check, np.array([0.0, np.nan, 0.0, 0.0, 0.0]))
+
+
+@given(postures)
+def test_exactly_what_is_outside_is_refused(q: np.ndarray) -> None:
+    assert refuses(NARROW.check, q) is not is_inside(q)
+
+
+@given(ways)
+def test_a_way_is_refused_where_it_leaves_the_range_further_than_it_began(q: np.ndarray) -> None:
+    around = JointRange(np.minimum(NARROW.lower, q[0]), np.maximum(NARROW.upper, q[0]))
+    assert refuses(NARROW.check_path, q) is not all(is_inside(each, around) for each in q)
+
+
+def test_a_way_in_from_outside_is_allowed_and_one_further_out_is_not() -> None:
+    out = np.array([0.0, 0.0, 0.0, 0.0, 1.5])
+    NARROW.check_path(np.linspace(out, np.zeros(5), 9))
+    with pytest.raises(OutsideLimits, match="wrist_roll at 91"):
+        NARROW.check_path(np.linspace(out, [0.0, 0.0, 0.0, 0.0, 1.6], 9))

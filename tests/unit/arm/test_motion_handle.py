@@ -1,0 +1,85 @@
+import threading
+from concurrent.futures import Future
+
+import pytest
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import Interrupted
+
+
+def test_interrupting_halts_what_was_begun_and_nothing_else():
+    motion, running, halted = Motion(), Future(), []
+    motion.begin(lambda: running, lambda which, by: halted.append((which, by)))
+    motion.interrupt("stop")
+    motion.interrupt("stop")
+    assert halted == [(running, "stop")]
+
+
+def test_an_interrupted_motion_never_begins():
+    motion = Motion()
+    motion.interrupt("cancelled")
+    with pytest.raises(Interrupted, match="cancelled"):
+        motion.begin(lambda: pytest.fail("must not start"), lambda *_: None)
+
+
+def test_waiting_for_a_plan_ends_with_the_interruption():
+    motion = Motion()
+    motion.interrupt("a newer motion")
+    with pytest.raises(Interrupted, match="a newer motion"):
+        motion.wait_for(Future())
+
+
+def test_interrupting_a_motion_that_is_over_does_nothing():
+    motion, halted = Motion(), []
+    motion.begin(Future, lambda *_: halted.append(1))
+    motion.future.set_result(None)
+    motion.interrupt("stop")
+    assert not halted
+    motion.result()
+
+
+def test_outcome_is_taken_over():
+    good, bad = Motion(), Motion()
+    done: Future[None] = Future()
+    done.set_result(None)
+    good.take_outcome(done)
+    good.result()
+    failed: Future[None] = Future()
+    failed.set_exception(Interrupted("stop"))
+    bad.take_outcome(failed)
+    with pytest.raises(Interrupted):
+        bad.result()
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_pause_lasts_its_time_unless_the_motion_is_interrupted(interrupted):
+    clock, motion, ended = ManualClock(), Motion(), Future()
+
+    def pause():
+        try:
+            motion.pause(clock, 3.0)
+        except Interrupted as error:
+            ended.set_result(error.by)
+        else:
+            ended.set_result(clock.now())
+
+    thread = threading.Thread(target=pause)
+    thread.start()
+    if interrupted:
+        motion.interrupt("stop")
+        assert ended.result(10.0) == "stop"
+    else:
+        while not ended.done():
+            clock.advance(0.5)
+        assert ended.result() >= 3.0
+    thread.join()
+
+
+def test_who_waits_for_another_motion_and_is_interrupted_leaves_its_future_alone():
+    waiting, other = Motion(), Motion()
+    waiting.interrupt("stop")
+    with pytest.raises(Interrupted, match="stop"):
+        waiting.wait_for(other.future)
+    assert not other.future.cancelled()
+    other.future.set_result(None)

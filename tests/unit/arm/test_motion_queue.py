@@ -1,0 +1,237 @@
+"""Motions that supersede each other, of an arm that is only told when to come to rest."""
+
+import threading
+from concurrent.futures import Future
+
+import pytest
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.arm.motion_queue import MotionQueue
+from so101_motion.common.errors import Interrupted, MotionError
+
+
+@pytest.fixture
+def told() -> list[str]:
+    return []
+
+
+def resting(told: list[str]) -> Future[None]:
+    told.append("rest")
+    done: Future[None] = Future()
+    done.set_result(None)
+    return done
+
+
+@pytest.fixture
+def motions(told):
+    queue = MotionQueue(lambda: resting(told))
+    yield queue
+    queue.close()
+
+
+def until_interrupted(motion: Motion) -> None:
+    motion.wait_for(Future())
+
+
+def under_way(motions: MotionQueue, lasts: threading.Event | None = None) -> Motion:
+    """A motion that has begun, and lasts until it is interrupted, or until it is let go."""
+    begun = threading.Event()
+
+    def run(motion: Motion) -> None:
+        begun.set()
+        if lasts is None:
+            until_interrupted(motion)
+        else:
+            lasts.wait(5.0)
+
+    motion = motions.start(run)
+    assert begun.wait(5.0)
+    return motion
+
+
+def test_before_the_first_motion_nothing_is_under_way(motions) -> None:
+    assert motions.current.future.done()
+
+
+def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None:
+    motion = motions.start(lambda motion: told.append("moves"))
+    motion.result(5.0)
+    assert told == ["rest", "moves"]
+
+
+def test_a_newer_motion_ends_the_one_under_way_and_waits_for_its_end(motions, told) -> None:
+    first = motions.start(until_interrupted)
+    second = motions.start(lambda motion: told.append(str(first.future.exception())))
+    second.result(5.0)
+    assert "a newer motion" in told[-1]
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result(5.0)
+
+
+def test_what_a_motion_raises_is_heard_by_who_waits_for_it(motions) -> None:
+    def fails(motion: Motion) -> None:
+        raise MotionError("it broke")
+
+    with pytest.raises(MotionError, match="it broke"):
+        motions.start(fails).result(5.0)
+
+
+def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> None:
+    first = under_way(motions)
+    running: Future[None] = Future()
+
+    def begin(motion: Motion) -> Future[None]:
+        assert not first.future.done()
+        return motion.begin(lambda: running, lambda running, by: told.append(by))
+
+    turn = motions.turn(begin)
+    with pytest.raises(Interrupted, match="a newer motion"):
+        first.result(5.0)
+    running.set_result(None)
+    turn.result(5.0)
+    assert told == ["rest"]
+
+
+def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> None:
+    first = motions.start(until_interrupted)
+
+    def refuses(motion: Motion) -> Future[None]:
+        raise MotionError("not now")
+
+    with pytest.raises(MotionError, match="not now"):
+        motions.turn(refuses)
+    assert motions.current is first
+    assert not first.future.done()
+
+
+def test_a_motion_that_returns_a_future_lasts_until_that_is_done(motions, told) -> None:
+    first = motions.start(until_interrupted)
+    running, begun = Future[None](), threading.Event()
+
+    def run(motion: Motion) -> Future[None]:
+        assert first.future.done()
+        assert told[-1] == "rest"
+        begun.set()
+        return running
+
+    motion = motions.start(run)
+    assert begun.wait(5.0)
+    assert motions.current is motion
+    assert not motion.future.done()
+    running.set_result(None)
+    motion.result(5.0)
+
+
+def test_a_stop_ends_what_is_still_being_prepared(motions, told) -> None:
+    preparing, go_on = threading.Event(), threading.Event()
+
+    def run(motion: Motion) -> Future[None]:
+        preparing.set()
+        go_on.wait(5.0)
+        running = motion.begin(Future, lambda running, by: None)
+        told.append("moves")
+        return running
+
+    motion = motions.start(run)
+    assert preparing.wait(5.0)
+    motions.interrupt("stop")
+    go_on.set()
+    with pytest.raises(Interrupted, match="stop"):
+        motion.result(5.0)
+    assert "moves" not in told
+
+
+def test_an_arm_that_rests_is_not_stopped_first(told) -> None:
+    motions = MotionQueue(lambda: None)
+    motions.start(lambda motion: told.append("moves")).result(5.0)
+    motions.close()
+    assert told == ["moves"]
+
+
+def test_a_stop_waits_for_nobody_who_is_beginning_something(motions, told) -> None:
+    """It may come from the event loop, which must not wait for a lock that others hold for long."""
+    beginning, go_on = threading.Event(), threading.Event()
+
+    def begin(motion: Motion) -> Future[None]:
+        beginning.set()
+        go_on.wait(5.0)
+        return Future()
+
+    turning = threading.Thread(target=lambda: motions.turn(begin))
+    turning.start()
+    assert beginning.wait(5.0)
+    stopping = threading.Thread(target=lambda: motions.interrupt("stop"))
+    stopping.start()
+    stopping.join(5.0)
+    waited = stopping.is_alive()
+    go_on.set()
+    turning.join()
+    stopping.join()
+    assert not waited
+
+
+@pytest.mark.parametrize("how", ["interrupted", "superseded"])
+def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, how: str) -> None:
+    gate = threading.Event()
+    first = under_way(motions, gate)
+    second = motions.start(lambda motion: told.append("moves"))
+    if how == "interrupted":
+        motions.interrupt("stop")
+    else:
+        running: Future[None] = Future()
+        running.set_result(None)
+        motions.turn(lambda motion: running)
+    gate.set()
+    with pytest.raises(Interrupted, match="stop" if how == "interrupted" else "a newer motion"):
+        second.result(5.0)
+    first.result(5.0)
+    assert told == ["rest"]
+
+
+def test_a_newer_motion_tells_the_older_one_at_once(motions) -> None:
+    """Even if no thread is free to wait for it: a stop tells the newest alone."""
+    gate = threading.Event()
+    first = under_way(motions, gate)
+    waiting = [motions.start(until_interrupted) for _ in range(6)]
+    with pytest.raises(Interrupted, match="a newer motion"):
+        waiting[-2].wait_for(Future())
+    assert not first.future.done()
+    gate.set()
+
+
+def test_what_is_prepared_makes_way_for_what_was_asked_for_since(told) -> None:
+    newer: list[Motion] = []
+
+    def rest() -> Future[None]:
+        told.append("rest")
+        if len(told) == 1:
+            asking = threading.Thread(target=lambda: newer.append(motions.start(lambda _: None)))
+            asking.start()
+        done: Future[None] = Future()
+        done.set_result(None)
+        return done
+
+    motions = MotionQueue(rest)
+    gate = threading.Event()
+
+    def run(motion: Motion) -> Future[None]:
+        gate.wait(5.0)
+        return motion.begin(Future, lambda running, by: None)
+
+    motion = motions.start(run)
+    while not newer:
+        threading.Event().wait(0.001)
+    gate.set()
+    with pytest.raises(Interrupted, match="a newer motion"):
+        motion.result(5.0)
+    newer[0].result(5.0)
+    motions.close()
+    assert told[0] == "rest"
+
+
+def test_closing_ends_what_is_under_way(told) -> None:
+    motions = MotionQueue(lambda: resting(told))
+    first = motions.start(until_interrupted)
+    motions.close()
+    with pytest.raises(Interrupted, match="shutdown"):
+        first.result(0.0)

@@ -1,0 +1,352 @@
+import contextlib
+import dataclasses
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from so101_motion.arm.plan_messages import Scenes, packed, unpacked
+from so101_motion.arm.planning_worker import PlanningWorker
+from so101_motion.common.errors import NoPath, OutsideLimits, WorkerError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Box, Obstacle, PointCloud, Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=30.0)
+
+
+@pytest.fixture(scope="module")
+def worker():
+    worker = PlanningWorker()
+    worker.start().result()
+    yield worker
+    worker.close()
+
+
+def request_to(q_deg):
+    q_goal = np.radians(q_deg)
+    return PlanRequest(q_start=np.zeros(5), goal=JointGoal(q=q_goal), limits=LIMITS)
+
+
+def test_a_plan_comes_back_as_it_was_made(worker):
+    plan = worker.plan(request_to([20.0, 0.0, 0.0, 0.0, 0.0])).result()
+    np.testing.assert_allclose(plan.trajectory.q[-1], np.radians([20.0, 0.0, 0.0, 0.0, 0.0]))
+    assert not plan.trajectory.q.flags.writeable
+
+
+def test_a_child_is_deaf_to_ctrl_c_from_its_first_moment():
+    worker = PlanningWorker()
+    ready = worker.start()
+    pause = threading.Event()
+    while worker.pid is None:
+        pause.wait(0.001)
+    os.kill(worker.pid, signal.SIGINT)  # as a terminal does to all that run in it
+    ready.result()
+    worker.close()
+
+
+def test_an_error_comes_back_with_its_fields(worker):
+    with pytest.raises(OutsideLimits) as caught:
+        worker.plan(request_to([0.0, 0.0, 95.0, 0.0, 0.0])).result()
+    assert caught.value.joint == "elbow_flex"
+    assert caught.value.value == pytest.approx(math.radians(95.0))
+
+
+def test_a_worker_that_died_is_started_again(worker):
+    first = worker.pid
+    os.kill(first, signal.SIGKILL)
+    os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    assert worker.pid != first
+
+
+def _box(name, size, at):
+    box = Box(size=np.array(size))
+    return Obstacle(name=name, shape=box, T_base_obstacle=SE3.from_translation(at))
+
+
+def endless_request():
+    """A plan that is searched in vain for a minute: a wall and a roof are in the way."""
+    q = np.radians([60.0, 0.0, 0.0, 0.0, 0.0])
+    around = (
+        _box("wall", (0.6, 0.02, 1.2), (0.39, 0.0, 0.6)),
+        _box("roof", (1.0, 1.0, 0.02), (0.0, 0.0, 0.3)),
+    )
+    return PlanRequest(
+        q_start=q,
+        goal=JointGoal(q=-q),
+        limits=LIMITS,
+        scene=Scene(obstacles=around),
+        time_budget=60.0,
+    )
+
+
+def wait_until(happened, seconds=10.0):
+    pause, begin = threading.Event(), time.monotonic()
+    while not happened():
+        assert time.monotonic() < begin + seconds
+        pause.wait(0.002)
+    return time.monotonic() - begin
+
+
+def processor_time(pid):
+    """What a process has used so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def begin_endless(worker):
+    """Have it plan in vain, and wait until it certainly does."""
+    used = processor_time(worker.pid)
+    answer = worker.plan(endless_request())
+    wait_until(lambda: processor_time(worker.pid) > used + 0.05)
+    return answer
+
+
+def test_dying_while_it_plans_has_the_plan_made_by_another(worker, caplog):
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    first = worker.pid
+    os.kill(first, signal.SIGSTOP)  # so that the request is certainly under way
+    answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    os.kill(first, signal.SIGKILL)
+    assert answer.result().duration > 0.0
+    assert worker.pid != first
+    assert "SIGKILL" in caplog.text
+    assert "replaced" in caplog.text
+
+
+def test_a_child_that_always_dies_is_told(worker, caplog):
+    worker.start().result()
+    os.kill(worker.pid, signal.SIGSTOP)  # or it may answer before it is killed
+    answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    while not answer.done():
+        with contextlib.suppress(ProcessLookupError, TypeError):
+            os.kill(worker.pid, signal.SIGKILL)
+    with pytest.raises(
+        WorkerError, match=r"failed \d times in a row; the last one was ended by SIGK"
+    ):
+        answer.result()
+    assert caplog.records[-1].levelname == "ERROR"
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+
+
+def test_a_child_that_cannot_even_start_is_told(monkeypatch, caplog):
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    worker = PlanningWorker()
+    with pytest.raises(WorkerError, match="the last one ended with exit code 1"):
+        worker.start().result()
+    worker.close()
+    monkeypatch.setattr(sys, "executable", "/nowhere/python")
+    worker = PlanningWorker()
+    with pytest.raises(WorkerError, match="could not be started"):
+        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    worker.close()
+
+
+def test_a_plan_nobody_wants_is_given_up_by_the_same_child(worker):
+    worker.start().result()
+    pid = worker.pid
+    for _ in range(3):
+        answer = begin_endless(worker)
+        assert answer.cancel()
+        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(10.0)
+    assert worker.pid == pid
+
+
+def test_plans_nobody_wants_are_dropped_while_they_wait(worker):
+    worker.start().result()
+    pid = worker.pid
+    answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(7))]
+    newest = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
+    for answer in answers:
+        answer.cancel()
+    newest.result(10.0)
+    assert worker.pid == pid
+
+
+def test_a_request_may_be_cancelled_at_any_moment(worker):
+    worker.start().result()
+    pid, pause = worker.pid, threading.Event()
+    random = np.random.default_rng(0)
+    for wait in random.uniform(0.0, 0.02, 60):
+        answer = worker.plan(dataclasses.replace(endless_request(), time_budget=0.01))
+        pause.wait(wait)
+        answer.cancel()
+        assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(10.0).duration > 0.0
+    assert worker.pid == pid
+
+
+def test_closing_ends_every_plan_with_an_error_of_ours():
+    worker = PlanningWorker()
+    worker.start().result()
+    answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(8))]
+    begin = time.monotonic()
+    worker.close()
+    assert time.monotonic() < begin + 1.0
+    for answer in [*answers, worker.plan(request_to([0.0] * 5)), worker.start()]:
+        with pytest.raises(WorkerError, match="open the arm again"):
+            answer.result(0.0)
+
+
+@pytest.fixture
+def impatient():
+    worker = PlanningWorker(quiet=0.5)
+    worker.start().result()
+    yield worker
+    worker.close()
+
+
+def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impatient, caplog):
+    hung = impatient.pid
+    os.kill(hung, signal.SIGSTOP)
+    request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+    assert impatient.plan(request).result(20.0).duration > 0.0
+    assert impatient.pid != hung
+    assert "no sign of life" in caplog.text
+
+
+def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
+    answer = begin_endless(impatient)
+    hung = impatient.pid
+    os.kill(hung, signal.SIGSTOP)
+    wait_until(lambda: impatient.pid not in (hung, None))
+    answer.cancel()
+    assert impatient.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(20.0).duration > 0.0
+
+
+def test_a_child_that_computes_for_long_does_not_hang(impatient):
+    pid = impatient.pid
+    request = dataclasses.replace(endless_request(), time_budget=3.0)
+    with pytest.raises(NoPath):
+        impatient.plan(request).result()
+    assert impatient.pid == pid
+
+
+def test_signals_for_the_whole_group_do_not_end_a_child_that_plans(worker):
+    worker.start().result()
+    pid = worker.pid
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(pid, each)
+    worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
+    assert worker.pid == pid
+
+
+PARENT = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from test_planning_worker import begin_endless
+from so101_motion.arm.planning_worker import PlanningWorker
+worker = PlanningWorker()
+if sys.argv[2] == "starting":
+    worker.start()
+    while worker.pid is None:
+        time.sleep(0.001)
+    time.sleep(0.2)
+else:
+    worker.start().result()
+    if sys.argv[2] == "planning":
+        begin_endless(worker)
+print(worker.pid, flush=True)
+time.sleep(60)
+"""
+
+
+def is_alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("busy", ["idle", "planning", "starting"])
+def test_a_child_ends_when_its_parent_is_killed(busy):
+    folder = str(Path(__file__).parent)
+    command = [sys.executable, "-c", PARENT, folder, busy]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        assert is_alive(pid)
+        parent.kill()
+    assert wait_until(lambda: not is_alive(pid)) < 1.0
+
+
+def test_nothing_in_the_current_folder_is_executed(tmp_path, monkeypatch):
+    for name in ("numpy", "pinocchio", "json", "sitecustomize", "so101_motion"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')")
+    monkeypatch.chdir(tmp_path)
+    for known_by in ("", str(tmp_path), "."):
+        monkeypatch.syspath_prepend(known_by)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), "")))
+    worker = PlanningWorker()
+    worker.start().result()
+    worker.close()
+    assert not (tmp_path / "executed").exists()
+
+
+def test_a_closed_worker_says_so_and_leaves_no_process():
+    worker = PlanningWorker()
+    worker.start().result()
+    pid = worker.pid
+    worker.close()
+    worker.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    with pytest.raises(WorkerError, match="open the arm again"):
+        worker.plan(request_to([0.0] * 5)).result()
+
+
+def big_scene():
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (5000, 3))
+    here = SE3.from_translation((0.0, 0.35, 0.2))
+    cloud = PointCloud(points=points, resolution=0.01)
+    return Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=here),))
+
+
+def test_a_scene_is_sent_once_and_known_by_its_content():
+    scenes, received = Scenes(), Scenes()
+    sizes = []
+    for _ in range(3):
+        request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+        parts = [bytes(part) for part in packed(request, scenes)]
+        sizes.append(sum(map(len, parts)))
+        assert unpacked(parts, received).scene == request.scene
+    assert sizes[0] > 100_000
+    assert sizes[1] == sizes[2] < 3_000
+
+
+def test_large_arrays_are_sent_from_where_they_are_and_stay_read_only():
+    scene = big_scene()
+    points = scene.obstacles[0].shape.points
+    head, array = packed(scene, Scenes())
+    assert np.shares_memory(np.frombuffer(array), points)
+    assert len(head) < 3_000
+    arrived = unpacked([bytes(head), bytes(array)], Scenes()).obstacles[0].shape.points
+    assert np.array_equal(arrived, points)
+    assert not arrived.flags.writeable
+
+
+def test_both_ends_forget_the_same_scenes():
+    scenes, received = Scenes(), Scenes()
+    rng = np.random.default_rng(0)
+    some = [Scene(margin=0.001 * (k + 1)) for k in range(20)]
+    for k in rng.integers(0, len(some), 300):
+        sent = [bytes(part) for part in packed((some[k], some[(k + 1) % 20]), scenes)]
+        assert unpacked(sent, received) == (some[k], some[(k + 1) % 20])
+
+
+def test_a_worker_that_died_is_told_the_scene_again(worker):
+    request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
+    first = worker.plan(request).result()
+    died = worker.pid
+    os.kill(died, signal.SIGKILL)
+    os.waitid(os.P_PID, died, os.WEXITED | os.WNOWAIT)
+    again = worker.plan(request).result()
+    assert np.array_equal(first.trajectory.q, again.trajectory.q)

@@ -1,0 +1,164 @@
+"""A finished chain, as ``verify`` and ``scan`` see it."""
+
+import pytest
+from harness.lent_bus import LentBus
+
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.emulator.hardware import STS3215_7V4
+
+
+def arm(**options):
+    bus = LentBus(**options)
+    return bus, MotorSetup(bus.lent)
+
+
+def check(setup, joint):
+    found = setup.verify()
+    assert not found.ok
+    return found.motors[joint]
+
+
+def test_a_finished_arm_is_verified_without_writing():
+    bus, setup = arm()
+    found = setup.verify()
+    assert found.ok
+    assert found.sentence == "all six servos are as they must be"
+    assert [check.servo_id for check in found.motors.values()] == [1, 2, 3, 4, 5, 6]
+    assert all(check.facts.model == "sts3215" for check in found.motors.values())
+    assert all(packet[4] in (1, 2, 0x82) for _, packet in bus.wire.sent)
+
+
+def test_a_dark_arm_is_told_to_be_switched_on():
+    _, setup = arm(volts=0.0)
+    found = setup.verify()
+    assert not found.ok
+    assert "power supply" in found.sentence
+    assert {check.status for check in found.motors.values()} == {"not_responding"}
+    assert "power supply" in setup.view.next_step
+
+
+def test_a_chain_that_is_cut_names_the_cable():
+    bus, setup = arm()
+    bus.plug(1, 2, 3)
+    missing = check(setup, "wrist_flex")
+    assert missing.status == "not_responding"
+    assert "between servos 3 and 4" in missing.fix
+    assert check(setup, "gripper").fix == missing.fix  # whoever is behind it is silent as well
+    assert setup.view.motors["wrist_flex"].state == "failed"
+    assert setup.view.motors["elbow_flex"].state == "verified"
+    bus.whole_arm()
+    assert setup.verify().ok
+
+
+def test_two_servos_with_one_id_are_named_and_whose_id_is_missing():
+    _, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 3, 5: 5, 6: 6})
+    twins = check(setup, "elbow_flex")
+    assert twins.status == "duplicate"
+    assert "several servos answer as 3 (elbow_flex) at once, and none as 4" in twins.error
+    assert check(setup, "wrist_flex").status == "not_responding"
+
+
+def test_a_servo_at_another_rate_is_found():
+    bus, setup = arm()
+    bus.set(5, baud_rate=reg.BAUDS.index(115_200))
+    missing = check(setup, "wrist_roll")
+    assert "servo 5 (wrist_roll) talks at 115200 baud, not at 1000000" in missing.error
+    assert bus.wire.baud == 1_000_000
+
+
+def test_strangers_and_other_kinds_are_named():
+    bus, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 4, 5: 5, 6: 9})
+    found = setup.verify()
+    assert found.unexpected_ids == (9,)
+    assert "discover gripper" not in found.motors["wrist_roll"].fix
+    assert any("9" in note for note in found.notes)
+    bus, setup = arm()
+    bus.set(2, model_number=2825)
+    assert check(setup, "shoulder_lift").status == "wrong_model"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"operating_mode": 3}, "in mode 3"),
+        ({"phase": 12 | reg.MULTI_TURN}, "more than one turn"),
+        ({"min_position": 1, "max_position": 1}, "no travel"),
+        ({"status_level": 0}, "acknowledge"),
+        ({"max_torque": 0}, "torque is 0"),
+        ({"unloading_condition": 8}, "protection"),
+    ],
+)
+def test_settings_that_keep_an_arm_from_working_are_named_and_assign_mends_them(changes, words):
+    bus, setup = arm()
+    bus.set(3, **changes)
+    odd = check(setup, "elbow_flex")
+    assert odd.status == "wrong_settings"
+    assert words in odd.error
+    assert "assign elbow_flex" in odd.fix
+    bus.plug(3)
+    setup.assign("elbow_flex")
+    bus.whole_arm()
+    assert setup.verify().ok
+
+
+def test_voltages_are_judged_servo_by_servo():
+    _, setup = arm(kind=STS3215_7V4, volts=12.0)
+    found = check(setup, "shoulder_pan")
+    assert found.status == "wrong_voltage"
+    assert "switch the power off" in found.fix
+    bus, setup = arm(volts=7.8)
+    assert "weak and slow" in check(setup, "shoulder_pan").error
+    bus, setup = arm(volts=12.0)
+    bus.set(4, max_voltage=80)
+    assert check(setup, "wrist_flex").status == "wrong_voltage"
+    bus, setup = arm(volts=7.4, kind=STS3215_7V4)
+    bus.set(4, max_voltage=140)
+    assert "a 12 V servo" in check(setup, "wrist_flex").error
+
+
+def test_mixed_firmware_is_a_note_and_no_fault():
+    bus, setup = arm()
+    bus.set(4, firmware_minor=9)
+    found = setup.verify()
+    assert found.ok
+    assert "servo 4 3.9" in found.notes[0]
+
+
+def test_a_skipped_joint_that_is_missing_stays_skipped():
+    bus, setup = arm()
+    bus.plug(1, 2, 3, 4, 5)
+    setup.skip("gripper")
+    assert not setup.verify().ok
+    assert setup.view.motors["gripper"].state == "skipped"
+    assert setup.next_joint is None
+
+
+# Scanning
+
+
+def test_a_scan_finds_everybody_at_every_rate():
+    bus, setup = arm(ids={1: 1, 2: 2, 3: 3, 4: 200, 5: 5, 6: 6})
+    bus.set(5, baud_rate=reg.BAUDS.index(57_600))
+    found = setup.scan()
+    assert [(s.servo_id, s.baud, s.expected_joint) for s in found.servos] == [
+        (1, 1_000_000, "shoulder_pan"),
+        (2, 1_000_000, "shoulder_lift"),
+        (3, 1_000_000, "elbow_flex"),
+        (6, 1_000_000, "gripper"),
+        (200, 1_000_000, None),
+        (5, 57_600, None),
+    ]
+    assert found.unexpected_count == 2
+    assert found.sentence == "6 servos answer, 2 of them not as the servos of an arm"
+    assert setup.view.status == found.sentence
+    assert {s.model for s in found.servos} == {"sts3215"}
+
+
+def test_a_scan_tells_of_twins_and_of_silence():
+    _, setup = arm(ids={1: 1, 2: 1})
+    found = setup.scan()
+    assert [(s.servo_id, s.model) for s in found.servos] == [(1, None)]
+    assert "share an id" in found.sentence
+    _, setup = arm(volts=0.0)
+    assert "power supply" in setup.scan().sentence

@@ -1,0 +1,461 @@
+import logging
+from dataclasses import replace
+
+import pytest
+from harness.lent_bus import LentBus
+
+from so101_motion.calib.motors.motor_setup import MotorSetup
+from so101_motion.calib.motors.setup_view import SETUP_ORDER
+from so101_motion.calib.record.record import SERVO_IDS
+from so101_motion.common.errors import (
+    BusError,
+    ConfigError,
+    CorruptReply,
+    MotorSetupError,
+    NoReply,
+    PortUnavailable,
+)
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.emulator.hardware import STS3215_7V4
+
+KIT = dict.fromkeys(range(1, 7), 1)
+"""Six servos as they come: all have id 1."""
+
+
+def loose(servo_id=1, baud=1_000_000, place=6, **options):
+    """One servo alone on the adapter, and its setup."""
+    bus = LentBus({place: servo_id}, calibrated=False, **options)
+    bus.set(place, baud_rate=reg.BAUDS.index(baud))
+    return bus, MotorSetup(bus.lent)
+
+
+def refused(call, problem, *words):
+    """``call`` is refused for that problem, with these words; the error."""
+    with pytest.raises(MotorSetupError) as caught:
+        call()
+    assert caught.value.problem == problem
+    for word in words:
+        assert word in str(caught.value)
+    assert caught.value.next_step
+    return caught.value
+
+
+# A kit, from the box to the arm
+
+
+def test_a_kit_is_set_up_from_the_gripper_to_the_shoulder():
+    bus = LentBus(KIT, calibrated=False)
+    setup = MotorSetup(bus.lent)
+    assert setup.view.status == "Motor setup ready"
+    assert not setup.view.in_progress
+    for step, joint in enumerate(SETUP_ORDER):
+        assert setup.view.step == step
+        assert setup.next_joint == joint
+        assert f"discover {joint}" in setup.view.next_step
+        bus.plug(SERVO_IDS[joint])
+        found = setup.discover(joint)
+        assert (found.state, found.found_id, found.baud) == ("found", 1, 1_000_000)
+        assert (found.model, found.firmware, found.volts) == ("sts3215", "3.10", 12.0)
+        assert f"assign {joint}" in setup.view.next_step
+        done = setup.assign(joint)
+        assert (done.old_id, done.new_id, done.new_baud) == (1, SERVO_IDS[joint], 1_000_000)
+        assert setup.view.motors[joint].state == "configured"
+        assert setup.view.in_progress == (joint != SETUP_ORDER[-1])
+    assert setup.next_joint is None
+    assert "then verify" in setup.view.next_step
+
+    bus.whole_arm()
+    found = setup.verify()
+    assert found.ok, found
+    assert all(motor.state == "verified" for motor in setup.view.motors.values())
+    assert "calibrate" in setup.view.next_step
+    assert setup.view.step == 6
+
+
+def test_the_order_is_the_published_one():
+    assert SETUP_ORDER == (
+        "gripper", "wrist_roll", "wrist_flex", "elbow_flex", "shoulder_lift", "shoulder_pan",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("baud", reg.BAUDS)
+@pytest.mark.parametrize("servo_id", [0, 1, 17, 253])
+def test_any_id_at_any_rate_is_found_and_set_up_for_good(servo_id, baud):
+    bus, setup = loose(servo_id, baud)
+    found = setup.discover("gripper")
+    assert (found.found_id, found.baud) == (servo_id, baud)
+    assert bus.wire.baud == 1_000_000, "the port is back at its own rate"
+    done = setup.assign("gripper")
+    assert (done.old_id, done.old_baud, done.new_id, done.new_baud) == (
+        servo_id, baud, 6, 1_000_000,
+    )  # fmt: skip
+    for kept in (False, True):
+        assert bus.holds(6, reg.ID, after_power_off=kept) == 6
+        assert bus.holds(6, reg.BAUD_RATE, after_power_off=kept) == 0
+    assert bus.holds(6, reg.LOCK) == 1
+    assert bus.wire.baud == 1_000_000
+
+
+def test_a_port_with_a_rate_of_its_own_gets_servos_of_that_rate():
+    bus = LentBus({6: 1}, calibrated=False, baud=500_000)
+    setup = MotorSetup(bus.lent)
+    assert setup.assign("gripper").new_baud == 500_000
+    assert bus.holds(6, reg.BAUD_RATE, after_power_off=True) == 1
+    assert bus.wire.baud == 500_000
+
+
+def test_what_the_user_says_of_the_rate_is_where_the_search_begins_and_no_more():
+    bus, setup = loose(1, 57_600)
+    setup.assign("gripper", current_id=1, target_id=6, current_baud=57_600)
+    assert bus.rates[0] == 57_600
+    bus, setup = loose(1, 1_000_000)
+    done = setup.assign("gripper", current_id=1, target_id=6, current_baud=57_600)
+    assert done.old_baud == 1_000_000
+    bus, setup = loose(1, 1_000_000)
+    assert setup.assign("gripper", current_baud=123).old_baud == 1_000_000
+
+
+# What a servo is given
+
+
+def test_a_fresh_servo_gets_what_an_arm_needs_and_is_limp():
+    bus, setup = loose()
+    bus.set(
+        6, return_delay=250, operating_mode=1, phase=12 | reg.MULTI_TURN, status_level=0,
+        unloading_condition=0, p_gain=8, min_position=0, max_position=1, homing_offset=-900,
+    )  # fmt: skip
+    changed = setup.assign("gripper").changed
+    expected = {
+        reg.RETURN_DELAY: 0, reg.OPERATING_MODE: 0, reg.PHASE: 12, reg.STATUS_LEVEL: 1,
+        reg.UNLOADING: 44, reg.P_GAIN: 32, reg.D_GAIN: 32, reg.I_GAIN: 0, reg.MIN_POSITION: 0,
+        reg.MAX_POSITION: 4095, reg.HOMING_OFFSET: 0, reg.MAX_TORQUE: 500,
+    }  # fmt: skip
+    for register, value in expected.items():
+        assert bus.holds(6, register) == value, register.name
+        assert bus.holds(6, register, after_power_off=True) == value, register.name
+    assert "phase" in changed
+    assert "d_gain" not in changed, "what is right already is not written"
+    assert bus.holds(6, reg.TORQUE_ENABLE) == 0
+
+
+def test_a_servo_that_was_a_jaw_carries_a_shoulder_again():
+    bus, setup = loose(6, place=2)
+    bus.set(2, max_torque=500, overload_torque=25)
+    setup.assign("shoulder_lift")
+    assert bus.holds(2, reg.OVERLOAD_TORQUE) == 80
+    assert bus.holds(2, reg.MAX_TORQUE) == 1000
+
+
+def test_gains_that_somebody_chose_are_left_alone():
+    bus, setup = loose()
+    bus.set(6, p_gain=16, d_gain=40, i_gain=2)
+    setup.assign("gripper")
+    assert [bus.holds(6, row) for row in (reg.P_GAIN, reg.D_GAIN, reg.I_GAIN)] == [16, 40, 2]
+
+
+def test_a_servo_that_is_right_already_keeps_its_calibration_and_is_not_written():
+    bus, setup = loose(6)
+    setup.assign("gripper")
+    bus.set(6, homing_offset=321, min_position=1000, max_position=2400)
+    bus.wire.sent.clear()
+    done = setup.assign("gripper")
+    assert done.changed == ()
+    assert bus.holds(6, reg.HOMING_OFFSET) == 321
+    written = [packet for _, packet in bus.wire.sent if packet[4] == 3]
+    assert {packet[5] for packet in written} <= {reg.TORQUE_ENABLE.address, reg.LOCK.address}
+
+
+def test_a_servo_that_becomes_another_joint_forgets_its_calibration():
+    bus, setup = loose(6)
+    bus.set(6, homing_offset=321, min_position=1000, max_position=2400)
+    setup.assign("wrist_roll")
+    assert bus.holds(6, reg.HOMING_OFFSET, after_power_off=True) == 0
+    assert bus.holds(6, reg.MAX_POSITION, after_power_off=True) == 4095
+
+
+def test_voltage_limits_are_never_touched():
+    bus, setup = loose(kind=STS3215_7V4, volts=12.0)
+    setup.assign("gripper")
+    assert bus.holds(6, reg.MAX_VOLTAGE) == 80
+    addresses = {packet[5] for _, packet in bus.wire.sent if packet[4] == 3}
+    assert not addresses & {reg.MAX_VOLTAGE.address, reg.MIN_VOLTAGE.address}
+
+
+# What may be wrong, each in its own words
+
+
+def test_nobody_there_means_power_or_cable():
+    bus = LentBus({}, calibrated=False)
+    setup = MotorSetup(bus.lent)
+    error = refused(lambda: setup.discover("gripper"), "no servo", "power supply", "3-pin cable")
+    motor = setup.view.motors["gripper"]
+    assert (motor.state, motor.sentence) == ("failed", error.reason)
+    assert setup.view.next_step == motor.fix
+    assert "then discover gripper again" in motor.fix
+    assert set(bus.rates) | {1_000_000} == set(reg.BAUDS), "all rates were tried"
+
+
+def test_two_servos_with_different_ids_are_refused_and_nothing_is_written():
+    bus = LentBus({5: 1, 4: 9}, calibrated=False)
+    setup = MotorSetup(bus.lent)
+    refused(lambda: setup.discover("gripper"), "several servos", "1 and 9 answer", "only the servo")
+    refused(lambda: setup.assign("gripper"), "several servos")
+    assert all(packet[4] != 3 for _, packet in bus.wire.sent)
+
+
+def test_two_servos_with_one_id_are_refused_and_nothing_is_written():
+    bus = LentBus({5: 1, 6: 1}, calibrated=False)
+    setup = MotorSetup(bus.lent)
+    refused(lambda: setup.discover("gripper"), "same id", "answer as servo 1 at once")
+    refused(lambda: setup.assign("gripper"), "same id")
+    assert all(packet[4] != 3 for _, packet in bus.wire.sent)
+
+
+def test_twins_whose_very_pings_collide_are_refused():
+    bus = LentBus({5: 1, 6: 1}, calibrated=False)
+    bus.faults.corrupt = 1.0
+    setup = MotorSetup(bus.lent)
+    refused(lambda: setup.discover("gripper"), "same id", "check the plugs")
+
+
+def test_an_id_that_is_taken_is_refused():
+    setup = MotorSetup(LentBus({5: 1, 6: 6}, calibrated=False).lent)
+    refused(lambda: setup.assign("gripper"), "id taken", "id 6 of gripper")
+
+
+def test_a_whole_arm_is_told_to_be_verified():
+    setup = MotorSetup(LentBus().lent)
+    refused(lambda: setup.discover("elbow_flex"), "several servos", "verify it")
+
+
+@pytest.mark.parametrize("second", [6, 1, 99])
+def test_a_second_servo_at_another_rate_is_noticed(second):
+    bus = LentBus({4: 1, 5: second}, calibrated=False)
+    bus.set(4, baud_rate=reg.BAUDS.index(57_600))
+    setup = MotorSetup(bus.lent)
+    call = lambda: setup.assign("gripper", current_baud=57_600)  # noqa: E731
+    refused(call, "several servos", "at 57600 baud, and another at 1000000")
+    refused(lambda: setup.assign("gripper"), "several servos", "another at 57600")
+    assert (bus.holds(4, reg.ID), bus.holds(5, reg.ID)) == (1, second)
+
+
+def test_a_servo_of_another_kind_is_refused():
+    bus, setup = loose()
+    bus.set(6, model_number=2825)
+    refused(lambda: setup.discover("gripper"), "wrong model", "is a sts3250, not an STS3215")
+    bus.set(6, model_number=1029)
+    refused(lambda: setup.assign("gripper"), "wrong model", "model 1029")
+
+
+def test_too_much_voltage_is_told_and_what_to_do():
+    _, setup = loose(kind=STS3215_7V4, volts=12.0)
+    found = setup.discover("gripper")
+    assert "12.0 V but is made for at most 8.0 V: a 7.4 V servo on a 12 V supply" in found.sentence
+    assert "switch the power off now and use a supply of 7.4 V" in found.fix
+    assert setup.view.fix == found.fix
+    assert setup.assign("gripper").new_id == 6, "its id can be set nevertheless"
+
+
+def test_too_little_voltage_is_told():
+    _, setup = loose(volts=4.3)
+    found = setup.discover("gripper")
+    assert "only 4.3 V" in found.sentence
+    assert "USB port cannot feed" in found.fix
+    _, setup = loose(volts=7.4)
+    assert "is a 12 V servo" in setup.discover("gripper").sentence
+    _, setup = loose(kind=STS3215_7V4, volts=5.0)
+    assert setup.discover("gripper").fix == "", "many 7.4 V arms are fed with 5 V"
+
+
+def test_a_port_that_is_gone_is_told():
+    bus, setup = loose()
+    bus.wire.unplugged = True
+    with pytest.raises(PortUnavailable, match="USB cable"):
+        setup.discover("gripper")
+    motor = setup.view.motors["gripper"]
+    assert motor.state == "failed"
+    assert "went away" in motor.sentence
+    assert motor.fix.startswith("check the USB cable")
+    assert setup.view.doing == ""
+
+
+def test_a_port_that_goes_in_the_middle_does_not_hide_the_error():
+    bus, setup = loose(1, 38_400)
+
+    def pull():
+        bus.wire.unplugged = bus.wire.baud == 38_400
+
+    bus.before = pull
+    with pytest.raises(PortUnavailable):
+        setup.discover("gripper")
+    assert bus.wire.baud == 1_000_000
+
+
+def test_the_servo_of_a_motor_that_is_done_is_not_taken_for_the_next():
+    _, setup = loose()
+    setup.assign("gripper")
+    found = setup.discover("wrist_roll")
+    assert "That is the id of gripper" in found.sentence
+    refused(
+        lambda: setup.assign("wrist_roll"), "other servo", "that was set up before", "unplug it"
+    )
+    setup.reset()
+    assert setup.assign("wrist_roll").new_id == 5
+
+
+def test_starting_with_the_shoulder_does_not_bar_the_others():
+    bus = LentBus(KIT, calibrated=False)
+    setup = MotorSetup(bus.lent)
+    bus.plug(1)
+    setup.assign("shoulder_pan")
+    bus.plug(6)
+    assert setup.assign("gripper").old_id == 1
+
+
+def test_the_id_the_user_named_must_be_the_one_connected():
+    _, setup = loose(17)
+    call = lambda: setup.assign("gripper", current_id=1)  # noqa: E731
+    refused(call, "other servo", "has the id 17, not 1")
+
+
+def test_names_and_ids_are_checked():
+    _, setup = loose()
+    with pytest.raises(ConfigError, match='did you mean "gripper"'):
+        setup.discover("griper")
+    with pytest.raises(ConfigError, match="wrist_roll has the id 5"):
+        setup.assign("wrist_roll", target_id=6)
+
+
+@pytest.mark.parametrize("joint", SETUP_ORDER)
+def test_any_joint_may_be_skipped(joint):
+    _, setup = loose()
+    assert setup.skip(joint).state == "skipped"
+    assert setup.next_joint != joint
+    assert setup.view.step == 1
+
+
+def test_skipping_all_asks_for_nothing_more():
+    _, setup = loose()
+    for joint in SETUP_ORDER:
+        setup.skip(joint)
+    assert setup.next_joint is None
+    assert "calibrate" in setup.view.next_step
+
+
+def test_a_reset_forgets_everything():
+    _, setup = loose()
+    setup.assign("gripper")
+    setup.reset()
+    assert setup.view.step == 0
+    assert setup.view.status == "Motor setup ready"
+
+
+# A bad wire, and being interrupted
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lost_and_garbled_answers_cost_retries_or_a_plain_error_and_never_an_id(seed):
+    bus, setup = loose(1, 115_200)
+    bus.faults.__init__(seed=seed, loss=0.05, corrupt=0.03, request_loss=0.03)
+    for _ in range(30):
+        try:
+            done = setup.assign("gripper")
+        except (MotorSetupError, BusError):
+            assert setup.view.motors["gripper"].state == "failed"
+            continue
+        assert done.new_id == 6
+        break
+    bus.faults.__init__()
+    assert bus.holds(6, reg.ID, after_power_off=True) == 6
+    assert bus.holds(6, reg.BAUD_RATE, after_power_off=True) == 0
+    assert setup.assign("gripper").changed == ()
+
+
+@pytest.mark.parametrize("lost", range(20))
+def test_a_moment_of_silence_never_means_that_the_id_was_not_taken(lost):
+    bus, setup = loose()
+    jobs = iter(range(1000))
+
+    def be_silent_once():
+        bus.plug(*(() if next(jobs) == lost else (6,)))
+
+    bus.before = be_silent_once
+    problem = None
+    try:
+        setup.assign("gripper")
+    except BusError:
+        pass
+    except MotorSetupError as error:
+        problem = error.problem
+    assert problem != "not taken"
+
+
+class _PlugPulled(Exception):
+    pass
+
+
+def test_it_can_be_taken_up_again_wherever_it_was_cut_off():
+    for cut in range(1, 40):
+        bus, setup = loose(1, 57_600)
+        bus.set(6, homing_offset=500)
+        jobs = iter(range(1, 1000))
+
+        def pull(jobs=jobs, cut=cut):
+            if next(jobs) == cut:
+                raise _PlugPulled
+
+        bus.before = pull
+        try:
+            setup.assign("gripper", current_baud=57_600)
+        except _PlugPulled:
+            pass
+        else:
+            break
+        bus.before = lambda: None
+        bus.wire.baud = 1_000_000
+        assert setup.assign("gripper").new_baud == 1_000_000
+        assert bus.holds(6, reg.ID, after_power_off=True) == 6
+        assert bus.holds(6, reg.HOMING_OFFSET, after_power_off=True) == 0
+        assert bus.holds(6, reg.LOCK) == 1
+    assert cut > 10, "it was cut off at every job"
+
+
+# The view
+
+
+def test_the_view_says_what_is_going_on_and_does_not_wait():
+    bus, setup = loose(1, 38_400)
+    seen = []
+    bus.before = lambda: seen.append((setup.view.doing, setup.view.in_progress))
+    setup.discover("gripper")
+    assert ("listening at 115200 baud", True) in seen
+    assert setup.view.doing == ""
+
+
+def test_a_value_once_given_out_does_not_change():
+    _, setup = loose()
+    before = setup.view
+    setup.assign("gripper")
+    assert before.motors["gripper"].state == "todo"
+    assert replace(before) == before
+
+
+def test_what_was_done_is_logged(caplog):
+    _, setup = loose(17, 57_600)
+    with caplog.at_level(logging.INFO, "so101_motion"):
+        setup.assign("gripper")
+    assert "servo 17 at 57600 baud is servo 6 at 1000000 baud now" in caplog.text
+
+
+def test_a_servo_that_falls_silent_is_reported_as_such():
+    bus, setup = loose()
+    jobs = iter(range(1000))
+
+    def pull():
+        if next(jobs) == 3:  # heard twice, and gone before it is asked what it is
+            bus.plug()
+
+    bus.before = pull
+    with pytest.raises((NoReply, CorruptReply)):
+        setup.discover("gripper")
+    assert "no reply from servo 1" in setup.view.status

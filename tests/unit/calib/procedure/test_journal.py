@@ -1,0 +1,190 @@
+"""What a process finds that starts after another was interrupted."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from harness.calibration_rig import LentArm
+
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.journal import Journal, Saving
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, default
+from so101_motion.calib.record.zero import Zero
+from so101_motion.common.errors import CalibrationError
+from so101_motion.rig.joint_setup import survey
+
+BEFORE = {joint: Held(homing_offset=-i, range_min=600 + i) for i, joint in enumerate(JOINTS)}
+MEANWHILE = {joint: Held(homing_offset=100 + i) for i, joint in enumerate(JOINTS)}
+CALIBRATION = {
+    joint: replace(default(joint), homing_offset=500 + i, range_min=1000 + i, range_max=2400 + i)
+    for i, joint in enumerate(JOINTS)
+}
+AFTER = {joint: Held.of(entry) for joint, entry in CALIBRATION.items()}
+SAVING = Saving(calibration=CALIBRATION, zeros={"elbow_flex": Zero(by="stops", angle=-0.1)})
+OPEN = Journal(before=BEFORE, meanwhile=MEANWHILE)
+DECIDED = Journal(before=BEFORE, meanwhile=MEANWHILE, saving=SAVING, is_decided=True)
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "arm.json"
+
+
+@pytest.fixture
+def arm():
+    return LentArm()
+
+
+def hold(arm, *sides):
+    """Let the servos hold these in turn, the last for all that are left."""
+    for i, joint in enumerate(JOINTS):
+        write_held(arm.bus, SERVO_IDS[joint], sides[min(i, len(sides) - 1)][joint])
+
+
+def held(arm):
+    return {joint: arm.held(joint) for joint in JOINTS}
+
+
+@pytest.mark.parametrize("noted", [OPEN, DECIDED, replace(DECIDED, is_decided=False)])
+def test_a_journal_is_read_as_it_was_written(file, noted):
+    journal.write(file, noted)
+    assert journal.read(file) == noted
+
+
+def test_without_a_journal_there_is_nothing_to_do(arm, file):
+    assert journal.read(file) is None
+    assert journal.recover(arm.bus, file) is None
+
+
+@pytest.mark.parametrize("sides", [(BEFORE,), (MEANWHILE, BEFORE), (MEANWHILE,)])
+def test_what_was_not_saved_is_put_back(arm, file, sides):
+    hold(arm, *sides)
+    journal.write(file, OPEN)
+    assert "put back" in journal.recover(arm.bus, file)
+    assert held(arm) == BEFORE
+    assert not file.exists()
+    assert journal.read(file) is None
+
+
+@pytest.mark.parametrize(
+    "sides", [(MEANWHILE,), (AFTER, MEANWHILE), (AFTER,), (AFTER, BEFORE), (BEFORE,)]
+)
+def test_what_was_being_saved_is_carried_through(arm, file, sides):
+    hold(arm, *sides)
+    journal.write(file, DECIDED)
+    assert "complete" in journal.recover(arm.bus, file)
+    assert held(arm) == AFTER
+    assert store.read(file).calibration == CALIBRATION
+    assert store.read(file).zeros["elbow_flex"].angle == pytest.approx(-0.1, abs=1e-5)
+    assert journal.read(file) is None
+
+
+@pytest.mark.parametrize("sides", [(MEANWHILE,), (AFTER, MEANWHILE), (BEFORE, AFTER)])
+def test_a_save_that_was_called_off_is_put_back(arm, file, sides):
+    hold(arm, *sides)
+    journal.write(file, replace(DECIDED, is_decided=False))
+    journal.recover(arm.bus, file)
+    assert held(arm) == BEFORE
+
+
+def test_a_servo_caught_between_offset_and_limits_is_known(arm, file):
+    hold(arm, MEANWHILE)
+    write_held(arm.bus, 2, Held(homing_offset=AFTER["shoulder_lift"].homing_offset))
+    journal.write(file, DECIDED)
+    journal.recover(arm.bus, file)
+    assert held(arm) == AFTER
+
+
+@pytest.mark.parametrize("noted", [OPEN, DECIDED])
+def test_servos_that_were_calibrated_by_other_means_since_are_left_alone(arm, file, noted):
+    hold(arm, MEANWHILE)
+    write_held(arm.bus, 4, Held(homing_offset=7, range_min=800, range_max=3100))
+    before = held(arm)
+    journal.write(file, noted)
+    assert "by other means" in journal.recover(arm.bus, file)
+    assert held(arm) == before
+    assert journal.read(file) is None
+
+
+def test_an_angle_beyond_all_numbers_makes_a_journal_unreadable(file):
+    journal.write(file, DECIDED)
+    path = journal.path_for(file)
+    noted = json.loads(path.read_text())
+    noted["saving"]["zeros"] = {"elbow_flex": ["stops", 10**400]}
+    path.write_text(json.dumps(noted))
+    with pytest.raises(CalibrationError, match="cannot be understood"):
+        journal.read(file)
+
+
+def test_while_a_servo_is_silent_nothing_is_touched(arm, file):
+    hold(arm, MEANWHILE)
+    journal.write(file, OPEN)
+    arm.world.disconnect("gripper")
+    with pytest.raises(CalibrationError, match=r"servo 6.*remove .*arm\.json\.unfinished"):
+        journal.recover(arm.bus, file)
+    assert arm.held("shoulder_pan") == MEANWHILE["shoulder_pan"]
+    assert journal.read(file) == OPEN
+
+
+def test_whoever_looks_at_the_servos_first_ends_what_was_interrupted(arm, file):
+    hold(arm, MEANWHILE)
+    journal.write(file, DECIDED)
+    found = survey(
+        arm.bus,
+        {joint: SERVO_IDS[joint] for joint in JOINTS},
+        required=JOINTS,
+        timeout=0.0,
+        file=file,
+        jaw_closed=-0.17,
+        zero_offsets={},
+    )
+    assert "A calibration was interrupted while it was saved; it is complete now." in found.notes
+    assert {joint: setup.calibration for joint, setup in found.setups.items()} == CALIBRATION
+    assert held(arm) == AFTER
+
+
+def broken(change):
+    """The text of a journal after ``change`` was made to what it says."""
+    content = {
+        "before": {"gripper": [0, 0, 4095]},
+        "meanwhile": {"gripper": [5, 0, 4095]},
+        "is_decided": True,
+        "saving": {"calibration": {"gripper": default("gripper").to_json()}, "zeros": {}},
+    }
+    change(content)
+    return json.dumps(content)
+
+
+HOSTILE = [
+    "",
+    "[]",
+    "{}",
+    "nonsense",
+    broken(lambda c: c.pop("meanwhile")),
+    broken(lambda c: c["before"].update(gripper=[0, 0])),
+    broken(lambda c: c["before"].update(gripper=[9999, 0, 4095])),
+    broken(lambda c: c["before"].update(gripper=["0", "0", "4095"])),
+    broken(lambda c: c["before"].update(gripper=[0, 0, 70000])),
+    broken(lambda c: c["before"].update(elbow=[0, 0, 4095])),
+    broken(lambda c: c["meanwhile"].update(elbow_flex=[0, 0, 4095])),
+    broken(lambda c: c["saving"].update(calibration={})),
+    broken(lambda c: c["saving"].update(zeros={"gripper": "by hand"})),
+    broken(lambda c: c["saving"].update(zeros={"gripper": ["by hand", "left"]})),
+    broken(lambda c: c.update(saving=3)),
+]
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_a_journal_that_makes_no_sense_is_a_sentence_and_changes_nothing(arm, file, text):
+    before = held(arm)
+    journal.path_for(file).write_text(text)
+    with pytest.raises(CalibrationError, match=r"arm\.json\.unfinished"):
+        journal.recover(arm.bus, file)
+    assert held(arm) == before

@@ -1,0 +1,612 @@
+"""A calibration from start to end, and everything that can come in between."""
+
+import json
+import math
+import threading
+
+import pytest
+from harness.calibration_rig import LentArm
+
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.procedure.steps import Command, State
+from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.record import store, versions, zero
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.errors import (
+    CalibrationError,
+    ConfigError,
+    MotionError,
+    NoReply,
+    PortUnavailable,
+)
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.emulator import registers as emulated
+
+UPRIGHT_DEG = math.degrees(zero.ROLL_UPRIGHT)
+
+
+@pytest.fixture(autouse=True)
+def own_home(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "arm.json"
+
+
+@pytest.fixture
+def arm():
+    """As new: no offsets, no limits."""
+    return LentArm(calibrated=False)
+
+
+def calibrate(session, arm, **how):
+    session.start(arm)
+    session.set_homing()
+    session.start_recording()
+    arm.sweep_all(**how)
+    session.stop_recording()
+    return session.save()
+
+
+def all_held(arm):
+    return {joint: arm.held(joint) for joint in JOINTS}
+
+
+# From start to end
+
+
+def test_the_limits_are_the_stops(arm, file):
+    stored = calibrate(Session(file), arm)
+    for joint in JOINTS:
+        entry = stored.calibration[joint]
+        limits = [entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset]
+        assert limits == list(arm.stops(joint))
+
+
+def test_file_and_servos_agree_afterwards(arm, file):
+    stored = calibrate(Session(file), arm)
+    for joint in JOINTS:
+        assert arm.held(joint) == arm.flashed(joint) == Held.of(stored.calibration[joint])
+        assert arm.world.servo(joint).memory.raw(emulated.LOCK) == 1
+    assert store.read(file).calibration == stored.calibration
+    assert store.read(file).zeros == stored.zeros
+
+
+def test_zeros_are_those_of_the_model_within_half_a_degree(arm, file):
+    arm.put_deg(shoulder_pan=20, elbow_flex=-30, wrist_flex=5, wrist_roll=UPRIGHT_DEG)
+    stored = calibrate(Session(file), arm)
+    for joint in JOINTS[:5]:
+        entry, found = stored.calibration[joint], stored.zeros[joint]
+        middle = (entry.range_min + entry.range_max) / 2 + entry.homing_offset
+        truth = (middle - 2048) * 2 * math.pi / 4096
+        assert abs(found.angle - truth) < math.radians(0.5)
+
+
+def test_no_journal_is_left(arm, file):
+    calibrate(Session(file), arm)
+    assert not journal.path_for(file).exists()
+
+
+def test_the_states_are_passed_one_by_one(arm, file):
+    session = Session(file)
+    assert session.view.state is State.IDLE
+    assert session.start(arm).state is State.STARTED
+    assert session.set_homing().state is State.HOMED
+    assert session.start_recording().state is State.RECORDING
+    arm.sweep_all()
+    assert session.stop_recording().state is State.COMPLETED
+    session.save()
+    assert session.view.state is State.IDLE
+    assert not session.is_active
+    assert arm.watcher is None
+
+
+def test_starting_lets_go_of_the_joints_and_writes_nothing_for_good(arm, file):
+    for servo_id in range(1, 7):
+        arm.bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+    before = all_held(arm)
+    session = Session(file)
+    assert not session.held_before
+    session.start(arm)
+    assert session.held_before
+    assert all(arm.world.servo(joint).drive.torque == 0 for joint in JOINTS)
+    assert all_held(arm) == before
+    assert not journal.path_for(file).exists()
+
+
+def test_starting_again_does_not_forget_that_the_arm_was_held(arm, file):
+    arm.bus.write(3, reg.TORQUE_ENABLE, 1)
+    session = recording(file, arm, ["elbow_flex"])
+    arm.sweep_all(["elbow_flex"])
+    session.stop_recording()
+    session.start(arm)
+    session.abort()
+    assert session.held_before
+    session.start(arm)
+    assert not session.held_before
+
+
+def test_only_the_joints_that_are_calibrated_are_let_go_of(arm, file):
+    for servo_id in range(1, 7):
+        arm.bus.write(servo_id, reg.TORQUE_ENABLE, 1)
+    Session(file, ["gripper"]).start(arm)
+    assert [arm.world.servo(joint).drive.torque for joint in JOINTS] == [1, 1, 1, 1, 1, 0]
+
+
+def test_homing_writes_the_offset_and_the_servo_reads_the_middle(file):
+    arm = LentArm(calibrated=False, joints={"elbow_flex": {"zero_ticks": 300}})
+    session = Session(file)
+    session.start(arm)
+    view = session.set_homing()
+    assert view.joints["elbow_flex"].homing_offset == 300 - 2047
+    assert arm.flashed("elbow_flex") == Held(homing_offset=300 - 2047)
+    assert arm.bus.read(3, reg.PRESENT_POSITION) == 2047
+
+
+def test_what_the_file_says_of_other_joints_stays(arm, file):
+    calibrate(Session(file), arm)
+    before = store.read(file)
+    arm.put_deg(gripper=30)
+    stored = calibrate(Session(file, ["gripper"]), arm, joints=["gripper"])
+    assert stored.calibration["gripper"] != before.calibration["gripper"]
+    for joint in JOINTS[:5]:
+        assert stored.calibration[joint] == before.calibration[joint]
+        assert stored.zeros[joint] == before.zeros[joint]
+
+
+def test_calibrating_again_keeps_the_former_as_a_version(arm, file):
+    calibrate(Session(file), arm)
+    arm.put_deg(elbow_flex=15)
+    calibrate(Session(file), arm)
+    assert len(versions.versions(file)) == 2
+
+
+# Seams
+
+
+def test_a_joint_homed_at_its_stop_is_homed_anew(file):
+    arm = LentArm(calibrated=False)
+    arm.put(shoulder_pan=arm.stops("shoulder_pan")[1], wrist_roll=arm.stops("wrist_roll")[0] + 200)
+    session = Session(file)
+    session.start(arm)
+    pose = session.set_homing().joints["shoulder_pan"].homing_offset
+    session.start_recording()
+    arm.sweep_all()
+    view = session.stop_recording()
+    assert view.joints["shoulder_pan"].homing_offset != pose
+    assert 0 <= view.joints["shoulder_pan"].range_min < view.joints["shoulder_pan"].range_max < 4096
+    stored = session.save()
+    entry = stored.calibration["shoulder_pan"]
+    assert entry.range_min + entry.homing_offset == arm.stops("shoulder_pan")[0]
+    middle = (entry.range_min + entry.range_max) / 2
+    assert middle == pytest.approx(2047, abs=1)
+
+
+def test_a_travel_across_the_seam_is_shown_going_on(file):
+    arm = LentArm(calibrated=False)
+    arm.put(elbow_flex=arm.stops("elbow_flex")[0])
+    session = Session(file, ["elbow_flex"])
+    session.start(arm)
+    session.set_homing()
+    session.start_recording()
+    arm.sweep_all(["elbow_flex"])
+    shown = session.view.joints["elbow_flex"]
+    assert shown.ticks == shown.recorded_max > 4095
+    assert shown.recorded_max - shown.recorded_min == 2198
+    session.stop_recording()
+    shown = session.view.joints["elbow_flex"]
+    assert shown.ticks == shown.recorded_max == shown.range_max < 4096
+
+
+def test_a_roll_that_is_not_swept_becomes_a_full_turn_about_its_zero(arm, file):
+    arm.put_deg(wrist_roll=40)
+    stored = calibrate(Session(file), arm, joints=JOINTS[:4] + JOINTS[5:])
+    roll = stored.calibration["wrist_roll"]
+    assert (roll.range_min, roll.range_max) == (0, 4095)
+    zero_at = roll.homing_offset + 2047.5 - stored.zeros["wrist_roll"].angle * 4096 / math.tau
+    assert zero_at == pytest.approx(2048 + (40 - UPRIGHT_DEG) * 4096 / 360, abs=1)
+
+
+def test_a_roll_that_is_swept_keeps_its_stops_and_its_zero(arm, file):
+    arm.put_deg(wrist_roll=40)
+    stored = calibrate(Session(file), arm)
+    roll = stored.calibration["wrist_roll"]
+    assert (roll.range_min + roll.homing_offset, roll.range_max + roll.homing_offset) == arm.stops(
+        "wrist_roll"
+    )
+    middle = roll.homing_offset + (roll.range_min + roll.range_max) / 2
+    zero_at = middle - stored.zeros["wrist_roll"].angle * 4096 / math.tau
+    assert zero_at == pytest.approx(2048 + (40 - UPRIGHT_DEG) * 4096 / 360, abs=1)
+
+
+def test_a_multi_turn_servo_is_read_within_one_turn(arm, file):
+    for joint in JOINTS:
+        memory = arm.world.servo(joint).memory
+        memory.keep(emulated.PHASE, memory.raw(emulated.PHASE) | emulated.PHASE_MULTI_TURN)
+    arm.put(shoulder_pan=arm.stops("shoulder_pan")[0])
+    stored = calibrate(Session(file), arm)
+    pan = stored.calibration["shoulder_pan"]
+    assert pan.range_min + pan.homing_offset == arm.stops("shoulder_pan")[0]
+
+
+# While it records
+
+
+def recording(file, arm, joints=JOINTS):
+    session = Session(file, joints)
+    session.start(arm)
+    session.set_homing()
+    session.start_recording()
+    return session
+
+
+def test_joints_are_named_while_they_are_recorded(arm, file):
+    session = recording(file, arm)
+    arm.sweep("shoulder_pan", *arm.stops("shoulder_pan"))
+    arm.sweep("elbow_flex", 1800, 2300)
+    view = session.view
+    assert view.joints["shoulder_pan"].verdict is Verdict.COMPLETE
+    assert view.joints["elbow_flex"].verdict is Verdict.TOO_SHORT
+    assert view.joints["wrist_flex"].verdict is Verdict.UNTOUCHED
+    assert view.joints["elbow_flex"].travel_deg == pytest.approx(43.9, abs=0.1)
+    assert view.joints["elbow_flex"].expected_deg == pytest.approx(193.2, abs=0.1)
+    assert "Still to do: shoulder_lift, elbow_flex, wrist_flex, gripper." in view.instruction
+
+
+def test_the_joints_are_read_a_hundred_times_a_second_in_one_transaction_each(arm, file):
+    session = recording(file, arm)
+    arm.wire.sent.clear()
+    arm.tick(200)
+    assert session.view.samples == 200
+    assert session.view.recording_time == pytest.approx(2.0)
+    assert len(arm.wire.sent) == 200
+
+
+def test_readings_are_live_from_the_start_on(arm, file):
+    session = Session(file)
+    session.start(arm)
+    arm.tick()
+    assert session.view.joints["gripper"].ticks == 2048
+    arm.put_deg(gripper=45)
+    arm.tick()
+    assert session.view.joints["gripper"].ticks == 2048 + 512
+
+
+def test_stopping_early_is_refused_and_names_the_joints(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all(JOINTS[:5])
+    with pytest.raises(CalibrationError) as caught:
+        session.stop_recording()
+    assert caught.value.joint == "gripper"
+    assert "not moved yet" in str(caught.value)
+    assert session.view.state is State.RECORDING
+    assert "gripper" in session.view.error
+    arm.sweep_all(["gripper"])
+    assert session.stop_recording().error is None
+
+
+def test_several_joints_that_are_not_done_are_all_named(arm, file):
+    session = recording(file, arm)
+    with pytest.raises(CalibrationError, match=r"shoulder_pan: .*elbow_flex: .*gripper: "):
+        session.stop_recording()
+
+
+def test_a_travel_that_is_meant_can_be_accepted(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all([joint for joint in JOINTS if joint != "shoulder_pan"])
+    arm.sweep("shoulder_pan", 1500, 2600)  # between two walls
+    with pytest.raises(CalibrationError, match="shoulder_pan"):
+        session.stop_recording()
+    view = session.stop_recording(accept=["shoulder_pan"])
+    assert (view.joints["shoulder_pan"].range_max - view.joints["shoulder_pan"].range_min) == 1100
+    assert "shoulder_pan" not in session.save().zeros  # nobody knows where its stops are
+
+
+def test_a_joint_that_was_not_moved_cannot_be_meant(arm, file):
+    session = recording(file, arm)
+    with pytest.raises(CalibrationError, match="shoulder_pan"):
+        session.stop_recording(accept=JOINTS)
+    with pytest.raises(ConfigError, match="accept"):
+        session.stop_recording(accept=["elbow"])
+
+
+def test_a_servo_that_counts_down_is_named_and_refused(arm, file):
+    memory = arm.world.servo("elbow_flex").memory
+    memory.keep(emulated.PHASE, memory.raw(emulated.PHASE) | emulated.PHASE_ENCODER_REVERSED)
+    session = recording(file, arm)
+    arm.tick(3)
+    assert session.view.joints["elbow_flex"].verdict is Verdict.WRONG_DIRECTION
+    with pytest.raises(CalibrationError, match="counts the wrong way round"):
+        session.stop_recording(accept=JOINTS)
+
+
+def test_a_servo_that_falls_silent_costs_the_others_nothing(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all(JOINTS[:3])
+    arm.world.disconnect("wrist_flex")
+    arm.tick(30)
+    view = session.view
+    assert view.joints["wrist_flex"].sentence == "its servo does not answer"
+    assert "no reply from wrist_flex" in view.error
+    arm.sweep_all(["wrist_roll", "gripper"])
+    arm.world.connect("wrist_flex")
+    arm.clock.t += 2.0
+    arm.sweep_all(["wrist_flex"])
+    assert session.view.error is None
+    stored = session.stop_recording() and session.save()
+    flex = stored.calibration["wrist_flex"]
+    assert flex.range_min + flex.homing_offset == arm.stops("wrist_flex")[0]
+
+
+def test_a_pulled_plug_interrupts_a_recording_and_no_more(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all(JOINTS[:3])
+    arm.wire.unplugged = True
+    arm.tick(150)
+    assert "check that the USB cable" in session.view.error
+    arm.wire.unplugged = False
+    arm.sweep_all(JOINTS[3:])
+    session.stop_recording()
+    session.save()
+
+
+def test_lost_and_wrong_replies_do_not_change_the_travel(file):
+    arm = LentArm(calibrated=False)
+    session = recording(file, arm, ["elbow_flex"])
+    arm.wire.faults.loss, arm.wire.faults.corrupt = 0.05, 0.05
+    arm.sweep_all(["elbow_flex"], step=15)
+    arm.wire.faults.loss = arm.wire.faults.corrupt = 0.0
+    session.stop_recording()
+    elbow = session.save().calibration["elbow_flex"]
+    found = (elbow.range_min + elbow.homing_offset, elbow.range_max + elbow.homing_offset)
+    assert found == pytest.approx(arm.stops("elbow_flex"), abs=3)
+
+
+# Refusals and failures
+
+
+@pytest.mark.parametrize("command", ["set_homing", "start_recording", "stop_recording", "save"])
+def test_a_command_in_the_wrong_state_changes_nothing(arm, file, command):
+    session = Session(file)
+    with pytest.raises(CalibrationError, match='not possible in the state "idle"'):
+        getattr(session, command)()
+    assert session.view.state is State.IDLE
+    assert session.view.error is None
+
+
+def test_joints_must_be_joints(file):
+    with pytest.raises(ConfigError, match="elbow"):
+        Session(file, ["elbow"])
+    with pytest.raises(ConfigError, match="at least one"):
+        Session(file, [])
+
+
+def test_a_missing_servo_is_named_at_the_start_and_nothing_has_to_be_put_back(arm, file):
+    arm.world.disconnect("wrist_roll")
+    session = Session(file)
+    with pytest.raises(NoReply, match="servo 5"):
+        session.start(arm)
+    assert session.view.state is State.ERROR
+    assert session.view.commands == (Command.RESET, Command.START)
+    assert not session.is_active
+    assert session.reset().state is State.IDLE
+
+
+def test_an_arm_that_is_not_held_still_while_homing_is_set_is_found_out(arm, file):
+    session = Session(file)
+    session.start(arm)
+    before = all_held(arm)
+    arm.between = lambda _: arm.put(elbow_flex=arm.drive("elbow_flex").shaft.output + 40)
+    with pytest.raises(CalibrationError, match=r"elbow_flex: reads 23\d\d .* instead of 2047"):
+        session.set_homing()
+    arm.between = lambda _: None
+    assert session.view.state is State.ERROR
+    assert session.is_active
+    session.reset()
+    assert all_held(arm) == before
+
+
+def test_saving_can_be_tried_again_when_a_servo_was_silent(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all()
+    session.stop_recording()
+    before = all_held(arm)
+    arm.world.disconnect("wrist_flex")
+    with pytest.raises(NoReply):
+        session.save()
+    assert session.view.state is State.COMPLETED
+    assert not file.exists()
+    arm.world.connect("wrist_flex")
+    arm.clock.t += 2.0
+    assert all_held(arm) == before  # it was found out before anything was written
+    session.save()
+    assert file.exists()
+
+
+def test_saving_can_be_tried_again_when_a_cable_came_loose_meanwhile(arm, file):
+    session = recording(file, arm)
+    arm.sweep_all()
+    session.stop_recording()
+    first = arm.calls
+
+    def slip(calls):  # everybody was there, and two servos have been written
+        if calls == first + 4:
+            arm.world.disconnect("elbow_flex")
+
+    arm.between = slip
+    with pytest.raises(NoReply, match="servo 3"):
+        session.save()
+    assert session.view.state is State.COMPLETED
+    assert journal.read(file).is_decided
+    arm.world.connect("elbow_flex")
+    arm.clock.t += 2.0
+    stored = session.save()
+    assert {joint: arm.held(joint) for joint in JOINTS} == {
+        joint: Held.of(entry) for joint, entry in stored.calibration.items()
+    }
+
+
+def test_saving_can_be_tried_again_when_the_file_could_not_be_written(arm, tmp_path):
+    folder = tmp_path / "calibrations"
+    file = folder / "arm.json"
+    session = recording(file, arm)
+    arm.sweep_all()
+    session.stop_recording()
+    file.mkdir()
+    with pytest.raises(CalibrationError):
+        session.save()
+    assert session.view.state is State.COMPLETED
+    file.rmdir()
+    session.save()
+    assert set(json.loads(file.read_text())) == set(JOINTS)
+
+
+def test_homing_is_refused_when_no_journal_can_be_written(arm, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    session = Session(tmp_path / "file" / "arm.json")
+    session.start(arm)
+    before = all_held(arm)
+    with pytest.raises(CalibrationError, match="cannot be written"):
+        session.set_homing()
+    assert all_held(arm) == before
+
+
+# Ending it early
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3, 4])
+@pytest.mark.parametrize("command", ["abort", "reset"])
+def test_aborting_puts_the_servos_back(arm, file, steps, command):
+    calibrate(Session(file), arm)
+    before, said = all_held(arm), file.read_bytes()
+    arm.put_deg(shoulder_pan=80, elbow_flex=-50, gripper=100)
+    session = Session(file)
+    session.start(arm)
+    if steps > 1:
+        session.set_homing()
+    if steps > 2:
+        session.start_recording()
+        arm.sweep_all()
+    if steps > 3:
+        session.stop_recording()
+    assert getattr(session, command)().state is State.IDLE
+    assert all_held(arm) == before
+    assert file.read_bytes() == said
+    view = session.view
+    assert view.joints["gripper"].range_max == before["gripper"].range_max
+    assert view.joints["gripper"].recorded_max is None
+    assert view.recording_time == 0.0
+    assert not journal.path_for(file).exists()
+    assert not session.is_active
+
+
+def test_aborting_after_a_failed_save_puts_the_servos_back(arm, file):
+    session = recording(file, arm)
+    before = {joint: Held(homing_offset=0) for joint in JOINTS}
+    arm.sweep_all()
+    session.stop_recording()
+    file.mkdir()
+    with pytest.raises(CalibrationError):
+        session.save()
+    assert all_held(arm) != before
+    session.abort()
+    assert all_held(arm) == before
+
+
+def test_an_abort_that_fails_can_be_repeated(arm, file):
+    session = recording(file, arm)
+    arm.wire.unplugged = True
+    with pytest.raises(PortUnavailable):
+        session.abort()
+    assert session.view.state is State.ERROR
+    assert journal.path_for(file).exists()
+    arm.wire.unplugged = False
+    session.reset()
+    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+
+
+def test_starting_again_begins_from_what_was_there_at_first(arm, file):
+    before = all_held(arm)
+    session = recording(file, arm)
+    arm.sweep_all()
+    session.stop_recording()
+    session.start(arm)
+    assert all_held(arm) == before
+    session.set_homing()
+    session.abort()
+    assert all_held(arm) == before
+
+
+def test_closing_puts_the_servos_back(arm, file):
+    session = recording(file, arm)
+    session.close()
+    session.close()
+    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+    assert not session.is_active
+
+
+def test_what_closing_cannot_put_back_the_next_start_does(arm, file):
+    session = recording(file, arm)
+    arm.wire.unplugged = True
+    session.close()
+    assert not session.is_active
+    arm.wire.unplugged = False
+    view = Session(file).start(arm)
+    assert view.note == (
+        "A calibration was interrupted before it was saved; the servos were put back."
+    )
+    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+
+
+def test_a_loan_that_was_ended_by_force_can_be_followed_by_another(arm, file):
+    session = recording(file, arm)
+    other = LentArm(calibrated=False)
+
+    def over(*_):
+        raise MotionError("the servos are no longer in use for calibration")
+
+    arm.watch, arm.between = over, over
+    with pytest.raises(MotionError):
+        session.abort()
+    journal.recover(arm.bus, file)  # as the port's next user does
+    assert session.start(other).state is State.STARTED
+    session.abort()
+    assert all_held(other) == {joint: Held(homing_offset=0) for joint in JOINTS}
+
+
+def test_offsets_of_newer_firmware_are_put_back_as_their_equals(arm, file):
+    memory = arm.world.servo("elbow_flex").memory
+    memory.keep(emulated.OFFSET, emulated.encode_offset(3000))
+    arm.world.servo("elbow_flex").boot()
+    read = arm.bus.read(3, reg.PRESENT_POSITION)
+    session = recording(file, arm)
+    session.abort()
+    assert arm.held("elbow_flex").homing_offset == 3000 - 4096
+    assert arm.bus.read(3, reg.PRESENT_POSITION) == read
+
+
+# From other threads
+
+
+def test_the_view_waits_for_nobody(arm, file):
+    session = Session(file)
+    inside, go_on = threading.Event(), threading.Event()
+    call = arm.call
+
+    def slow(job):
+        inside.set()
+        go_on.wait(10)
+        return call(job)
+
+    arm.call = slow
+    thread = threading.Thread(target=session.start, args=(arm,))
+    thread.start()
+    assert inside.wait(10)
+    assert session.view.state is State.IDLE  # the bus is busy, and still this answers
+    go_on.set()
+    thread.join(10)
+    assert session.view.state is State.STARTED

@@ -1,0 +1,179 @@
+"""The process dies at each single thing that leaves a trace: the former calibration or the new one.
+
+What leaves a trace is a packet that writes and a file that is opened for writing, renamed or
+removed. Dying is instant: nothing that the dying code tries to clean up gets anywhere.
+"""
+
+import pytest
+from harness.calibration_rig import Death, Died, LentArm
+
+from so101_motion.calib.procedure import journal
+from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.session import Session
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS, JointCalibration
+from so101_motion.calib.record.zero import Zero
+from so101_motion.common.errors import CalibrationError
+from so101_motion.drivers.emulator import registers as emulated
+
+FORMER = {
+    joint: JointCalibration(id=i, homing_offset=3 * i, range_min=900 + i, range_max=2700 + i)
+    for i, joint in enumerate(JOINTS, start=1)
+}
+ZEROS = {"elbow_flex": Zero(by="stops", angle=0.25)}
+CALIBRATED = ("shoulder_pan", "elbow_flex", "gripper")
+"""Three joints are as good as six, and quicker; what the file says of the others must stay."""
+
+
+class Workshop:
+    """An arm with a calibration, and what becomes of both."""
+
+    def __init__(self, folder, monkeypatch, *, has_file=True):
+        folder.mkdir()
+        monkeypatch.setenv("XDG_DATA_HOME", str(folder / "home"))
+        self.file = folder / "arm.json"
+        self.death = Death(folder)
+        self.arm = LentArm(self.death)
+        for joint in JOINTS:
+            write_held(self.arm.bus, SERVO_IDS[joint], Held.of(FORMER[joint]))
+        if has_file:
+            store.save(self.file, FORMER, zeros=ZEROS)
+        # One joint whose travel will pass the seam, so that saving changes its offset again.
+        self.arm.put_deg(shoulder_pan=100, elbow_flex=30)
+        self.former = self.state()
+        self.death.count = 0
+
+    def state(self):
+        """What the servos would hold after a power cut, and what the file says."""
+        servos = {joint: self.arm.flashed(joint) for joint in JOINTS}
+        try:
+            stored = store.read(self.file)
+        except CalibrationError:
+            assert not self.file.exists()
+            return servos, None, None
+        return servos, dict(stored.calibration), dict(stored.zeros)
+
+    def calibrate(self):
+        session = Session(self.file, CALIBRATED)
+        session.start(self.arm)
+        session.set_homing()
+        session.start_recording()
+        self.arm.sweep_all(CALIBRATED, step=500)
+        session.stop_recording()
+        session.save()
+
+    def abort(self):
+        session = Session(self.file, CALIBRATED)
+        session.start(self.arm)
+        session.set_homing()
+        session.abort()
+
+    def die(self, at, doing):
+        """Do something, and die at its trace number ``at``; whether it came to that."""
+        self.death.count, self.death.at = 0, at
+        try:
+            doing()
+        except Died:
+            return True
+        finally:
+            self.death.rebirth()
+            self.arm.watcher = None
+        return False
+
+    def recover(self):
+        journal.recover(self.arm.bus, self.file)
+
+    def check(self, *outcomes):
+        """Servos and file agree on one of the outcomes, and nothing is left lying about."""
+        assert self.state() in outcomes
+        assert {joint: self.arm.held(joint) for joint in JOINTS} == self.state()[0]
+        assert not journal.path_for(self.file).exists()
+        for servo in self.arm.world.servos:
+            assert servo.memory.raw(emulated.LOCK) == 1
+            assert servo.drive.torque == 0
+
+
+@pytest.fixture
+def workshops(tmp_path, monkeypatch):
+    made = []
+
+    def make(**how):
+        made.append(Workshop(tmp_path / str(len(made)), monkeypatch, **how))
+        return made[-1]
+
+    return make
+
+
+@pytest.mark.parametrize(("has_file", "step"), [(True, 1), (False, 4)])
+def test_dying_anywhere_leaves_the_former_calibration_or_the_new_one(workshops, has_file, step):
+    whole = workshops(has_file=has_file)
+    whole.calibrate()
+    new, traces = whole.state(), whole.death.count
+    assert new[1] is not None
+    assert 50 < traces < 120
+    became_new = []
+    for at in range(0, traces, step):
+        shop = workshops(has_file=has_file)
+        assert shop.die(at, shop.calibrate)
+        file_said = shop.state()[1]
+        assert file_said in (shop.former[1], new[1])  # even before anybody has looked
+        shop.recover()
+        shop.check(shop.former, new)
+        became_new.append(shop.state() == new)
+    # There is one instant before which nothing has happened and after which all has.
+    assert became_new == sorted(became_new)
+    assert {True, False} == set(became_new)
+
+
+def test_dying_while_aborting_leaves_the_former_calibration(workshops):
+    whole = workshops()
+    whole.abort()
+    assert whole.state() == whole.former
+    for at in range(0, whole.death.count, 2):
+        shop = workshops()
+        assert shop.die(at, shop.abort)
+        shop.recover()
+        shop.check(shop.former)
+
+
+def test_dying_again_while_that_is_put_right_changes_nothing_about_it(workshops):
+    whole = workshops()
+    whole.calibrate()
+    new, traces = whole.state(), whole.death.count
+    for at in range(3, traces, 11):
+        again = 0
+        while True:
+            shop = workshops()
+            shop.die(at, shop.calibrate)
+            outcome = new if (noted := journal.read(shop.file)) and noted.is_decided else None
+            if not shop.die(again, shop.recover):
+                break
+            shop.recover()
+            shop.check(*((outcome,) if outcome else (shop.former, new)))
+            again += 4
+
+
+def test_dying_together_with_the_servos_power_is_no_different(workshops):
+    whole = workshops()
+    whole.calibrate()
+    new = whole.state()
+    for at in range(0, whole.death.count, 7):
+        shop = workshops()
+        shop.die(at, shop.calibrate)
+        for servo in shop.arm.world.servos:
+            servo.boot()
+        shop.recover()
+        shop.check(shop.former, new)
+
+
+def test_a_new_start_puts_right_what_the_last_one_left(workshops):
+    whole = workshops()
+    whole.calibrate()
+    new = whole.state()
+    for at in range(0, whole.death.count, 9):
+        shop = workshops()
+        shop.die(at, shop.calibrate)
+        session = Session(shop.file)
+        session.start(shop.arm)
+        session.abort()
+        shop.check(shop.former, new)

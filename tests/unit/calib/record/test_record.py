@@ -1,0 +1,167 @@
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.calib.record import record
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.common.errors import CalibrationError
+
+SEED = {
+    "shoulder_pan": {
+        "id": 1, "drive_mode": 0, "homing_offset": -1470, "range_min": 758, "range_max": 3292,
+        "norm_mode": 3,
+    },
+    "shoulder_lift": {
+        "id": 2, "drive_mode": 0, "homing_offset": 157, "range_min": 612, "range_max": 3401,
+        "norm_mode": 3,
+    },
+    "gripper": {
+        "id": 6, "drive_mode": 0, "homing_offset": 1407, "range_min": 2031, "range_max": 3476,
+        "norm_mode": 1,
+    },
+}  # fmt: skip
+
+
+def seed_with(joint="shoulder_pan", **changes):
+    content = json.loads(json.dumps(SEED))
+    content[joint].update(changes)
+    return content
+
+
+def test_the_seed_s_own_example_is_read():
+    found = record.parse(SEED)
+
+    assert set(found) == {"shoulder_pan", "shoulder_lift", "gripper"}
+    assert found["shoulder_pan"].to_json() == SEED["shoulder_pan"]
+
+
+def test_lerobot_s_five_fields_are_enough():
+    content = {joint: {k: v for k, v in SEED[joint].items() if k != "norm_mode"} for joint in SEED}
+    found = record.parse(content)
+
+    assert found["shoulder_pan"].norm_mode == 3
+    assert found["gripper"].norm_mode == 1
+
+
+def test_joints_that_are_null_or_missing_are_missing():
+    found = record.parse({**SEED, "elbow_flex": None, "something_else": 5})
+
+    assert "elbow_flex" not in found
+    assert "wrist_flex" not in found
+
+
+def test_a_wrist_that_turns_all_the_way_round_may_say_so():
+    entry = {"id": 5, "drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+
+    assert record.parse({"wrist_roll": entry})["wrist_roll"].range_max == 4095
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"id": 3}, "elbow_flex"),
+        ({"id": 77}, "no joint"),
+        ({"drive_mode": 2}, "drive_mode"),
+        ({"homing_offset": 2048}, "2047"),
+        ({"homing_offset": -2048}, "2047"),
+        ({"range_min": 3292}, "range"),
+        ({"range_min": -1}, "range"),
+        ({"range_max": 4096}, "range"),
+        ({"range_max": 800}, "3.7 deg"),
+        ({"range_min": 10, "range_max": 4090}, "more than the joint can turn"),
+        ({"norm_mode": 4}, "norm_mode"),
+        ({"range_min": 700.5}, "whole number"),
+        ({"range_min": "700"}, "whole number"),
+        ({"range_min": True}, "whole number"),
+        ({"range_min": float("nan")}, "range_min must be a whole number, not nan"),
+        ({"range_max": float("inf")}, "range_max must be a whole number, not inf"),
+        ({"homing_offset": 10**400}, "homing_offset is 10.*beyond all reason"),
+        ({"homing_offset": None}, "homing_offset must be a whole number, not None"),
+    ],
+)
+def test_what_cannot_be_true_is_refused_by_joint(changes, says):
+    with pytest.raises(CalibrationError, match=says) as caught:
+        record.parse(seed_with(**changes))
+
+    assert caught.value.joint == "shoulder_pan"
+    assert caught.value.next_step
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ([], "object"),
+        ({}, "no joint of this arm"),
+        ({"shoulder_pan": {"id": 1}}, "drive_mode, homing_offset, range_min, range_max missing"),
+        ({"shoulder_pan": 5}, "shoulder_pan: must be an object"),
+    ],
+)
+def test_what_is_no_calibration_is_refused(content, says):
+    with pytest.raises(CalibrationError, match=says):
+        record.parse(content)
+
+
+def test_defaults_are_the_published_ones():
+    pan, jaw = record.default("shoulder_pan"), record.default("gripper")
+
+    assert (pan.id, pan.homing_offset, pan.range_min, pan.range_max) == (1, 0, 500, 3500)
+    assert (jaw.id, jaw.range_min, jaw.range_max, jaw.norm_mode) == (6, 2048, 3248, 1)
+
+
+def test_registers_are_believed_when_they_make_sense():
+    found, odd = record.from_registers(
+        "elbow_flex", 3, homing_offset=-5, range_min=900, range_max=3100
+    )
+
+    assert (found.homing_offset, found.range_min, found.range_max) == (-5, 900, 3100)
+    assert odd is None
+
+
+def test_a_jaw_as_new_is_not_driven_past_its_stops():
+    found, odd = record.from_registers("gripper", 6, homing_offset=7, range_min=0, range_max=4095)
+
+    assert (found.range_min, found.range_max, found.homing_offset) == (2048, 3248, 7)
+    assert "calibrate" in odd
+    real, odd = record.from_registers("gripper", 6, homing_offset=0, range_min=2030, range_max=3481)
+    assert (real.range_min, real.range_max, odd) == (2030, 3481, None)
+
+
+def test_a_servo_as_new_is_believed_but_mentioned():
+    found, odd = record.from_registers(
+        "shoulder_pan", 1, homing_offset=0, range_min=0, range_max=4095
+    )
+
+    assert (found.range_min, found.range_max) == (0, 4095)
+    assert "as new" in odd
+
+
+def test_registers_without_sense_give_way_to_defaults():
+    found, odd = record.from_registers("shoulder_pan", 1, homing_offset=0, range_min=9, range_max=9)
+
+    assert found == record.default("shoulder_pan")
+    assert "no sense" in odd
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(JOINTS),
+        st.tuples(
+            st.integers(0, 1), st.integers(-2047, 2047), st.integers(0, 95), st.integers(200, 4000),
+            st.integers(1, 3),
+        ),
+        min_size=1,
+    )
+)  # fmt: skip
+def test_what_is_written_is_read_back(entries):
+    calibration = {
+        joint: JointCalibration(
+            id=JOINTS.index(joint) + 1, drive_mode=mode, homing_offset=offset,
+            range_min=low, range_max=high, norm_mode=norm,
+        )
+        for joint, (mode, offset, low, high, norm) in entries.items()
+    }  # fmt: skip
+    content = {joint: entry.to_json() for joint, entry in calibration.items()}
+
+    assert record.parse(json.loads(json.dumps(content))) == calibration

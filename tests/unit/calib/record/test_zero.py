@@ -1,0 +1,164 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.calib.record import zero
+from so101_motion.calib.record.record import JointCalibration
+from so101_motion.calib.record.zero import MIDDLE, ROLL_UPRIGHT, STOPS, SWEPT, Zero
+from so101_motion.calib.record.zero_report import explain
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.bus.ticks import Ticks
+from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.joint_setup import joint_map
+
+TICKS_PER_DEG = 4096 / 360
+
+
+def recorded(joint, *, short_deg=(0.0, 0.0), middle=2047.5, drive_mode=0):
+    """What a sweep records that stops so far before either stop; and the angle at ``middle``."""
+    lower, upper = np.degrees(STOPS[joint]) + np.array([short_deg[0], -short_deg[1]])
+    half = (upper - lower) / 2 * TICKS_PER_DEG
+    return JointCalibration(
+        id=ARM_JOINTS.index(joint) + 1,
+        range_min=round(middle - half),
+        range_max=round(middle + half),
+        drive_mode=drive_mode,
+    ), (lower + upper) / 2
+
+
+def mapped(joint, entry, known):
+    return joint_map(joint, entry, is_filed=True, jaw_closed=0.0, zero=known)
+
+
+@given(
+    joint=st.sampled_from(SWEPT),
+    middle=st.floats(1500, 2600),
+    drive_mode=st.integers(0, 1),
+)
+def test_a_joint_swept_from_stop_to_stop_has_the_model_s_zero(joint, middle, drive_mode):
+    entry, middle_deg = recorded(joint, middle=middle, drive_mode=drive_mode)
+    known = zero.by_stops(joint, entry)
+    sign = -1 if drive_mode else 1
+    at_zero = middle - sign * middle_deg * TICKS_PER_DEG
+
+    assert known.by == "stops"
+    angle = mapped(joint, entry, known).to_rad(Ticks(round(at_zero)))
+    assert abs(math.degrees(angle)) < 0.1
+
+
+@given(
+    joint=st.sampled_from(SWEPT),
+    short=st.tuples(st.floats(-1.5, 1.9), st.floats(-1.5, 1.9)),
+)
+def test_of_what_a_sweep_misses_half_is_in_the_zero(joint, short):
+    entry, middle_deg = recorded(joint, short_deg=short)
+    known = zero.by_stops(joint, entry)
+
+    error_deg = math.degrees(known.angle) - middle_deg
+    assert error_deg == pytest.approx((short[1] - short[0]) / 2, abs=1e-9)
+
+
+@pytest.mark.parametrize("joint", SWEPT)
+@pytest.mark.parametrize("short_deg", [(4.2, 0.0), (30.0, 20.0), (0.0, -5.2)])
+def test_a_sweep_that_is_not_from_stop_to_stop_says_nothing_of_the_stops(joint, short_deg):
+    assert zero.by_stops(joint, recorded(joint, short_deg=short_deg)[0]) is None
+
+
+def test_neither_roll_nor_jaw_go_by_their_stops():
+    assert zero.by_stops("wrist_roll", recorded("wrist_roll")[0]) is None
+    assert zero.by_stops("gripper", JointCalibration(id=6, range_min=1000, range_max=2462)) is None
+
+
+@given(
+    lower=st.integers(0, 1500),
+    upper=st.integers(2500, 4095),
+    ticks=st.integers(1600, 2400),
+    angle=st.floats(-1.0, 1.0),
+    drive_mode=st.integers(0, 1),
+)
+def test_a_pose_is_where_it_was(lower, upper, ticks, angle, drive_mode):
+    entry = JointCalibration(id=5, range_min=lower, range_max=upper, drive_mode=drive_mode)
+    known = zero.by_pose(entry, ticks, angle=angle)
+
+    assert mapped("wrist_roll", entry, known).to_rad(Ticks(ticks)) == pytest.approx(angle)
+
+
+def test_without_anything_known_zero_is_the_published_module_s():
+    entry = JointCalibration(id=3, range_min=800, range_max=3000)
+
+    assert zero.in_force(None, None) is MIDDLE
+    assert mapped("elbow_flex", entry, MIDDLE).to_rad(Ticks(1900)) == 0.0
+
+
+def test_the_configuration_outranks_the_file():
+    known = Zero(by="stops", angle=0.1)
+
+    assert zero.in_force(known, None) is known
+    assert zero.in_force(known, 0.0) == Zero(by="configured", angle=0.0)
+
+
+def test_the_emulated_arm_has_the_stops_that_calibration_knows():
+    for joint in SO101:
+        assert STOPS[joint.name] == pytest.approx((joint.lower, joint.upper))
+
+
+def test_the_model_stays_inside_its_stops():
+    model = RobotModel.load()
+    for i, joint in enumerate(ARM_JOINTS):
+        assert STOPS[joint][0] <= model.lower[i]
+        assert model.upper[i] <= STOPS[joint][1] + 1e-4
+
+
+def test_travels_are_told_in_ticks():
+    assert zero.expected_travel("elbow_flex") == pytest.approx(193.2 * TICKS_PER_DEG)
+
+
+# In words
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+def calibrated(zeros):
+    return {joint: recorded(joint)[0] for joint in zeros}
+
+
+def test_the_published_zero_is_40_mm_off_at_the_jaws_and_that_is_said(model):
+    zeros = dict.fromkeys(ARM_JOINTS, MIDDLE)
+    *joints, together = explain(zeros, calibrated(zeros), model)
+
+    assert [one.joint for one in joints] == list(ARM_JOINTS)
+    assert (
+        "elbow_flex: zero is the middle of its travel, as for the published" in joints[2].sentence
+    )
+    assert "-5.8 deg" in joints[2].sentence
+    assert "about 39 mm" in together.sentence
+    assert (together.by, together.jaws_mm) == ("middle", 0.0)
+
+
+def test_zeros_that_are_known_are_told_with_their_source(model):
+    zeros = {
+        joint: zero.by_stops(joint, recorded(joint)[0]) or Zero(by="pose", angle=ROLL_UPRIGHT)
+        for joint in ARM_JOINTS
+    } | {"shoulder_pan": Zero(by="configured", angle=math.radians(4.0))}
+    pan, _, elbow, _, roll, together = explain(zeros, calibrated(zeros), model)
+
+    assert "+4.0 deg, as joint_zero_offsets_deg says" in pan.sentence
+    assert "by its stops (recorded 0.1 deg more" in elbow.sentence
+    assert elbow.jaws_mm == pytest.approx(30.0, abs=3.0)
+    assert "by the pose it was held in" in roll.sentence
+    assert together.by == "configured, pose, stops"
+    assert 45.0 < together.jaws_mm < 60.0
+
+
+def test_joints_that_nobody_calibrated_are_left_out(model):
+    zeros = {"elbow_flex": MIDDLE, "wrist_flex": MIDDLE}
+    calibration = calibrated({"wrist_flex": MIDDLE})
+
+    assert [one.joint for one in explain(zeros, calibration, model)] == ["wrist_flex", ""]

@@ -1,0 +1,166 @@
+import contextlib
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli import main
+
+
+@pytest.fixture
+def run():
+    return CliRunner().invoke
+
+
+@pytest.mark.slow
+def test_the_demo_in_text_shows_a_plan_and_arrives(run):
+    result = run(main, ["demo", "--text"])
+    assert result.exit_code == 0, result.output
+    for word in ("shoulder_pan", "wrist_roll", "deg/s", "setpoints", "arrived", "simulated"):
+        assert word in result.output
+
+
+def test_a_busy_port_is_named_with_something_to_try(run):
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = run(main, ["demo", "--web-port", str(port)])
+    assert result.exit_code == 2
+    assert f"127.0.0.1:{port}" in result.output
+    assert "choose another port (--web-port), for example" in result.output
+
+
+@pytest.mark.slow
+def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead():
+    import socket
+
+    command = [sys.executable, "-m", "so101_motion.cli", "demo", "--no-browser"]
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # another program may have it already
+            taken.bind(("127.0.0.1", 8080))
+            taken.listen()
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as demo:
+            link = demo.stdout.readline().decode()
+            demo.terminate()
+            said = demo.stderr.read().decode()
+            assert demo.wait(10.0) == 0
+        port = int(re.search(r":(\d+)/", link)[1])
+        assert 8080 < port < 8100
+        assert f"port 8080 is taken, so the page is on port {port}" in said
+
+
+def test_wrong_usage_is_exit_code_2(run):
+    assert run(main, ["demo", "--no-such-option"]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [(["--ids", "9"], "places 1 to 6"), (["--fault", "nonsense"], "must be one of dead")],
+)
+def test_an_emulation_that_cannot_be_is_refused_in_a_sentence(run, option, says):
+    result = run(main, ["emulate", *option])
+    assert result.exit_code == 2
+    assert says in result.output
+
+
+def test_the_emulator_prints_its_port_and_ends_on_sigterm(tmp_path):
+    link = tmp_path / "arm"
+    command = [sys.executable, "-m", "so101_motion.cli", "emulate", "--link", str(link)]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE) as emulator:
+        assert emulator.stdout.readline().decode().strip() == str(link)
+        assert link.is_symlink()
+        emulator.terminate()
+        assert emulator.wait(10.0) == 0
+    assert not link.exists()
+
+
+def test_a_plan_is_shown_and_saved_and_nothing_moves(run, tmp_path):
+    out = tmp_path / "move.csv"
+    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "shoulder_pan" in result.output
+    assert out.read_text().startswith("time_s,shoulder_pan_deg")
+
+
+def test_a_plan_as_json_is_one_object_for_programs(run):
+    result = run(main, ["plan", "--sim", "--joints", "0,-45,45,60,0", "--json"])
+    content = json.loads(result.stdout)
+    assert content["schema"] == "so101/plan/1"
+    assert content["q_goal_deg"] == pytest.approx([0, -45, 45, 60, 0])
+    assert content["duration_s"] > 0.5
+
+
+def test_a_plan_may_start_anywhere(run):
+    start = "10,-40,40,60,0"
+    result = run(main, ["plan", "--sim", "--from", start, "--pose", "home", "--json"])
+    assert json.loads(result.stdout)["q_start_deg"] == pytest.approx([10, -40, 40, 60, 0])
+
+
+def test_what_stands_in_a_scene_is_avoided_or_named(run, tmp_path):
+    scene = tmp_path / "scene.json"
+    scene.write_text(
+        json.dumps(
+            {"obstacles": [{"name": "mug", "box_mm": [80] * 3, "position_mm": [250, 120, 150]}]}
+        )
+    )
+    result = run(main, ["plan", "--sim", "--xyz", "250,120,150", "--scene", str(scene)])
+    assert result.exit_code == 5
+    assert "mug" in result.stderr
+
+
+@pytest.mark.slow
+def test_a_move_is_planned_told_and_run(run):
+    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--speed", "90", "--yes"])
+    assert result.exit_code == 0, result.output
+    assert "arrived" in result.output
+
+
+def test_a_move_that_is_not_confirmed_is_not_made(run):
+    result = run(main, ["move", "--sim", "--joints", "5,0,0,0,0"], input="n\n")
+    assert result.exit_code == 7
+    assert "arrived" not in result.output
+
+
+def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
+    result = CliRunner().invoke(main, ["move", "--sim", "--joints", "5,0,0,0,0", "--json"])
+    assert result.exit_code == 2
+    assert json.loads(result.stdout)["kind"] == "usage"
+    assert "--yes" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["--sim"], 2, "where to?"),
+        (["--xyz", "1,2,3"], 2, "which arm?"),
+        (["--sim", "--port", "/dev/x", "--pose", "home"], 2, "not both"),
+        (["--sim", "--xyz", "1,2"], 2, "3 numbers"),
+        (["--sim", "--xyz", "1,2,nan"], 2, "3 numbers"),
+        (["--sim", "--xyz", "near"], 2, "X,Y,Z"),
+        (["--sim", "--pose", "home", "--line"], 2, "belong to --xyz"),
+        (["--sim", "--pose", "home", "--frame", "jaw_tip"], 2, "belong to --xyz"),
+        (["--sim", "--xyz", "200,0,100", "--approach", "0,0,0"], 2, "direction"),
+        (["--sim", "--xyz", "900,0,100"], 5, "reach"),
+        (["--sim", "--joints", "0,0,120,0,0"], 5, "elbow_flex"),
+        (["--sim", "--pose", "home", "--speed", "500"], 2, "speed"),
+        (["--port", "/dev/no-such-port", "--pose", "home"], 3, "/dev/no-such-port"),
+        (["--sim", "--pose", "home", "--scene", "none.json"], 2, "none.json"),
+        (["--sim", "--pose", "ready", "--out", "move.xlsx"], 2, ".mcap"),
+        (["--sim", "--xyz", "1e308,0,0"], 2, "from -1e+06 to 1e+06"),
+        (["--sim", "--pose", "home", "--from", "1e9,0,0,0,0"], 2, "from -360 to 360"),
+        (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
+        (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "belongs to --port"),
+        (["--port", "", "--pose", "home"], 2, "a port has a name"),
+        (["--port", "/tmp", "--pose", "home"], 3, "no serial port"),
+    ],
+)
+def test_a_mistake_is_a_sentence_and_an_exit_code(run, arguments, code, says):
+    result = run(main, ["plan", *arguments])
+    assert result.exit_code == code, result.output
+    assert says in result.output

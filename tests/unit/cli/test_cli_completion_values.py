@@ -1,0 +1,106 @@
+"""What a shell is offered when somebody presses Tab."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli import main
+from so101_motion.drivers.port import port_list
+from so101_motion.drivers.port.port_list import FoundPort
+from so101_motion.files.saved_poses import PoseBook
+from so101_motion.tasks.program import Program, Waypoint, files
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    return tmp_path
+
+
+def offered(*words: str) -> list[str]:
+    """What is offered for the last of these words, each with its kind."""
+    asked = {
+        "_SO101_COMPLETE": "bash_complete",
+        "COMP_WORDS": "\n".join(("so101", *words)),
+        "COMP_CWORD": str(len(words)),
+    }
+    told = CliRunner().invoke(main, [], prog_name="so101", env=asked)
+    return [line for line in told.output.splitlines() if line]
+
+
+def test_poses_are_offered_those_of_ones_own_too() -> None:
+    assert offered("plan", "--pose", "") == ["plain,home", "plain,ready", "plain,rest"]
+    PoseBook().save("over the mug", np.zeros(5))
+    assert offered("move", "--sim", "--pose", "o") == ["plain,over the mug"]
+
+
+def test_a_pose_file_that_cannot_be_read_is_no_reason_to_complain(data: Path) -> None:
+    (data / "so101_motion").mkdir()
+    (data / "so101_motion" / "poses.json").write_text("{")
+    assert offered("plan", "--pose", "r") == ["plain,ready", "plain,rest"]
+
+
+def test_programs_are_offered_and_files_where_there_is_none_that_fits() -> None:
+    files.write(Program(waypoints=(Waypoint(name="a", q=np.zeros(5)),)), files.file_of("stack it"))
+    assert offered("run", "") == ["plain,stack it"]
+    assert offered("run", "wave") == ["file,wave"]
+
+
+@pytest.mark.parametrize(
+    "words", [("status", "--port"), ("ports", "--port"), ("teleop", "--leader")], ids=str
+)
+def test_ports_are_offered_by_each_of_their_names(
+    words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lasting = "/dev/serial/by-id/usb-1a86-if00"
+    found = FoundPort(name=lasting, device="/dev/ttyACM0", key="1a86", aliases=())
+    monkeypatch.setattr(port_list, "find_ports", lambda: (found,))
+    assert offered(*words, "") == [f"plain,{lasting}", "plain,/dev/ttyACM0"]
+    assert offered(*words, "/dev/tty") == ["plain,/dev/ttyACM0"]
+    assert offered(*words, "/tmp/so") == ["file,/tmp/so"]
+
+
+def test_nothing_heavy_is_imported_for_it() -> None:
+    asked = {"_SO101_COMPLETE": "bash_complete", "COMP_WORDS": "so101\nplan\n--pose\n"}
+    program = (
+        "import sys, atexit\n"
+        "heavy = {'pinocchio', 'coal', 'scipy', 'viser', 'viam', 'toppra', 'ruckig', 'rich'}\n"
+        "atexit.register(lambda: print(sorted(heavy & set(sys.modules))))\n"
+        "from so101_motion.cli import main; main(prog_name='so101')"
+    )
+    environment = {**os.environ, **asked, "COMP_CWORD": "3"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines() == ["plain,home", "plain,ready", "plain,rest", "[]"]
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash here")
+@pytest.mark.parametrize(
+    ("typed", "made"),
+    [("ov", r"over\ the\ mug"), ('"ov', "over the mug"), ("it", r"it\'s\ \$HOME")],
+)
+def test_bash_itself_completes_names_with_blanks(typed: str, made: str, tmp_path: Path) -> None:
+    """With a program in place of so101 that answers as it would."""
+    script = CliRunner().invoke(main, ["completion", "bash"]).stdout
+    so101 = tmp_path / "so101"
+    quoted = made.replace("\\", "").replace("'", "'\\''")
+    so101.write_text(f"#!/bin/sh\necho 'plain,{quoted}'\n")
+    so101.chmod(0o755)
+    run = (
+        f"{script}\nCOMP_WORDS=(so101 plan --pose {typed!r}); COMP_CWORD=3\n"
+        '_so101_completion so101\nprintf "%s\\n" "${COMPREPLY[@]}"\n'
+    )
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(
+        ["bash", "--norc", "-c", run], env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == made

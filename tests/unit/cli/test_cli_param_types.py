@@ -1,0 +1,87 @@
+"""What is typed behind options: refused before anything is done for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from so101_motion.cli import main
+from so101_motion.rig import hardware_rig
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder, in which nothing has been made afterwards."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    (tmp_path / "work" / "folder.json").mkdir(parents=True)
+    (tmp_path / "work" / "there.json").write_text("{}")
+    monkeypatch.chdir(tmp_path / "work")
+    yield tmp_path / "work"
+    assert sorted(path.name for path in (tmp_path / "work").iterdir()) == [
+        "folder.json", "there.json",
+    ]  # fmt: skip
+    assert (tmp_path / "work" / "there.json").read_text() == "{}"
+
+
+@pytest.fixture
+def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An arm must not even be opened."""
+
+    def opened(**_: object) -> None:
+        raise AssertionError("an arm was opened first")
+
+    monkeypatch.setattr(hardware_rig, "open_simulated", opened)
+
+
+def so101(line: str) -> Result:
+    return CliRunner().invoke(main, line.split())
+
+
+@pytest.mark.usefixtures("no_arm")
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("plan --sim --pose ready --out x.xyz", ".csv, .json, .mcap"),
+        ("plan --sim --pose ready --out x.mcap --lerobot", ".csv or .json"),
+        ("plan --sim --pose ready --out none/x.csv", "no folder 'none'"),
+        ("plan --sim --pose ready --out folder.json", "is a directory"),
+        ("plan --sim --pose ready --html x.mp4", "must end with .html"),
+        ("plan --sim --pose ready --scene none.json", "does not exist"),
+        ("plan --sim --pose ready --scene there.json --speed 181", "3 to 180"),
+        ("move --sim --pose ready --acceleration nan", "no number"),
+        ("doctor --sim --report none/x.md", "no folder 'none'"),
+        ("move-test --sim --yes --report none/x.json", "no folder 'none'"),
+        ("guide record --sim --yes none/x.json", "no folder 'none'"),
+        ("guide record --sim --yes there.json", "is there already"),
+        ("guide record --sim --yes x.csv", "must end with .json"),
+        ("guide record --sim --yes x.json --seconds nan", "no number"),
+        ("guide replay --sim --yes none.json", "does not exist"),
+        ("guide replay --sim --yes there.json --tolerance nan", "no number"),
+        ("teleop --leader sim --follower sim --yes --record x.xlsx", ".csv or .mcap"),
+        ("teleop --leader sim --follower sim --yes --record none/x.csv", "no folder 'none'"),
+        ("teleop --leader sim --follower sim --yes --scene there.json", "belongs to --guard"),
+        ("teleop --leader sim --follower sim --yes --fps 0", "0.1 to 1000"),
+        ("calibrate --events none/x", "No such file"),
+        ("setup --within -1", "x>=0"),
+        ("setup --web --dry-run", "--web goes with"),
+        ("emulate --link none/x", "nothing can be made"),
+        ("emulate --link there.json", "no link"),
+        ("emulate --loss 2", "0 to 1"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_at_once(line: str, says: str) -> None:
+    result = so101(line)
+    assert result.exit_code == 2, result.output
+    assert says in result.stderr
+
+
+def test_a_folder_in_which_nobody_may_write_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
+    result = so101("plan --sim --pose ready --out x.csv")
+    assert result.exit_code == 2
+    assert "nothing can be written" in result.stderr

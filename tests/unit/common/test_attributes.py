@@ -1,0 +1,194 @@
+import math
+import time
+
+import pytest
+
+from so101_motion.common.attributes import LoadConfig, suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.viam.component_config import (
+    HardwareArmConfig,
+    SimulatedArmConfig,
+    SimulatedGripperConfig,
+)
+
+
+def hardware(attributes):
+    return HardwareArmConfig.from_attributes({"port": "/dev/null", **attributes})
+
+
+def test_an_empty_configuration_gives_the_published_defaults():
+    config = SimulatedArmConfig.from_attributes({})
+
+    assert config.speed == pytest.approx(math.radians(90.0))
+    assert config.motion is None
+    assert config.simulate_time
+    assert not config.visualize_ee_frame
+    assert not config.use_urdf
+    assert config.floor_z == pytest.approx(-0.0024)
+    assert config.position_tolerance is None
+    assert config.approach_tolerance is None
+
+
+def test_every_attribute_is_read_in_si():
+    config = SimulatedArmConfig.from_attributes(
+        {
+            "speed_degs_per_sec": 60.0,
+            "acceleration_degs_per_sec_per_sec": 200.0,
+            "motion": "mine",
+            "simulate_time": False,
+            "visualize_ee_frame": True,
+            "use_urdf": True,
+            "floor_z_mm": -10.0,
+            "position_tolerance_mm": 2.0,
+            "orientation_tolerance_deg": 30.0,
+            "mesh_decimation_ratios": [0.9, 0.5],
+        }
+    )
+
+    assert config.speed == pytest.approx(math.radians(60.0))
+    assert config.acceleration == pytest.approx(math.radians(200.0))
+    assert config.motion == "mine"
+    assert not config.simulate_time
+    assert config.visualize_ee_frame
+    assert config.use_urdf
+    assert config.floor_z == pytest.approx(-0.01)
+    assert config.position_tolerance == pytest.approx(0.002)
+    assert config.approach_tolerance == pytest.approx(math.radians(30.0))
+    assert config.unused == ("mesh_decimation_ratios",)
+
+
+def test_moves_are_planned_here_unless_a_motion_service_is_named():
+    assert SimulatedArmConfig.from_attributes({}).motion is None
+    assert SimulatedArmConfig.from_attributes({"motion": "builtin"}).motion == "builtin"
+
+
+def test_nulls_empty_strings_and_zero_tolerances_count_as_not_given():
+    config = SimulatedArmConfig.from_attributes(
+        {
+            "motion": "",
+            "speed_degs_per_sec": None,
+            "position_tolerance_mm": 0.0,
+            "orientation_tolerance_deg": 0.0,
+        }
+    )
+
+    assert config == SimulatedArmConfig.from_attributes({})
+
+
+def test_an_unknown_attribute_is_answered_with_the_nearest_known_one():
+    with pytest.raises(ConfigError) as caught:
+        SimulatedArmConfig.from_attributes({"sped_degs_per_sec": 3.0})
+
+    assert caught.value.key == "sped_degs_per_sec"
+    assert 'did you mean "speed_degs_per_sec"?' in str(caught.value)
+    assert "simulate_time" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("speed_degs_per_sec", 0.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", -1.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", 181.0, "from 3 to 180 deg/s"),
+        ("speed_degs_per_sec", math.nan, "finite"),
+        ("speed_degs_per_sec", "fast", "a number"),
+        ("speed_degs_per_sec", True, "a number"),
+        ("acceleration_degs_per_sec_per_sec", 9.0, "from 10 to 500 deg/s^2"),
+        ("motion", 3.0, "a string"),
+        ("simulate_time", 1.0, "true or false"),
+        ("simulate_time", "no", "true or false"),
+        ("floor_z_mm", math.inf, "finite"),
+        ("position_tolerance_mm", -1.0, "from 0 to 1000 mm"),
+        ("orientation_tolerance_deg", 181.0, "from 0 to 180 deg"),
+        ("mesh_decimation_ratios", 0.5, "a list"),
+        ("mesh_decimation_ratios", [0.1] * 6, "at most 5"),
+    ],
+)
+def test_a_value_that_cannot_be_used_is_named_with_what_is_allowed(key, value, says):
+    with pytest.raises(ConfigError, match=f'^"{key}" = ') as caught:
+        SimulatedArmConfig.from_attributes({key: value})
+
+    assert says in str(caught.value)
+    assert caught.value.key == key
+
+
+@pytest.mark.parametrize("ratio", [math.nan, 1.1, -0.1, "half"])
+def test_a_wrong_entry_of_a_list_is_named_by_its_index(ratio):
+    with pytest.raises(ConfigError, match=r"mesh_decimation_ratios\[1\]"):
+        SimulatedArmConfig.from_attributes({"mesh_decimation_ratios": [0.5, ratio]})
+
+
+def test_a_gripper_is_a_follower_with_light_meshes_unless_told_otherwise():
+    config = SimulatedGripperConfig.from_attributes({})
+
+    assert (config.gripper_type, config.mesh_detail) == ("follower", "low")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({"gripper_type": "leeder"}, 'did you mean "leader"?'),
+        ({"mesh_detail": "medium"}, "known: low, high"),
+        ({"gripper_typ": "leader"}, 'did you mean "gripper_type"?'),
+        ({"gripper_type": 1.0}, "must be a string"),
+    ],
+)
+def test_a_gripper_setting_that_does_not_exist_is_refused(attributes, says):
+    with pytest.raises(ConfigError) as caught:
+        SimulatedGripperConfig.from_attributes(attributes)
+
+    assert says in str(caught.value)
+
+
+def test_a_suggestion_is_only_made_when_something_is_near():
+    assert suggest("zzz", ("speed", "motion")) == "known: speed, motion"
+    assert suggest("spede", ("speed", "motion")).startswith('did you mean "speed"?')
+
+
+def test_what_the_arm_carries_is_read_in_kilograms_and_millimetres():
+    config = SimulatedArmConfig.from_attributes(
+        {"payload_kg": 0.15, "payload_com_mm": [8.0, 0.0, 98.0], "servo_voltage": 12}
+    )
+    assert config.load == LoadConfig(mass=0.15, com=(0.008, 0.0, 0.098), servo_voltage=12.0)
+    assert SimulatedArmConfig.from_attributes({}).load == LoadConfig()
+
+
+@pytest.mark.parametrize(
+    ("attributes", "complaint"),
+    [
+        ({"payload_kg": 150.0}, "from 0 to 5 kg"),
+        ({"payload_kg": -0.1}, "from 0 to 5 kg"),
+        ({"payload_com_mm": [8.0, 0.0]}, "must be three numbers"),
+        ({"payload_com_mm": [8.0, 0.0, 5000.0]}, "from -1000 to 1000"),
+        ({"servo_voltage": 5.0}, "must be 7.4 or 12"),
+    ],
+)
+def test_a_load_that_cannot_be_meant_is_refused(attributes, complaint):
+    with pytest.raises(ConfigError, match=complaint):
+        SimulatedArmConfig.from_attributes(attributes)
+
+
+def test_a_long_word_is_like_none_and_compared_with_none():
+    begin = time.monotonic()
+    assert suggest("a" * 1_000_000, ("speed", "motion")) == "known: speed, motion"
+    assert time.monotonic() - begin < 0.5
+
+
+def test_of_many_known_words_only_some_are_named():
+    hint = suggest("word 7", [f"word {i}" for i in range(100_000)])
+    assert hint.endswith("and 99750 more")
+
+
+def test_a_whole_number_beyond_all_floats_is_refused():
+    with pytest.raises(ConfigError, match="finite"):
+        SimulatedArmConfig.from_attributes({"speed_degs_per_sec": 10**400})
+
+
+@pytest.mark.parametrize("read", [SimulatedArmConfig.from_attributes, hardware])
+def test_the_arm_s_own_caps_are_never_above_what_no_request_exceeds(read):
+    wanted = read({"max_speed_degs_per_sec": 20.0, "max_acceleration_degs_per_sec_per_sec": 60.0})
+    assert wanted.speed == wanted.max_speed == pytest.approx(math.radians(20.0))
+    assert wanted.acceleration == wanted.max_acceleration == pytest.approx(math.radians(60.0))
+    with pytest.raises(ConfigError, match="above max_speed_degs_per_sec, 20"):
+        read({"max_speed_degs_per_sec": 20.0, "speed_degs_per_sec": 21.0})
+    assert read({}).max_speed == pytest.approx(math.pi)

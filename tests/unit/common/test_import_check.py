@@ -1,0 +1,90 @@
+"""What is said when something that is needed cannot be imported."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from so101_motion.common import import_check
+
+ROOT = Path(__file__).parents[3]
+LOST = "libgomp.so.1: cannot open shared object file: No such file or directory"
+
+
+@pytest.fixture
+def without_libgomp(tmp_path):
+    """An environment in which pinocchio cannot be loaded, as on a minimal Debian."""
+    (tmp_path / "pinocchio.py").write_text(f"raise ImportError({LOST!r})\n")
+    (tmp_path / "apt-get").touch(mode=0o755)
+    path = f"{tmp_path}:{os.environ['PATH']}"
+    return {**os.environ, "PYTHONPATH": f"{tmp_path}:{ROOT}", "PATH": path}
+
+
+def run(environment, *arguments):
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd="/",
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+def test_everything_needed_can_be_imported_here():
+    assert import_check.main(["dev", "viewer"]) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("-m", "so101_motion.common.import_check"),
+        ("-m", "so101_motion", "/tmp/no.sock"),
+        ("-m", "so101_motion.cli", "demo", "--text"),
+    ],
+    ids=["the installation", "the module", "the command line"],
+)
+def test_a_missing_library_is_named_with_the_command_that_installs_it(without_libgomp, arguments):
+    ended = run(without_libgomp, *arguments)
+    assert ended.returncode == 1
+    assert "error: the system library libgomp.so.1 is missing" in ended.stderr
+    assert "try: apt-get install libgomp1 (as root)" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert "defect" not in ended.stderr
+
+
+def test_without_apt_the_package_is_named_all_the_same(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert import_check.sentence(ImportError(LOST)).endswith("holds it (Debian: libgomp1)")
+
+
+def test_a_library_nobody_knows_is_named():
+    error = ImportError("libodd.so.7: cannot open shared object file: No such file or directory")
+    assert "libodd.so.7 is missing" in import_check.sentence(error)
+
+
+def test_a_package_that_is_not_installed_is_named_with_the_way_to_install_it():
+    error = import_check.first_failure(["json", "no_such_package.part"])
+    assert "no_such_package is not installed" in import_check.sentence(error)
+    assert f"try: {ROOT / 'setup.sh'}" in import_check.sentence(error)
+
+
+def test_a_defect_of_ours_is_not_explained_away():
+    assert import_check.explain(ImportError("cannot import name 'x' from 'y'")) is None
+    assert import_check.explain(ModuleNotFoundError("no", name="so101_motion.gone")) is None
+
+
+def test_everything_that_is_imported_is_tried():
+    known = {name.partition(".")[0] for name in import_check.NEEDED} | set(sys.stdlib_module_names)
+    optional = {"mcap_ros2", "so101_motion", "so101_viewer", "so101_description", "scipy"}
+    found = set()
+    for path in (ROOT / "so101_motion").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(node.module.partition(".")[0])
+    assert found - known - optional == set()

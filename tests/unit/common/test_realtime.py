@@ -1,0 +1,85 @@
+import gc
+import os
+import sys
+import threading
+
+import pytest
+
+from so101_motion.common.realtime import be_ordinary, go_first, steady_interpreter
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
+def test_only_the_thread_that_asks_goes_first_and_what_it_starts_does_not():
+    seen = []
+
+    def ask():
+        allowed = go_first()
+        child = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
+        seen.append((allowed, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
+        child.start()
+        child.join()
+
+    thread = threading.Thread(target=ask)
+    thread.start()
+    thread.join()
+    (allowed, policy), inherited = seen
+
+    assert policy == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
+    assert inherited == os.SCHED_OTHER
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def in_a_thread(job):
+    """What ``job`` returns; a niceness is a thread's own, so the tests' stays as it is."""
+    seen = []
+    thread = threading.Thread(target=lambda: seen.append(job()))
+    thread.start()
+    thread.join()
+    return seen[0]
+
+
+def niceness():
+    return os.getpriority(os.PRIO_PROCESS, 0)
+
+
+@pytest.fixture
+def unsteady():
+    """What a test has changed for the whole interpreter is put back."""
+    interval = sys.getswitchinterval()
+    yield
+    sys.setswitchinterval(interval)
+    gc.unfreeze()
+
+
+def test_a_steady_interpreter_takes_short_turns_and_leaves_alone_what_is_there(unsteady):
+    in_a_thread(steady_interpreter)
+    assert sys.getswitchinterval() == pytest.approx(0.0005)
+    assert gc.get_freeze_count() > 10_000
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a niceness is a thread's own only there")
+def test_all_threads_of_a_steady_program_go_before_others_and_its_children_need_not(unsteady):
+    before = niceness()
+
+    def begin():
+        steady_interpreter()
+        mine, of_a_new_thread = niceness(), in_a_thread(niceness)
+        be_ordinary()
+        return mine, of_a_new_thread, niceness()
+
+    mine, of_a_new_thread, afterwards = in_a_thread(begin)
+    assert mine == of_a_new_thread
+    assert mine in (before, -11), "not everybody may"
+    assert afterwards == before
+    assert niceness() == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a niceness is a thread's own only there")
+def test_a_niceness_that_somebody_has_chosen_stays(unsteady):
+    def begin():
+        os.setpriority(os.PRIO_PROCESS, 0, 7)
+        steady_interpreter()
+        be_ordinary()
+        return niceness()
+
+    assert in_a_thread(begin) == 7

@@ -1,0 +1,104 @@
+import threading
+
+import numpy as np
+
+from so101_motion.common.clock import MonotonicClock
+from so101_motion.common.errors import MotionError
+from so101_motion.common.modes import Mode
+from so101_motion.control.executor import Executor
+from so101_motion.drivers.simulated import SimArm
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+
+Q_GOAL = np.array([0.6, -0.4, 0.5, -0.3, 1.0])
+
+
+def test_a_resting_arm_is_looked_at_twenty_times_a_second_and_told_nothing(sim):
+    sim.arm.tape.clear()
+    seen = {sim.state.t}
+    for _ in range(100):
+        sim.clock.advance(0.01)
+        seen.add(sim.state.t)
+    assert len(seen) == 1 + 20
+    assert sim.arm.tape == []
+
+
+def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(
+    make_sim, taped_arm, clock
+):
+    class SlowArm(taped_arm):
+        """Every tenth exchange takes 23 ms on the wire."""
+
+        count = 0
+
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd)
+            self.count += 1
+            if self.count % 10 == 0:
+                clock.wait(clock.now() + 0.023, threading.Event())
+
+    sim = make_sim(SlowArm(clock))
+    sim.executor.start()
+    sim.arm.tape.clear()
+    trajectory = sim.slow_move(3.0)
+    t0 = clock.now()
+    sim.after(5.0, sim.executor.execute(trajectory))
+    gaps = np.diff(sim.arm.times)
+    # after a long exchange two ticks are gone and the third comes 3 ms late, then all is on time
+    np.testing.assert_allclose(np.unique(np.round(gaps, 6)), [0.007, 0.01, 0.023])
+    assert sim.state.late_ticks == np.sum(np.isclose(gaps, 0.023))
+    k = np.round((sim.arm.times - t0) / sim.dt - 0.2).astype(int)
+    np.testing.assert_array_equal(sim.arm.goals, trajectory.q[np.minimum(k, 300)])
+
+
+def freezing(taped_arm, clock, pause):
+    class FreezingArm(taped_arm):
+        """The hundredth exchange takes ``pause`` seconds."""
+
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd)
+            if len(self.tape) == 100:
+                clock.wait(clock.now() + pause, threading.Event())
+
+    return FreezingArm(clock)
+
+
+def test_a_pause_is_made_up_for_by_arriving_later(make_sim, taped_arm, clock):
+    sim = make_sim(freezing(taped_arm, clock, 0.5))
+    sim.executor.start()
+    trajectory = sim.slow_move(3.0)
+    sim.after(5.0, sim.executor.execute(trajectory))
+    step = np.max(np.abs(np.diff(sim.arm.goals, axis=0)))
+    assert step <= np.max(np.abs(np.diff(trajectory.q, axis=0))) + 1e-12
+    assert sim.state.late_ticks == 49  # 50 periods, and the tick after them comes
+
+
+def test_a_long_standstill_ends_the_motion_without_a_jump(make_sim, taped_arm, clock):
+    sim = make_sim(freezing(taped_arm, clock, 2.0))
+    sim.executor.start()
+    future = sim.executor.execute(sim.slow_move(3.0))
+    error = sim.error_after(5.0, future)
+    assert isinstance(error, MotionError)
+    assert "no setpoint could be sent for 2.00 s" in str(error)
+    assert np.max(np.abs(np.diff(sim.arm.goals, axis=0))) < 0.03
+    assert sim.state.mode is Mode.HOLDING
+
+
+def test_two_arms_can_share_a_clock(make_sim):
+    first, second = make_sim(), make_sim()
+    for sim in (first, second):
+        sim.executor.start()
+    moves = [sim.executor.execute(sim.to_goal(Q_GOAL)) for sim in (first, second)]
+    first.clock.advance(5.0)
+    assert [move.result(timeout=0) for move in moves] == [None, None]
+    np.testing.assert_array_equal(first.arm.goals, second.arm.goals)
+
+
+def test_a_short_move_in_real_time_arrives():
+    clock = MonotonicClock()
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=30.0, jerk=600.0)
+    q_goal = np.full(5, 0.05)
+    with Executor(SimArm(clock), clock, dt=0.01, stop_limits=limits) as executor:
+        trajectory = online.point_to_point(np.zeros(5), q_goal, limits, 0.01)
+        executor.execute(trajectory).result(timeout=30.0)
+        np.testing.assert_allclose(executor.state.q, q_goal, atol=1e-3)

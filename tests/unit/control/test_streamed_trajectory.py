@@ -1,0 +1,203 @@
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import Interrupted, MotionError, OutsideLimits
+from so101_motion.control.streamed_trajectory import LEAD, START_GATE, Stream, TimedPoint
+from so101_motion.planning.timing.limits import MotionLimits
+
+DT = 0.01
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=5.0, jerk=50.0)
+HOME = np.array([0.1, -0.2, 0.3, -0.4, 0.5])
+
+
+def make_stream(q_start=HOME):
+    return Stream(q_start=q_start, limits=LIMITS, dt=DT)
+
+
+def points(t, q):
+    return [TimedPoint(t=float(at), q=where) for at, where in zip(t, q, strict=True)]
+
+
+def smooth(duration=2.0, period=0.02, travel=0.8, q_start=HOME):
+    """Dense points of a smooth motion of all joints, from rest to rest."""
+    t = np.arange(round(duration / period) + 1) * period
+    u = t / duration
+    q = q_start + travel * (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None]
+    return t, q
+
+
+def played(stream, until):
+    """The setpoints from 0 to ``until``: times, positions, velocities, accelerations."""
+    t = np.arange(round(until / DT) + 1) * DT
+    samples = [stream.at(at) for at in t]
+    return t, *(np.array([getattr(s, name) for s in samples]) for name in ("q", "qd", "qdd"))
+
+
+def test_playing_waits_for_points_enough_or_for_the_end():
+    stream, short = make_stream(), make_stream()
+    t, q = smooth()
+    for point in points(t, q):
+        assert stream.is_primed == (point.t > LEAD)
+        stream.push([point])
+        if point.t > LEAD:
+            break
+    short.push(points([0.0, 0.1], [HOME, HOME]))
+    assert not short.is_primed
+    short.finish()
+    assert short.is_primed
+
+
+def test_it_begins_at_rest_exactly_where_the_arm_is():
+    stream = make_stream()
+    t, q = smooth(q_start=HOME + np.radians(4.0))
+    stream.push(points(t, q))
+    first = stream.at(0.0)
+    np.testing.assert_allclose(first.q, HOME, atol=1e-12)
+    np.testing.assert_allclose(first.qd, 0.0, atol=1e-12)
+    np.testing.assert_allclose(first.qdd, 0.0, atol=1e-9)
+
+
+def test_dense_points_are_followed_closely_a_little_later():
+    stream = make_stream()
+    t, q = smooth()
+    stream.push(points(t, q))
+    at, played_q, _, _ = played(stream, 2.0)
+
+    def off(delay):
+        return np.max(np.abs(played_q[:, 0] - np.interp(at - delay, t, q[:, 0])))
+
+    assert min(off(delay) for delay in np.arange(0.0, 0.15, 0.005)) < np.radians(0.3)
+
+
+def test_coarse_points_become_a_motion_within_all_limits():
+    stream = make_stream()
+    t = np.arange(5) * 0.7
+    q = HOME + np.array([0.0, 0.8, -0.2, -0.2, 0.8])[:, None] * np.ones(5)
+    stream.push(points(t, q))
+    _, played_q, qd, qdd = played(stream, 2.8)
+    assert np.max(np.abs(qd)) <= LIMITS.velocity[0]
+    assert np.max(np.abs(qdd)) <= LIMITS.acceleration[0] * 1.01
+    assert np.max(np.abs(np.diff(played_q, 3, axis=0))) / DT**3 <= LIMITS.jerk[0] * 1.01
+
+
+def test_a_start_a_little_off_fades_out_and_adds_at_most_a_tenth():
+    stream = make_stream()
+    off = START_GATE * np.array([0.9, -0.9, 0.5, 0.0, 0.2])
+    q_first = HOME + off
+    stream.push(points([0.0, 10.0], [q_first, q_first]))
+    _, q, qd, qdd = played(stream, 10.0)
+    assert np.max(np.abs(qd)) <= 0.1 * LIMITS.velocity[0] * 1.001
+    assert np.max(np.abs(qdd)) <= 0.1 * LIMITS.acceleration[0] * 1.001
+    np.testing.assert_allclose(q[-1], q_first, atol=1e-9)
+
+
+def test_it_makes_no_difference_in_how_many_pieces_the_points_arrive():
+    whole, pieces = make_stream(), make_stream()
+    t, q = smooth(duration=6.0)
+    whole.push(points(t, q))
+    pieces.push(points(t[:25], q[:25]))
+    next_point = 25
+    for k in range(500):
+        while next_point < len(t) and t[next_point] < k * DT + 0.3:
+            pieces.push(points(t[next_point : next_point + 1], q[next_point : next_point + 1]))
+            next_point += 1
+        np.testing.assert_allclose(pieces.at(k * DT).q, whole.at(k * DT).q, rtol=0, atol=1e-12)
+
+
+def test_the_first_point_must_be_for_time_zero():
+    with pytest.raises(ValueError, match=r"must be for time 0, not 0\.1 s"):
+        make_stream().push(points([0.1], [HOME]))
+
+
+@pytest.mark.parametrize("second", [0.0, -0.1])
+def test_times_must_increase(second):
+    stream = make_stream()
+    stream.push(points([0.0], [HOME]))
+    with pytest.raises(ValueError, match="must increase"):
+        stream.push(points([second], [HOME]))
+    with pytest.raises(ValueError, match="must increase"):
+        stream.push(points([0.2, 0.2], [HOME, HOME]))
+
+
+@pytest.mark.parametrize(("t", "q"), [(float("nan"), HOME), (0.0, HOME * np.inf)])
+def test_points_must_be_finite(t, q):
+    with pytest.raises(ValueError, match="must be finite"):
+        TimedPoint(t=t, q=q)
+
+
+def test_a_start_too_far_away_names_joint_and_figures():
+    q_first = HOME.copy()
+    q_first[3] += np.radians(5.5)
+    with pytest.raises(OutsideLimits) as caught:
+        make_stream().push(points([0.0], [q_first]))
+    assert caught.value.joint == "wrist_flex"
+    assert caught.value.value == pytest.approx(q_first[3])
+    assert "wrist_flex: the first point of the stream is -17.4 deg, but the arm is at -22.9" in str(
+        caught.value
+    )
+
+
+def test_points_too_fast_name_joint_time_and_figures_and_are_not_taken():
+    stream = make_stream()
+    q_fast = HOME.copy()
+    q_fast[1] += 0.4
+    with pytest.raises(OutsideLimits) as caught:
+        stream.push(points([0.0, 0.2], [HOME, q_fast]))
+    assert caught.value.joint == "shoulder_lift"
+    assert caught.value.value == pytest.approx(2.0)
+    assert caught.value.upper == 1.5
+    assert "shoulder_lift: the points ask for 114.6 deg/s at 0.000 s, the limit is 85.9 deg/s" in (
+        str(caught.value)
+    )
+    stream.push(points([0.0, 0.4], [HOME, q_fast]))
+    assert stream.t_last == 0.4
+
+
+def test_speed_is_watched_across_batches():
+    stream = make_stream()
+    stream.push(points([0.0], [HOME]))
+    with pytest.raises(OutsideLimits, match=r"deg/s at 0\.000 s"):
+        stream.push(points([0.1], [HOME + 0.5]))
+
+
+def test_a_later_jolt_that_the_smoothing_cannot_take_is_refused():
+    stream = make_stream()
+    t, q = smooth(duration=4.0)
+    stream.push(points(t[:100], q[:100]))
+    back = points(t[99] + np.array([0.1, 0.2]), q[99] - np.array([[0.14], [0.28]]))
+    with pytest.raises(OutsideLimits) as caught:
+        stream.push(back)
+    assert "deg/s^2" in str(caught.value)
+    assert caught.value.value > LIMITS.acceleration[0]
+    stream.push(points(t[100:], q[100:]))
+
+
+def test_a_finished_stream_takes_no_more():
+    stream = make_stream()
+    stream.push(points([0.0], [HOME]))
+    stream.finish()
+    with pytest.raises(MotionError, match="has been finished"):
+        stream.push(points([1.0], [HOME]))
+    with pytest.raises(MotionError, match="has been finished"):
+        stream.finish()
+
+
+def test_an_empty_stream_cannot_be_finished():
+    with pytest.raises(MotionError, match="holds no points"):
+        make_stream().finish()
+
+
+def test_a_stream_that_is_over_says_why():
+    failed, done = make_stream(), make_stream()
+    failed.future.set_exception(Interrupted("stop"))
+    done.future.set_result(None)
+    with pytest.raises(Interrupted, match="stop"):
+        failed.push(points([0.0], [HOME]))
+    with pytest.raises(MotionError, match="open a new one"):
+        done.push(points([0.0], [HOME]))
+
+
+def test_an_empty_batch_changes_nothing():
+    stream = make_stream()
+    stream.push([])
+    assert not stream.is_primed

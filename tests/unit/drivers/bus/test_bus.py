@@ -1,0 +1,212 @@
+import pytest
+
+from so101_motion.common.errors import CorruptReply, NoReply, PortUnavailable, ServoFault
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import RETRIES, Bus
+from so101_motion.drivers.bus.registers import Fault
+
+IDS = (1, 2, 3, 4, 5, 6)
+POSITION = reg.PRESENT_POSITION
+INSTRUCTION, WRITE = 4, 3
+
+
+def positions(bus, ids=IDS, **how):
+    found = bus.sync_read(ids, POSITION.address, POSITION.size, **how)
+    return {servo_id: POSITION.decode(answer.data) for servo_id, answer in found.items()}
+
+
+def test_a_register_reads_as_the_servo_holds_it(bus):
+    assert bus.read(1, POSITION) == 2048
+    assert bus.read(6, reg.MODEL_NUMBER) == reg.STS3215_MODEL
+    assert bus.read(2, reg.MAX_ACCELERATION) == 100
+
+
+def test_one_sync_read_brings_all_positions(port, bus):
+    assert positions(bus) == dict.fromkeys(IDS, 2048)
+    assert len(port.sent) == 1
+
+
+def test_answers_may_arrive_byte_by_byte(port, bus):
+    port.chunk = 1
+    assert positions(bus) == dict.fromkeys(IDS, 2048)
+    assert bus.read(3, POSITION) == 2048
+
+
+def test_packets_are_those_of_the_manual(port, bus):
+    bus.ping(1)
+    bus.sync_write(reg.GOAL_POSITION.address, {1: b"\x00\x08", 2: b"\x01\x08"})
+    assert port.sent[0] == bytes.fromhex("FF FF 01 02 01 FB")
+    assert port.sent[1] == bytes.fromhex("FF FF FE 0A 83 2A 02 01 00 08 02 01 08 34")
+
+
+def test_a_sync_write_reaches_every_servo_and_nobody_answers(port, bus):
+    bus.sync_write(reg.GOAL_POSITION.address, {i: bytes((i, 8)) for i in IDS})
+    assert [port.memory(i, reg.GOAL_POSITION) for i in IDS] == [2048 + i for i in IDS]
+    assert port.read(0.0) == b""
+
+
+def test_a_dead_servo_costs_the_others_nothing(port, bus):
+    port.world.disconnect(3)
+    assert positions(bus).keys() == {1, 2, 4, 5, 6}
+    assert bus.tallies[3].lost == 1
+    assert all(bus.tallies[i].lost == 0 for i in IDS if i != 3)
+
+
+def test_servos_given_up_are_asked_first_and_once(port, bus):
+    port.world.disconnect(6)
+    assert positions(bus, tries=2, given_up={6}).keys() == {1, 2, 3, 4, 5}
+    assert len(port.sent) == 1
+    assert port.sent[0][7:13] == bytes((6, 1, 2, 3, 4, 5))
+
+
+def test_only_those_who_did_not_answer_are_asked_again(port, bus):
+    port.world.disconnect(2)
+    positions(bus, tries=3)
+    assert [packet[7:-1] for packet in port.sent] == [bytes(IDS), b"\x02", b"\x02"]
+    assert bus.tallies[2].retries == 2
+
+
+def test_a_silent_servo_is_an_error_that_names_servo_joint_register_and_tries(port, bus):
+    port.world.disconnect(3)
+    with pytest.raises(NoReply, match=r"servo 3 \(elbow_flex\).*present_position.*4 tries") as info:
+        bus.read(3, POSITION)
+    assert (info.value.servo_id, info.value.register) == (3, "present_position")
+    assert isinstance(info.value, TimeoutError)
+    assert len(port.sent) == 1 + RETRIES
+
+
+def test_a_silent_servo_is_given_more_time_in_the_end(port):
+    limits = []
+    read = port.read
+
+    def noted(until):
+        if until not in limits:
+            limits.append(until)
+        return read(until)
+
+    port.read = noted
+    port.world.disconnect(3)
+    with pytest.raises(NoReply):
+        Bus(port, patience=0.001).read(3, POSITION)
+    assert len(limits) == 1 + RETRIES
+    assert limits[-1] - limits[-2] > 0.02
+
+
+def test_answers_that_stay_garbled_are_an_error_with_the_bytes(port, bus):
+    port.faults.corrupt = 1.0
+    with pytest.raises(CorruptReply, match="nonsense") as info:
+        bus.read(3, POSITION)
+    assert info.value.raw
+    assert bus.tallies[3].corrupt == 1 + RETRIES
+
+
+def test_lost_answers_are_asked_for_again(port, bus):
+    port.faults.loss = 0.3
+    for _ in range(50):
+        assert bus.read(1, POSITION) == 2048
+    assert bus.tallies[1].retries > 5
+
+
+def test_status_bits_never_cost_a_reading_and_are_latched(port, bus):
+    port.world.warm(3, 80.0)
+    port.world.advance(1.0)
+    assert bus.read(3, reg.PRESENT_TEMPERATURE) == 80
+    assert bus.tallies[3].faults == Fault.OVERHEATED
+    port.world.servo(3).drive.motor.temperature = 30.0
+    port.world.cool(3)
+    port.world.advance(2.0)
+    assert bus.ping(3) == Fault.NONE
+    assert bus.tallies[3].faults == Fault.NONE
+    assert bus.tallies[3].latched == Fault.OVERHEATED
+
+
+def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(port, bus):
+    port.faults.late = 1.0
+    with pytest.raises(NoReply):
+        bus.read(1, reg.PRESENT_POSITION)
+    port.faults.late = 0.0
+    # The stragglers hold 2048 and arrive while these questions are under way.
+    for _ in range(6):
+        assert bus.read(1, reg.PRESENT_LOAD) == 0
+
+
+def test_a_write_whose_acknowledgement_is_lost_counts_when_the_register_holds_it(port, bus):
+    port.faults.loss = 0.3
+    for value in range(1, 40):
+        bus.write(2, reg.ACCELERATION, value)
+        assert port.memory(2, reg.ACCELERATION) == value
+
+
+def test_a_register_that_keeps_another_value_is_a_fault_that_says_which(port, bus):
+    with pytest.raises(ServoFault, match="acceleration = 200 but holds 100"):
+        bus.write(2, reg.ACCELERATION, 200)  # cut at register 85
+
+
+def test_eeprom_is_written_only_where_it_differs_and_locked_again(port, bus):
+    assert bus.store(4, {reg.P_GAIN: 16, reg.D_GAIN: 32}) == ("p_gain",)
+    port.world.servo(4).boot()
+    assert port.memory(4, reg.P_GAIN) == 16
+    assert port.memory(4, reg.LOCK) == 1
+
+
+def test_eeprom_that_is_right_already_is_not_even_unlocked(port, bus):
+    assert bus.store(4, {reg.P_GAIN: 32, reg.MAX_TEMPERATURE: 70}) == ()
+    assert all(packet[INSTRUCTION] != WRITE for packet in port.sent)
+
+
+def test_a_servo_is_locked_again_after_a_write_that_failed(port, bus):
+    with pytest.raises(ValueError, match="p_gain"):
+        bus.store(4, {reg.P_GAIN: 255})
+    assert port.memory(4, reg.LOCK) == 1
+
+
+def test_a_new_id_is_kept_and_locked_at_the_new_id(port, bus):
+    bus.change_id(6, 9)
+    assert bus.scan() == [1, 2, 3, 4, 5, 9]
+    port.world.servo("gripper").boot()
+    assert bus.ping(9) == Fault.NONE
+    assert port.memory("gripper", reg.LOCK) == 1
+
+
+def test_an_id_that_is_taken_is_refused(bus):
+    with pytest.raises(ServoFault, match="servo 5 already"):
+        bus.change_id(6, 5)
+    assert bus.scan() == list(IDS)
+
+
+def test_a_scan_finds_all_servos(port, bus):
+    port.world.disconnect(2)
+    assert bus.scan() == [1, 3, 4, 5, 6]
+
+
+def test_every_kind_of_question_reports_that_the_port_is_gone_and_works_after(port, bus):
+    questions = [
+        lambda: bus.ping(1),
+        lambda: bus.read(1, POSITION),
+        lambda: bus.write(1, reg.ACCELERATION, 5),
+        lambda: positions(bus),
+        lambda: bus.sync_write(reg.GOAL_POSITION.address, {1: b"\x00\x08"}),
+        bus.scan,
+    ]
+    for ask in questions:
+        port.unplugged = True
+        with pytest.raises(PortUnavailable):
+            ask()
+        port.unplugged = False
+        ask()
+
+
+def test_two_servos_with_one_id_are_noticed_as_garbage(port, bus):
+    port.world.servo(2).memory.set(
+        __import__("so101_motion.drivers.emulator.registers", fromlist=["ID"]).ID, 1
+    )
+    port.world.servo(2).drive.shaft.output += 700.0
+    with pytest.raises(CorruptReply, match="other servo has the id 1"):
+        bus.read(1, POSITION)
+
+
+def test_counters_go_on_with_the_next_bus(port, bus):
+    bus.ping(1)
+    following = Bus(port, tallies=bus.tallies, patience=0.0)
+    following.ping(1)
+    assert bus.tallies[1].answers == 2

@@ -1,0 +1,130 @@
+"""What answers that come late, or never, cost the control loop: no cycle.
+
+The loop, the driver and the bus are the real ones, on one clock that a test moves. Waiting for a
+servo takes as long on it as it would in life: until the bus gives up, in whole milliseconds, as
+``poll`` counts them.
+"""
+
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from so101_motion.control.executor import Executor, Tolerances
+from so101_motion.drivers.bus.bus import Bus, patience_in
+from so101_motion.drivers.bus.ticks import JointMap
+from so101_motion.drivers.feetech import feetech_arm
+from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+
+MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
+STOP_LIMITS = MotionLimits.uniform(velocity=math.pi, acceleration=8.7, jerk=200.0)
+LIMITS = MotionLimits.uniform(velocity=0.9, acceleration=1.7, jerk=50.0)
+GOAL = np.array([0.8, 0.2, -0.2, 0.3, 0.5])
+SYNC_READ, SYNC_WRITE = 0x82, 0x83
+
+
+@pytest.fixture
+def make_loop(wired, clock):
+    """Makes control loops with a period on a port that can be troubled; and closes them."""
+
+    class WaitingPort(wired):
+        """Who waits in vain for an answer has lost that time."""
+
+        waits = False
+
+        def read(self, until):
+            wait_ms = math.ceil(1000.0 * (until - time.monotonic()))
+            if self.waits and not self._arrived and wait_ms > 0:
+                clock.wait(clock.now() + wait_ms / 1000.0, threading.Event())
+            return super().read(until)
+
+    loops = []
+
+    def make(dt):
+        port = WaitingPort(now=clock.now)
+        arm = FeetechArm(
+            lambda: port, clock, MAPS, gravity=lambda q: np.zeros(6), speed=math.pi,
+            acceleration=10.0, patience=patience_in(dt),
+        )  # fmt: skip
+        tolerances = Tolerances(
+            settle_position=feetech_arm.SETTLE_POSITION,
+            settle_velocity=feetech_arm.SETTLE_VELOCITY,
+            settle_timeout=feetech_arm.SETTLE_TIMEOUT,
+        )
+        executor = Executor(
+            arm, clock, dt=dt, stop_limits=STOP_LIMITS, tolerances=tolerances, name="so101-io-test"
+        )
+        executor.start()
+        loops.append(executor)
+        port.waits = True
+        return port, executor
+
+    yield make
+    for executor in loops:
+        executor.close()
+
+
+def moved(clock, executor, dt):
+    future = executor.execute(online.point_to_point(executor.state.q_ref, GOAL, LIMITS, dt))
+    for _ in range(100):
+        clock.advance(0.05)
+        if future.done():
+            break
+    future.result(timeout=0)
+    return executor.state
+
+
+@pytest.mark.parametrize(("dt", "share"), [(0.01, 0.3), (0.005, 0.05)])
+@pytest.mark.parametrize("fault", ["late", "loss", "corrupt"])
+def test_answers_that_come_late_or_never_cost_no_cycle(make_loop, clock, fault, dt, share):
+    port, executor = make_loop(dt)
+    setattr(port.faults, fault, share)
+    state = moved(clock, executor, dt)
+    setattr(port.faults, fault, 0.0)
+    assert state.late_ticks == 0
+    clock.advance(0.5)
+    np.testing.assert_allclose(port.world.q[:5], GOAL, atol=math.radians(0.6))
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.005])
+def test_a_computer_that_hands_no_answer_over_for_a_while_costs_no_cycle(make_loop, clock, dt):
+    port, executor = make_loop(dt)
+    future = executor.execute(online.point_to_point(executor.state.q_ref, GOAL, LIMITS, dt))
+    clock.advance(0.4)
+    port.faults.late = 1.0
+    clock.advance(0.2)
+    port.faults.late = 0.0
+    clock.advance(3.0)
+    future.result(timeout=0)
+    assert executor.state.late_ticks == 0
+
+
+def test_in_a_cycle_is_one_question_whatever_does_not_come(make_loop, clock):
+    port, executor = make_loop(0.01)
+    port.faults.loss = port.faults.late = 0.2
+    port.sent.clear()
+    moved(clock, executor, 0.01)
+    kinds = [packet[4] for packet in port.sent]
+    assert kinds.count(SYNC_READ) > 100
+    assert not any(kinds[k] == kinds[k + 1] == SYNC_READ for k in range(100))
+    assert set(kinds) == {SYNC_READ, SYNC_WRITE}
+
+
+def test_who_answers_first_gives_the_others_no_more_time(port):
+    """However the answers trickle in, the bus gives up when it would have anyway."""
+    limits = []
+    read = port.read
+
+    def noted(until):
+        limits.append(until)
+        return read(until)
+
+    port.read, port.chunk = noted, 1
+    port.world.disconnect(6)
+    Bus(port, patience=0.007).sync_read(range(1, 7), 56, 2)
+    assert len(limits) > 5 * 8
+    assert max(limits) == limits[0]

@@ -1,0 +1,91 @@
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.registers import REGISTERS, Fault, Memory, Register
+
+rows = st.sampled_from(sorted(REGISTERS.values(), key=lambda row: row.address))
+
+
+def test_no_two_registers_share_a_byte():
+    ordered = sorted(REGISTERS.values(), key=lambda row: row.address)
+    for row, following in pairwise(ordered):
+        assert row.address + row.size <= following.address, (row.name, following.name)
+    assert ordered[-1].address + ordered[-1].size <= reg.END
+
+
+def test_the_table_agrees_with_the_emulators_own():
+    from so101_motion.drivers.emulator import registers as theirs
+
+    known = {(row.address, row.size, row.sign_bit) for row in theirs.REGISTERS.values()}
+    # The emulator marks the homing offset unsigned, because it encodes it by hand.
+    ours = {
+        (r.address, r.size, r.sign_bit) for r in REGISTERS.values() if r is not reg.HOMING_OFFSET
+    }
+    assert ours <= known
+
+
+def test_memory_of_each_register_agrees_with_the_emulators():
+    from so101_motion.drivers.emulator.registers import REGISTERS as theirs
+    from so101_motion.drivers.emulator.registers import Keep
+
+    same = {Memory.MEASURED: Keep.READ_ONLY, Memory.RAM: Keep.RAM, Memory.EEPROM: Keep.EEPROM}
+    keep = {row.address: row.keep for row in theirs.values()}
+    assert all(keep[row.address] is same[row.memory] for row in REGISTERS.values())
+
+
+@given(rows, st.data())
+def test_what_is_written_reads_back(row, data):
+    value = data.draw(st.integers(row.lower, row.upper))
+    assert row.decode(row.encode(value)) == value
+    assert len(row.encode(value)) == row.size
+
+
+@given(rows)
+def test_values_outside_the_range_are_refused_by_name(row):
+    for value in (row.lower - 1, row.upper + 1):
+        with pytest.raises(ValueError, match=row.name):
+            row.encode(value)
+
+
+@pytest.mark.parametrize(
+    ("row", "raw", "value"),
+    [
+        (reg.PRESENT_POSITION, b"\x18\x05", 1304),  # the manual's example
+        (reg.PRESENT_POSITION, b"\x01\x80", -1),
+        (reg.PRESENT_LOAD, b"\x64\x04", -100),
+        (reg.PRESENT_LOAD, b"\xe8\x03", 1000),
+        (reg.HOMING_OFFSET, b"\x64\x08", -100),
+        (reg.HOMING_OFFSET, b"\x01\x10", 2049),  # firmware 3.10 goes beyond 11 bits
+        (reg.MODEL_NUMBER, b"\x09\x03", 777),
+    ],
+)
+def test_signs_are_where_the_servo_puts_them(row, raw, value):
+    assert row.decode(raw) == value
+
+
+def test_zero_speed_and_zero_acceleration_cannot_be_written():
+    for row in (reg.GOAL_VELOCITY, reg.ACCELERATION):
+        with pytest.raises(ValueError, match="1 to"):
+            row.encode(0)
+
+
+def test_a_register_is_cut_out_of_a_block():
+    block = bytes(range(56, 71))
+    assert reg.PRESENT_TEMPERATURE.cut(block, 56) == 63
+    assert reg.PRESENT_CURRENT.cut(block, 56) == 69 + 256 * 70
+
+
+def test_decoding_takes_exactly_the_registers_bytes():
+    with pytest.raises(ValueError, match="2 bytes"):
+        reg.PRESENT_POSITION.decode(b"\x01")
+
+
+def test_faults_have_names_and_unknown_bits_do_no_harm():
+    assert Fault(0x21).names == ("voltage", "overload")
+    assert Fault(0x40).names == ()
+    assert Fault(0).names == ()
+    assert isinstance(reg.ID, Register)

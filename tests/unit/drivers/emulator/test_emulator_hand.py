@@ -1,0 +1,79 @@
+import math
+
+import pytest
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.hand import (
+    STRENGTH,
+    Hand,
+    Waypoint,
+    jaw_angle_for_gap,
+    parse_script,
+)
+
+SCRIPT = """
+# time  joint          angle
+1.0     shoulder_pan   start
+3.0     shoulder_pan   -40
+3.5     shoulder_pan   release   # lets go
+2.0     gripper        30
+"""
+
+
+def test_script_is_read_line_by_line_in_order_of_time():
+    assert parse_script(SCRIPT) == (
+        Waypoint(t=1.0, joint="shoulder_pan"),
+        Waypoint(t=2.0, joint="gripper", q=math.radians(30)),
+        Waypoint(t=3.0, joint="shoulder_pan", q=math.radians(-40)),
+        Waypoint(t=3.5, joint="shoulder_pan", release=True),
+    )
+
+
+@pytest.mark.parametrize(
+    "line", ["1.0 shoulder_pan", "x shoulder_pan 3", "1 knee 3", "1 gripper y"]
+)
+def test_bad_line_is_refused_by_number(line):
+    with pytest.raises(ConfigError, match="line 2"):
+        parse_script("\n" + line)
+
+
+def test_hand_leads_a_limp_joint_along_its_script(bench):
+    bench.world.hand = Hand(parse_script(SCRIPT))
+    bench.advance(1.0)
+    assert bench.world.q[0] == pytest.approx(0.0, abs=1e-9)
+    bench.advance(1.0)
+    assert bench.world.q[0] == pytest.approx(math.radians(-20), abs=math.radians(3))
+    bench.advance(1.4)
+    assert bench.world.q[0] == pytest.approx(math.radians(-40), abs=math.radians(1))
+    assert bench.read(1, reg.PRESENT_POSITION) < 1620
+    bench.advance(5.0)
+    assert bench.world.q[0] == pytest.approx(math.radians(-40), abs=math.radians(1))
+
+
+def test_hand_cannot_overpower_a_servo_that_holds(bench):
+    bench.write(1, reg.TORQUE_ENABLE, 1)
+    bench.world.hand = Hand(parse_script(SCRIPT))
+    bench.advance(3.4)
+    assert abs(bench.world.q[0]) < math.radians(15)
+
+
+def test_hand_gives_in_at_a_stop(bench):
+    bench.world.hand = Hand(parse_script("0 elbow_flex start\n1 elbow_flex 160"))
+    bench.advance(3.0)
+    assert math.degrees(bench.world.q[2]) == pytest.approx(90.8, abs=2.0)
+
+
+def test_pull_is_limited():
+    hand = Hand((Waypoint(t=0.0, joint="gripper"), Waypoint(t=1.0, joint="gripper", q=9.0)))
+    assert hand.torque("gripper", 0.0, 0.0, 0.0) == 0.0
+    assert hand.torque("gripper", 1.5, 0.0, 0.0) == STRENGTH
+    assert hand.torque("wrist_roll", 1.5, 0.0, 0.0) == 0.0
+
+
+def test_jaw_angle_follows_the_table_of_gaps():
+    assert math.degrees(jaw_angle_for_gap(0.0)) == pytest.approx(-11.5)
+    assert math.degrees(jaw_angle_for_gap(0.0158)) == pytest.approx(0.0)
+    assert math.degrees(jaw_angle_for_gap(0.0253)) == pytest.approx(7.5)
+    with pytest.raises(ConfigError, match="object"):
+        jaw_angle_for_gap(0.2)

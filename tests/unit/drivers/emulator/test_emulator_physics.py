@@ -1,0 +1,244 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.hardware import SO101, STS3215_12V, TICKS_PER_RAD
+
+
+def settle(bench, *, p):
+    """Standing error [deg] of the shoulder sent to its zero."""
+    bench.write(2, reg.P_GAIN, p)
+    bench.write(2, reg.ACCELERATION, 30)
+    bench.write(2, reg.GOAL_VELOCITY, 400)
+    bench.write(2, reg.GOAL_POSITION, 2048)
+    bench.advance(3.0)
+    return bench.error_deg(2)
+
+
+@pytest.mark.parametrize(("p", "least", "most"), [(16, 4.6, 5.2), (32, 2.0, 2.3), (48, 1.26, 1.49)])
+def test_lifted_shoulder_hangs_as_far_below_its_goal_as_measured(
+    make_bench, raised_arm, p, least, most
+):
+    bench = make_bench(gravity=raised_arm, q_start=(0, math.radians(20), 0, 0, 0, 0))
+    assert least - 0.005 <= -settle(bench, p=p) <= most + 0.005
+    assert bench.read(2, reg.MOVING) == 0  # and it thinks it has arrived
+
+
+def test_standing_error_depends_on_where_the_joint_came_from(make_bench, raised_arm):
+    errors = [
+        settle(make_bench(gravity=raised_arm, q_start=(0, math.radians(start), 0, 0, 0, 0)), p=16)
+        for start in (-20, 20)
+    ]
+    assert 0.1 < abs(errors[0] - errors[1]) < 0.7
+
+
+def test_integral_gain_removes_the_standing_error(make_bench, raised_arm):
+    bench = make_bench(gravity=raised_arm, q_start=(0, math.radians(20), 0, 0, 0, 0))
+    bench.write(2, reg.I_GAIN, 4)
+    settle(bench, p=32)
+    bench.advance(3.0)
+    assert abs(bench.error_deg(2)) < 0.3
+
+
+@pytest.mark.parametrize("p", [16, 32, 48])
+def test_unloaded_joint_arrives_within_its_dead_zone(bench, p):
+    bench.write(1, reg.P_GAIN, p)
+    bench.write(1, reg.GOAL_VELOCITY, 800)
+    bench.write(1, reg.GOAL_POSITION, 2900)
+    bench.advance(3.0)
+    assert abs(bench.read(1, reg.PRESENT_POSITION) - 2900) <= 2
+
+
+def test_top_speed_is_that_of_the_motor_whatever_is_asked(bench):
+    bench.write(1, reg.GOAL_POSITION, 3400)
+    fastest = 0
+    for _ in range(50):
+        bench.advance(0.02)
+        fastest = max(fastest, bench.read(1, reg.PRESENT_VELOCITY))
+    assert 2500 <= fastest <= 3000  # measured in a joint: about 2700 tick/s
+
+
+def test_moving_rises_within_two_milliseconds_and_falls_when_the_joint_rests(bench):
+    bench.write(1, reg.GOAL_POSITION, 2500)
+    assert bench.read(1, reg.MOVING) == 0
+    bench.advance(0.005)
+    assert bench.read(1, reg.MOVING) == 1
+    bench.advance(2.0)
+    assert bench.read(1, reg.MOVING) == 0
+
+
+def test_velocity_register_counts_in_fifties(bench):
+    bench.write(1, reg.GOAL_VELOCITY, 430)
+    bench.write(1, reg.GOAL_POSITION, 3000)
+    bench.advance(0.6)
+    assert bench.read(1, reg.PRESENT_VELOCITY) in (400, 450)
+
+
+def test_limp_arm_falls_and_rests_on_its_stop(make_bench, constant_load):
+    bench = make_bench(gravity=constant_load(j2=-0.8))
+    bench.advance(3.0)
+    stop = bench.world.servo(2).joint.upper
+    assert bench.world.q[1] == pytest.approx(stop, abs=math.radians(1.5))
+
+
+def test_limp_joint_keeps_still_under_its_own_friction(make_bench, constant_load):
+    bench = make_bench(gravity=constant_load(j4=0.04))
+    bench.advance(10.0)
+    assert abs(bench.world.q[3]) < math.radians(0.5)  # only through the play
+
+
+def test_damping_lowers_the_arm_slowly(make_bench, constant_load):
+    limp = make_bench(gravity=constant_load(j2=-0.5))
+    damped = make_bench(gravity=constant_load(j2=-0.5))
+    damped.write(2, reg.TORQUE_ENABLE, 2)
+    for bench in (limp, damped):
+        bench.advance(0.4)
+    assert damped.world.q[1] < 0.5 * limp.world.q[1]
+
+
+def test_torque_on_holds_where_the_joint_is(make_bench, raised_arm):
+    bench = make_bench(gravity=raised_arm, q_start=(0, 0.4, 0, 0, 0, 0))
+    bench.write(2, reg.GOAL_POSITION, 2048)
+    bench.write(2, reg.TORQUE_ENABLE, 0)
+    bench.advance(0.05)
+    here = bench.world.q[1]
+    bench.write(2, reg.TORQUE_ENABLE, 1)
+    bench.advance(1.0)
+    assert bench.world.q[1] == pytest.approx(here, abs=math.radians(8))  # sags, does not run off
+    assert bench.world.q[1] >= here
+
+
+def test_goal_switches_torque_on_unless_told_otherwise(make_bench):
+    for obeys in (True, False):
+        bench = make_bench(goal_enables_torque=obeys)
+        bench.write(1, reg.GOAL_POSITION, 2300)
+        bench.advance(1.0)
+        assert bench.read(1, reg.TORQUE_ENABLE) == int(obeys)
+        assert bool(bench.world.q[0] > 0.1) is obeys
+
+
+def test_torque_limit_acts_at_once(make_bench, raised_arm):
+    bench = make_bench(gravity=raised_arm)
+    bench.write(2, reg.TORQUE_ENABLE, 1)
+    bench.advance(0.5)
+    held = bench.world.q[1]
+    bench.write(2, reg.TORQUE_LIMIT, 10)
+    bench.advance(0.5)
+    assert bench.world.q[1] > held + 0.2
+
+
+def test_play_leaves_an_unloaded_output_loose(bench):
+    shaft = bench.world.servo(1).drive.shaft
+    shaft.step(3.0, bridge=True, load=0.0)
+    moved = shaft.output - 2048.0
+    for _ in range(60):
+        shaft.step(3.0, bridge=True, load=0.0)
+    assert moved == 0.0  # the motor first crosses the play
+    assert shaft.output > 2048.0
+
+
+def test_load_register_shows_the_duty_and_its_direction(make_bench, constant_load):
+    bench = make_bench(gravity=constant_load(j2=-0.6, j3=0.6))
+    for servo_id in (2, 3):
+        bench.write(servo_id, reg.TORQUE_ENABLE, 1)
+    bench.advance(1.0)
+    loads = [bench.read(servo_id, reg.PRESENT_LOAD) for servo_id in (2, 3)]
+    share = 0.6 / 2.94 * 1000
+    assert loads == [pytest.approx(-share, abs=25), pytest.approx(share, abs=25)]
+    assert bench.read(2, reg.PRESENT_CURRENT) < 0 < bench.read(3, reg.PRESENT_CURRENT)
+
+
+def test_servo_mounted_the_other_way_counts_down(make_bench):
+    joints = tuple(replace(joint, direction=-1, zero_ticks=1000) for joint in SO101)
+    bench = make_bench(joints=joints, q_start=(0.3,) * 6, calibrated=False)
+    assert bench.read(1, reg.PRESENT_POSITION) == round(1000 - 0.3 * TICKS_PER_RAD)
+    bench.write(1, reg.GOAL_POSITION, 1000)
+    bench.advance(2.0)
+    assert bench.world.q[0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_object_stops_the_jaw_and_is_felt(bench):
+    bench.write(6, reg.GOAL_POSITION, 3000)
+    bench.advance(2.0)
+    bench.world.put_object(0.020)
+    bench.write(6, reg.GOAL_POSITION, 1920)
+    bench.advance(1.5)
+    held_at = bench.world.q[5]
+    # The tips are 20 mm apart at 3.4 deg; the jaw squeezes a little further.
+    assert math.radians(1.0) < held_at < math.radians(4.5)
+    assert bench.read(6, reg.PRESENT_LOAD) < -400
+    bench.world.take_object()
+    bench.advance(1.0)
+    assert bench.read(6, reg.PRESENT_POSITION) == pytest.approx(1920, abs=3)
+
+
+def test_gravity_is_asked_with_six_angles_in_radians(make_bench):
+    seen = []
+
+    def gravity(q):
+        seen.append(q.copy())
+        return np.zeros(6)
+
+    make_bench(gravity=gravity, q_start=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+    np.testing.assert_allclose(seen[0], [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+
+
+def test_fitted_servo_rests_low_if_it_lifted_a_weight_and_close_if_it_lowered_it(
+    make_bench, raised_arm
+):
+    errors = [
+        settle(
+            make_bench(
+                kind=STS3215_12V, gravity=raised_arm, q_start=(0, math.radians(start), 0, 0, 0, 0)
+            ),
+            p=16,
+        )
+        for start in (20, -20)
+    ]
+    # A lift costs 0.24 of full duty per N m, a lowered weight is held almost by friction alone.
+    assert 2.5 < -errors[0] < 4.0
+    assert abs(errors[1]) < 1.5
+
+
+def test_fitted_servo_takes_up_a_goal_after_its_dead_time(make_bench):
+    bench = make_bench(kind=STS3215_12V)
+    bench.write(1, reg.GOAL_POSITION, 2500)
+    bench.advance(STS3215_12V.goal_delay - 0.001)
+    assert bench.read(1, reg.SETPOINT) == 2048
+    assert bench.read(1, reg.MOVING) == 1
+    bench.advance(0.05)
+    assert bench.read(1, reg.SETPOINT) > 2048
+
+
+def test_goals_that_wait_are_forgotten_with_the_torque(make_bench):
+    bench = make_bench(kind=STS3215_12V)
+    bench.write(1, reg.GOAL_POSITION, 2500)
+    bench.write(1, reg.TORQUE_ENABLE, 0)
+    bench.advance(0.005)
+    bench.write(1, reg.TORQUE_ENABLE, 1)
+    bench.advance(1.0)
+    assert bench.read(1, reg.PRESENT_POSITION) == pytest.approx(2048, abs=1)
+
+
+def test_fitted_servo_at_rest_is_not_computed(make_bench, raised_arm):
+    bench = make_bench(kind=STS3215_12V, gravity=raised_arm)
+    bench.write(2, reg.GOAL_POSITION, 1900)
+    bench.advance(3.0)
+    assert all(servo.drive.quiet for servo in bench.world.servos)
+
+
+def test_servos_of_an_arm_differ_as_the_seed_says(make_bench):
+    def figures(**options):
+        servos = make_bench(**options).world.servos
+        return [(s.joint.lash, s.joint.zero_ticks) for s in servos]
+
+    assert figures(spread=0.2, seed=7) == figures(spread=0.2, seed=7)
+    assert figures(spread=0.2, seed=7) != figures(spread=0.2, seed=8)
+    assert len(set(figures(spread=0.2, seed=7))) == 6
+    assert figures(seed=7) == figures()
+    for lash, zero in figures(spread=0.2, seed=7):
+        assert lash == pytest.approx(SO101[0].lash, rel=0.2)
+        assert zero == pytest.approx(2048, abs=20)

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from so101_motion.drivers.feetech.gravity_compensation import (
+    LARGEST_DRIVE,
+    LARGEST_SAG,
+    STALL_TORQUE,
+    Trim,
+    yielding,
+)
+
+ALL = range(6)
+REST = [0.0] * 6
+GOAL = np.array([0.1, -0.2, 0.3, 0.0, 0.0, 0.5])
+
+
+def weightless(q):
+    return np.zeros(6)
+
+
+def start(trim, goal, sag=(0.0,) * 6):
+    trim.start(np.asarray(goal).tolist(), 0.0, list(sag))
+
+
+def hold(trim, q, seconds, t=0.0):
+    for k in range(round(seconds / 0.01)):
+        trim.measure(np.asarray(q).tolist(), REST, ALL, t + 0.01 * k)
+
+
+def test_weight_is_made_up_for_at_once():
+    trim = Trim(lambda q: np.array([0.0, q[1], 0.0, 0.0, 0.0, 9.0]))
+    start(trim, 0.0 * GOAL)
+    trim.command(GOAL.tolist(), 0.0)
+    np.testing.assert_allclose(trim.offset, [0, -0.2 / STALL_TORQUE * yielding(32), 0, 0, 0, 0])
+
+
+def test_a_limp_joint_begins_with_its_weight_and_a_driven_one_with_what_it_has():
+    trim = Trim(lambda q: np.array([0.0, -0.5, -0.2, 0.0, 0.0, 0.0]))
+    start(trim, GOAL, (0.0, None, 0.01, 0.0, 0.0, 0.0))
+    weight = -0.5 / STALL_TORQUE * yielding(32)
+    np.testing.assert_allclose(trim.offset, [0.0, weight, 0.01, 0.0, 0.0, 0.0], atol=1e-15)
+
+
+def test_weight_beyond_all_measure_is_not_believed():
+    trim = Trim(lambda q: np.full(6, 100.0))
+    start(trim, GOAL, (None,) * 6)
+    np.testing.assert_allclose(trim.offset, [LARGEST_SAG * yielding(32)] * 5 + [0.0])
+
+
+def test_a_joint_that_crosses_its_goal_again_and_again_is_left_alone_in_the_end():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    off, offsets = 0.005, []
+    for k in range(10):
+        hold(trim, GOAL - off, 0.3, t=0.2 + 0.3 * k)
+        offsets.append(trim.offset[0])
+        off = -off
+    assert len(set(offsets[-6:])) == 1
+    trim.command((GOAL + 0.1).tolist(), 10.0)
+    hold(trim, GOAL + 0.095, 0.5, t=10.0)
+    assert trim.offset[0] > offsets[-1]
+
+
+def test_what_is_left_is_learnt_while_the_command_stands_still():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    hold(trim, GOAL - 0.02, 1.0)
+    assert min(trim.offset[:5]) > 0.01
+    assert trim.offset[5] == 0.0  # the jaw's error is its grip
+
+
+def test_while_the_command_moves_the_lag_is_not_learnt():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    for k in range(200):
+        trim.command((GOAL + 0.01 * k).tolist(), 0.01 * k)
+        trim.measure((GOAL + 0.01 * k - 0.02).tolist(), REST, ALL, 0.01 * k)
+    np.testing.assert_array_equal(trim.offset, 0.0)
+
+
+def test_while_the_joint_moves_nothing_is_learnt_of_it():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    for k in range(100):
+        trim.measure((GOAL - 0.02).tolist(), [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], ALL, 0.01 * k)
+    assert trim.offset[0] == 0.0
+    assert trim.offset[1] > 0.0
+
+
+def test_errors_of_a_tick_are_left_alone():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    hold(trim, GOAL - 0.002, 5.0)
+    np.testing.assert_array_equal(trim.offset, 0.0)
+
+
+def test_a_joint_held_fast_far_away_is_not_pressed_harder():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    hold(trim, GOAL - 0.3, 5.0)
+    np.testing.assert_array_equal(trim.offset, 0.0)
+
+
+@pytest.mark.parametrize("p_gain", [16, 32, 48])
+def test_the_integral_never_asks_for_more_than_its_share_of_the_drive(p_gain):
+    trim = Trim(weightless)
+    for i in range(5):
+        trim.set_gain(i, p_gain)
+    start(trim, GOAL)
+    hold(trim, GOAL - 0.02, 60.0)
+    np.testing.assert_allclose(trim.offset[:5], LARGEST_DRIVE * yielding(p_gain))
+
+
+def test_a_joint_that_was_not_measured_learns_nothing():
+    trim = Trim(weightless)
+    start(trim, GOAL)
+    for k in range(100):
+        trim.measure((GOAL - 0.02).tolist(), REST, {0, 2, 3, 4, 5}, 0.01 * k)
+    assert trim.offset[1] == 0.0
+    assert trim.offset[0] > 0.0
+
+
+def test_what_was_held_already_goes_on_unchanged_and_may_only_shrink_beyond_the_bound():
+    sag = np.array([0.0, -0.06, 0.03, 0.0, 0.5, 0.5])
+    trim = Trim(weightless)
+    start(trim, GOAL, sag)
+    most = LARGEST_SAG * yielding(32)
+    np.testing.assert_allclose(trim.offset, [0.0, -0.06, 0.03, 0.0, most, 0.0])
+    assert LARGEST_DRIVE * yielding(32) < 0.06
+    hold(trim, GOAL + 0.02, 1.0)
+    assert trim.offset[1] == -0.06
+    hold(trim, GOAL - 0.02, 0.3, t=2.0)
+    assert trim.offset[1] > -0.06

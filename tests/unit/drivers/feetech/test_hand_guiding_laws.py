@@ -1,0 +1,310 @@
+"""An arm that carries itself and yields to a hand; emulated servos, hand and weight."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.compliance import Compliance
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.ticks import JointMap
+from so101_motion.drivers.emulator.hand import Hand, parse_script
+from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.planning.kinematics.model import RobotModel
+
+WEIGHT = RobotModel.load().gravity_torque
+POSE = (0.0, -0.5, 0.5, 0.0, 0.0, 0.3)
+MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
+
+
+class FeelingHand(Hand):
+    """A hand that remembers what it felt, from half a second after it took hold."""
+
+    def __init__(self, script, t):
+        super().__init__(parse_script(script), t)
+        self.felt = []
+
+    def torque(self, joint, t, q, qd):
+        torque = super().torque(joint, t, q, qd)
+        if joint in self._behind and t - self._start > 1.0:
+            self.felt.append(abs(torque))
+        return torque
+
+
+class Guided:
+    """An arm that holds, found by a driver."""
+
+    def __init__(self, wired, *, heavier=1.0, q_start=POSE, gravity=WEIGHT, **options):
+        self.clock = ManualClock()
+        self.port = wired(
+            now=self.clock.now, gravity=lambda q: heavier * gravity(q), q_start=q_start, **options
+        )
+        self.arm = self.connect()
+
+    def connect(self):
+        arm = FeetechArm(
+            lambda: self.port,
+            self.clock,
+            MAPS,
+            gravity=WEIGHT,
+            speed=math.radians(220.0),
+            acceleration=17.0,
+            patience=0.0,
+        )
+        reading = arm.read()
+        arm.write(reading.q, reading.q_jaw)
+        arm.set_torque(True)
+        self.arm = arm
+        self.look(1.5)
+        return arm
+
+    @property
+    def q_deg(self):
+        self.port.world.advance(self.clock.now())
+        return np.degrees(self.port.world.q)
+
+    def look(self, seconds, dt=0.01):
+        """Reads as the executor does; how far each joint got from where it was [deg]."""
+        q_start, away = self.q_deg, np.zeros(6)
+        for _ in range(round(seconds / dt)):
+            self.arm.read()
+            self.clock.advance(dt)
+            away = np.maximum(away, np.abs(self.q_deg - q_start))
+        return away
+
+    def hand(self, script):
+        self.port.world.hand = hand = FeelingHand(script, self.clock.now())
+        return hand
+
+    def limits(self):
+        return [self.port.memory(i, reg.TORQUE_LIMIT) for i in range(1, 7)]
+
+
+@pytest.fixture
+def make(wired):
+    return lambda **options: Guided(wired, **options)
+
+
+def led(joint, start_deg, by_deg, seconds):
+    """A hand that takes a joint after half a second, leads it, waits, lets go."""
+    return (
+        f"0.5 {joint} start\n"
+        f"{0.5 + seconds} {joint} {start_deg + by_deg}\n"
+        f"{1.0 + seconds} {joint} release\n"
+    )
+
+
+# Holding itself
+
+
+@pytest.mark.parametrize("heavier", [1.0, 1.2, 1.4])
+def test_it_stays_where_it_is_while_nobody_touches_it(make, heavier):
+    arm = make(heavier=heavier)
+    arm.arm.guide(Compliance())
+    assert arm.look(3.0).max() < 0.3
+
+
+def test_only_ram_registers_are_written(make):
+    arm = make()
+    before = [bytes(servo.memory.bytes[:40]) for servo in arm.port.world.servos]
+    saved = [servo.memory._flash for servo in arm.port.world.servos]
+    arm.arm.guide(Compliance())
+    arm.hand(led("shoulder_pan", 0.0, 30.0, 1.0))
+    arm.look(3.0)
+    arm.arm.guide(None)
+    arm.look(0.2)
+    after = [bytes(servo.memory.bytes[:40]) for servo in arm.port.world.servos]
+
+    assert after == before
+    assert [servo.memory._flash for servo in arm.port.world.servos] == saved
+
+
+def test_the_jaw_holds_on_and_may_be_moved(make):
+    arm = make()
+    arm.arm.guide(Compliance())
+    jaw = arm.q_deg[5]
+    arm.look(0.5)
+    assert arm.q_deg[5] == pytest.approx(jaw, abs=0.3)
+    assert arm.limits()[5] == 1000
+    arm.arm.write(np.zeros(5), 0.6)
+    arm.look(1.5)
+
+    assert arm.q_deg[5] == pytest.approx(math.degrees(0.6), abs=1.5)
+    assert arm.q_deg[:5] == pytest.approx(np.degrees(POSE[:5]), abs=0.7)
+
+
+# Yielding
+
+
+@pytest.mark.parametrize(
+    ("joint", "by_deg", "heavier"),
+    [
+        ("shoulder_pan", 40.0, 1.0),
+        ("shoulder_lift", -40.0, 1.2),
+        ("shoulder_lift", 40.0, 1.0),
+        ("elbow_flex", -40.0, 1.2),
+        ("wrist_roll", -40.0, 1.0),
+    ],
+)
+def test_it_goes_where_a_hand_leads_it_and_stays_there(make, joint, by_deg, heavier):
+    arm, i = make(heavier=heavier), JOINTS.index(joint)
+    arm.arm.guide(Compliance())
+    start = arm.q_deg
+    hand = arm.hand(led(joint, start[i], by_deg, 4.0))
+    arm.look(5.0)
+    reached = arm.q_deg
+    assert reached[i] - start[i] == pytest.approx(by_deg, abs=1.5)
+    assert max(hand.felt) < 0.6, "10 deg/s: what the gears and the motor brake is 0.25 N m"
+    away = arm.look(4.0)
+
+    assert away.max() < 3.0
+    assert arm.look(2.0).max() < 0.6, "it has come to rest"
+
+
+def test_a_stiffer_arm_is_harder_to_push_and_one_that_resists_less_is_not(make):
+    felt = {}
+    for name, how in {
+        "default": Compliance(),
+        "stiff": Compliance(p_gain=32.0, resistance=0.2, dead_band=math.radians(3.0)),
+        "weak": Compliance(p_gain=32.0, resistance=0.03, dead_band=math.radians(3.0)),
+    }.items():
+        arm = make()
+        arm.arm.guide(how)
+        hand = arm.hand(led("shoulder_pan", arm.q_deg[0], 20.0, 4.0))
+        arm.look(5.0)
+        felt[name] = np.mean(hand.felt)
+
+    assert felt["stiff"] > 1.5 * felt["weak"]
+    assert felt["stiff"] > 1.5 * felt["default"]
+
+
+def test_a_joint_pushed_within_its_dead_band_comes_back(make):
+    arm = make()
+    arm.arm.guide(Compliance(dead_band=math.radians(5.0), p_gain=32.0, resistance=0.2))
+    start = arm.q_deg[0]
+    arm.hand(led("shoulder_pan", start, 4.0, 1.0))
+    arm.look(1.9)
+    assert arm.q_deg[0] - start > 2.0
+    arm.look(3.0)
+
+    assert arm.q_deg[0] == pytest.approx(start, abs=1.2)
+
+
+@settings(max_examples=5)
+@given(
+    ways=st.lists(
+        st.tuples(
+            st.sampled_from(["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex"]),
+            st.floats(-35.0, 35.0),
+            st.floats(0.5, 4.0),
+        ),
+        min_size=1,
+        max_size=2,
+    ),
+    heavier=st.sampled_from([0.9, 1.0, 1.2]),
+)
+def test_wherever_it_is_led_it_stays_when_it_is_let_go(wired, ways, heavier):
+    arm = Guided(wired, heavier=heavier)
+    arm.arm.guide(Compliance())
+    for joint, by_deg, seconds in ways:
+        arm.hand(led(joint, arm.q_deg[JOINTS.index(joint)], by_deg, seconds))
+        arm.look(seconds + 1.0)
+        assert arm.look(2.0).max() < 3.5
+    assert arm.look(1.0).max() < 0.9
+
+
+# Ending
+
+
+def test_afterwards_it_holds_where_it_was_left_with_all_its_strength(make):
+    arm = make(heavier=1.2)
+    arm.arm.guide(Compliance())
+    arm.hand(led("shoulder_lift", arm.q_deg[1], -30.0, 1.0))
+    arm.look(4.0)
+    assert max(arm.limits()[:5]) < 400
+    left = arm.q_deg
+    arm.arm.guide(None)
+    assert arm.limits() == [1000] * 6
+    assert arm.look(3.0).max() < 0.9
+    assert arm.q_deg == pytest.approx(left, abs=0.9)
+
+
+def test_answers_that_are_lost_as_it_ends_put_no_joint_elsewhere(make):
+    """It was led away from where it was wanted before; that is no way it was sent on."""
+    arm = make()
+    arm.arm.guide(Compliance())
+    arm.hand(led("shoulder_pan", 0.0, 30.0, 1.0))
+    arm.look(3.0)
+    arm.arm.guide(None)
+    arm.port.faults.loss = 1.0
+    reading = arm.arm.read()
+    arm.port.faults.loss = 0.0
+
+    assert np.degrees(reading.q) == pytest.approx(arm.q_deg[:5], abs=0.5)
+
+
+def test_a_jaw_that_is_not_heard_while_it_moves_is_taken_to_follow(make):
+    arm = make()
+    arm.arm.guide(Compliance())
+    arm.look(0.5)
+    before = arm.arm.read().q_jaw
+    arm.port.faults.loss = 1.0
+    arm.arm.write(np.zeros(5), 0.4)
+    reading = arm.arm.read()
+    arm.port.faults.loss = 0.0
+
+    assert reading.q_jaw == pytest.approx(before + 0.1, abs=0.02)
+
+
+def test_letting_go_and_holding_again_end_it_too(make):
+    arm = make()
+    for on in (True, False):
+        arm.arm.guide(Compliance())
+        arm.look(0.3)
+        arm.arm.set_torque(on)
+        assert arm.limits() == [1000] * 6
+
+
+@pytest.mark.parametrize("pushing", [False, True])
+def test_a_program_that_died_meanwhile_leaves_no_trace_and_the_next_moves_nothing(make, pushing):
+    arm = make(heavier=1.2)
+    arm.arm.guide(Compliance())
+    arm.look(0.5)
+    if pushing:
+        arm.hand("0 shoulder_lift start\n0.5 shoulder_lift -40\n9.0 shoulder_lift release\n")
+    arm.look(1.0)
+    arm.clock.advance(0.3)  # nobody looks any more
+    assert max(arm.limits()[:5]) < 500
+    before = arm.q_deg
+    arm.connect()
+    arm.look(0.5)
+
+    assert arm.limits() == [1000] * 6
+    assert arm.q_deg == pytest.approx(before, abs=0.5)
+
+
+def test_an_arm_that_is_not_held_is_not_guided(make):
+    arm = make()
+    arm.arm.set_torque(False)
+    with pytest.raises(RuntimeError, match="hold the joints"):
+        arm.arm.guide(Compliance())
+
+
+def test_a_port_that_goes_away_ends_it(make):
+    arm = make()
+    arm.arm.guide(Compliance())
+    arm.look(0.5)
+    arm.port.unplugged = True
+    with pytest.raises(Exception, match="unplugged"):
+        arm.arm.read()
+    arm.port.unplugged = False
+    arm.clock.advance(1.0)
+    before = arm.q_deg
+    arm.arm.read()
+
+    assert arm.limits() == [1000] * 6
+    assert arm.look(0.5, dt=0.05).max() < 0.5
+    assert arm.q_deg == pytest.approx(before, abs=0.5)

@@ -1,0 +1,69 @@
+import pytest
+
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.protocol import Answer
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
+from so101_motion.drivers.feetech.joint_estimate import Whereabouts
+
+PAN, LIFT = 0, 1
+
+
+@pytest.fixture
+def at():
+    """Two joints of six, with servos 7 and 8."""
+    return Whereabouts({PAN: JointMap(servo_id=7), LIFT: JointMap(servo_id=8)})
+
+
+def seen(at, q, wanted, now=0.0):
+    """Both joints answer that they are there [rad]."""
+    ticks = reg.PRESENT_POSITION.encode(JointMap(servo_id=7).to_ticks(q))
+    at.look({i: Answer(ticks, 0) for i in (7, 8)}, wanted, now)
+
+
+def sent(*q):
+    return [*q, None, None, None, None]
+
+
+NOWHERE = sent(None, None)
+
+
+def test_joints_are_where_their_servos_say_and_those_without_one_at_zero(at):
+    seen(at, 0.5, NOWHERE)
+    assert at.q == pytest.approx([0.5, 0.5, 0.0, 0.0, 0.0, 0.0], abs=RAD_PER_TICK)
+    assert JointMap(servo_id=8).to_rad(at.ticks(LIFT)) == at.q[LIFT]
+
+
+def test_a_joint_that_is_not_seen_is_taken_to_follow_its_goals(at):
+    seen(at, 0.48, sent(0.5, 0.5))
+    at.look({}, sent(0.7, 0.5), 0.01)
+    assert at.q[PAN] == pytest.approx(0.68, abs=RAD_PER_TICK)
+    assert at.q[LIFT] == pytest.approx(0.48, abs=RAD_PER_TICK)
+
+
+def test_a_joint_that_is_sent_nowhere_is_where_it_was_seen(at):
+    seen(at, 0.3, sent(None, 0.9))
+    at.look({}, sent(0.9, None), 0.01)
+    assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
+
+
+def test_a_joint_that_is_told_to_stay_where_it_was_pushed_is_there(at):
+    seen(at, 0.3, sent(0.0, 0.0))
+    for wanted in (0.3, 0.2):
+        at.look({}, sent(wanted, wanted), 0.01)
+        assert at.q[:2] == pytest.approx([0.3, 0.3], abs=RAD_PER_TICK)
+
+
+def test_a_servo_that_was_set_up_anew_is_where_it_was_found(at):
+    seen(at, 0.3, sent(0.0, 0.0))
+    at.found(PAN, Ticks(2048), 0.0)
+    at.look({}, sent(0.5, 0.5), 0.01)
+    assert at.q[PAN] == 0.0
+
+
+def test_velocities_are_slopes_and_begin_anew_after_a_gap(at):
+    for k in range(10):
+        seen(at, 0.1 * k, NOWHERE, 0.1 * k)
+    assert at.qd[:2] == pytest.approx([1.0, 1.0], abs=0.02)
+    at.forget()
+    seen(at, 0.0, NOWHERE, 9.0)
+    assert at.qd == [0.0] * 6

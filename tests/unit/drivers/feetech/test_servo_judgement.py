@@ -1,0 +1,59 @@
+import pytest
+
+from so101_motion.drivers.feetech.health import JointHealth
+from so101_motion.drivers.feetech.servo_judgement import alarms, judge
+
+
+def joint(name="elbow_flex", **changes):
+    figures = {
+        "joint": name, "servo_id": 3, "t": 0.0, "is_silent": False, "volts": 12.0, "amps": 0.2,
+        "temperature_c": 30, "load": 0.1, "faults": (), "latched": (), "answers": 9, "lost": 0,
+        "corrupt": 0, "retries": 0,
+    }  # fmt: skip
+    return JointHealth(**{**figures, **changes})
+
+
+def test_a_healthy_servo_alarms_nobody():
+    assert alarms((joint(), joint("gripper", temperature_c=64, latched=("overload",)))) == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"temperature_c": 65}, "65 degC"),
+        ({"faults": ("overheated",), "temperature_c": 40}, "40 degC"),
+        ({"faults": ("overload",), "load": -0.8}, "80 % drive"),
+        ({"faults": ("overcurrent",), "amps": 2.1}, "2.10 A"),
+        ({"faults": ("voltage",), "volts": 5.1}, "5.1 V"),
+        ({"volts": 5.0}, "only 5.0 V"),
+        ({"faults": ("encoder",)}, "encoder"),
+    ],
+)
+def test_trouble_is_named_by_joint_with_its_figure(changes, says):
+    found = alarms((joint(**changes), joint("gripper")))
+
+    assert set(found) == {"elbow_flex"}
+    assert says in found["elbow_flex"]
+
+
+def test_a_silent_servo_is_the_driver_s_to_report():
+    assert alarms((joint(is_silent=True, temperature_c=80),)) == {}
+
+
+@pytest.mark.parametrize(
+    ("volts", "highest", "level"),
+    [
+        (12.1, 14.0, None),
+        (5.0, 8.0, "note"),  # many 7.4 V arms are fed with 5 V
+        (4.4, 8.0, "stop"),
+        (12.1, 8.0, "stop"),
+        (7.4, 14.0, "warn"),
+        (5.4, 14.0, "stop"),
+        (5.4, None, "stop"),
+    ],
+)
+def test_a_supply_is_judged_by_the_kind_of_servo_it_feeds(volts, highest, level):
+    found = judge(volts=volts, highest_volts=highest, celsius=30, load=0.0, amps=0.0, faults=())
+
+    assert [trouble.level for trouble in found] == ([] if level is None else [level])
+    assert all(f"{volts:.1f} V" in trouble.sentence for trouble in found)

@@ -1,0 +1,212 @@
+import os
+import threading
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.drivers.port import serial_port as port_module
+from so101_motion.drivers.port.port_list import holders, why_not
+from so101_motion.drivers.port.serial_port import PortOpener, SerialPort, UsbIdentity, find_again
+
+
+class Terminal:
+    """A pseudo-terminal whose far end a test holds."""
+
+    def __init__(self):
+        self.far, self.near = os.openpty()
+        self.name = os.ttyname(self.near)
+
+    def unplug(self):
+        for fd in (self.far, self.near):
+            if fd is not None:
+                os.close(fd)
+        self.far = self.near = None
+
+
+@pytest.fixture
+def terminal():
+    terminal = Terminal()
+    yield terminal
+    terminal.unplug()
+
+
+@pytest.fixture
+def port(terminal):
+    port = SerialPort(terminal.name)
+    yield port
+    port.close()
+
+
+def soon():
+    return time.monotonic() + 5.0
+
+
+def test_all_bytes_pass_both_ways(terminal, port):
+    every = bytes(range(256))
+    port.write(every)
+    assert os.read(terminal.far, 1000) == every
+    os.write(terminal.far, every)
+    assert port.read(soon()) == every
+
+
+def test_reading_ends_when_nothing_comes_and_costs_no_processor_time(port):
+    wall, cpu = time.monotonic(), time.thread_time()
+    assert port.read(time.monotonic() + 0.1) == b""
+    assert time.monotonic() - wall >= 0.1
+    assert time.thread_time() - cpu < 0.02
+
+
+def test_reading_wakes_as_soon_as_a_byte_comes(terminal, port):
+    timer = threading.Timer(0.02, os.write, (terminal.far, b"\x01"))
+    timer.start()
+    assert port.read(soon()) == b"\x01"
+    timer.join()
+
+
+def test_a_moment_that_has_passed_still_brings_what_is_there(terminal, port):
+    os.write(terminal.far, b"\x07")
+    assert port.read(0.0) == b"\x07"
+    assert port.read(0.0) == b""
+
+
+def test_discarded_input_is_gone(terminal, port):
+    os.write(terminal.far, b"stale")
+    port.discard()
+    os.write(terminal.far, b"new")
+    assert port.read(soon()) == b"new"
+
+
+def test_a_port_in_use_is_refused_and_the_holder_is_named(terminal, port):
+    with pytest.raises(PortUnavailable, match=rf"in use by .*process {os.getpid()}, this program"):
+        SerialPort(terminal.name)
+
+
+def test_a_link_to_a_port_in_use_is_refused_too(terminal, port, tmp_path):
+    link = tmp_path / "by-id"
+    link.symlink_to(terminal.name)
+    with pytest.raises(PortUnavailable, match="in use") as info:
+        SerialPort(str(link))
+    assert info.value.port == str(link)
+    assert holders(str(link))
+
+
+def test_a_closed_port_can_be_opened_again(terminal, port):
+    port.close()
+    port.close()
+    SerialPort(terminal.name).close()
+
+
+def test_a_missing_port_is_reported_with_what_to_check(tmp_path):
+    with pytest.raises(PortUnavailable, match=r"no such port; check the USB cable"):
+        SerialPort(str(tmp_path / "ttyACM0"))
+
+
+def test_something_that_is_no_port_is_reported(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(PortUnavailable, match="cannot be opened"):
+        SerialPort(str(file))
+
+
+def test_forbidden_ports_say_which_group_to_join():
+    said = why_not("/dev/ttyACM0", PermissionError(13, "Permission denied"))
+    assert "dialout" in said
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda port: port.read(soon()),
+        lambda port: port.write(b"\x01"),
+        lambda port: port.discard(),
+    ],
+    ids=["read", "write", "discard"],
+)
+def test_a_port_that_goes_away_is_noticed(terminal, port, use):
+    terminal.unplug()
+    with pytest.raises(PortUnavailable, match="went away"):
+        use(port)
+
+
+def test_going_away_ends_a_read_that_waits(terminal, port):
+    timer = threading.Timer(0.02, terminal.unplug)
+    timer.start()
+    with pytest.raises(PortUnavailable):
+        port.read(soon())
+    timer.join()
+
+
+@dataclass
+class Listed:
+    """What pyserial tells of a port."""
+
+    device: str
+    vid: int | None = 0x1A86
+    pid: int | None = 0x55D3
+    serial_number: str | None = None
+
+
+OURS = UsbIdentity(vendor=0x1A86, product=0x55D3, serial_number="5A68")
+
+
+@pytest.fixture
+def plugged(monkeypatch):
+    """Sets which adapters the system lists."""
+    ports = []
+    monkeypatch.setattr(port_module.list_ports, "comports", lambda: list(ports))
+    return ports
+
+
+def test_a_port_without_a_known_adapter_is_looked_for_under_its_name(plugged):
+    assert find_again("/dev/ttyACM0", None) == "/dev/ttyACM0"
+
+
+def test_an_adapter_is_found_under_its_new_name(plugged):
+    plugged += [
+        Listed("/dev/ttyACM0", serial_number="other"),
+        Listed("/dev/ttyACM1", serial_number="5A68"),
+    ]
+    assert find_again("/dev/ttyACM0", OURS) == "/dev/ttyACM1"
+
+
+def test_an_adapter_that_kept_its_name_is_found_there(plugged):
+    plugged += [Listed("/dev/ttyACM0", serial_number="5A68")]
+    assert find_again("/dev/ttyACM0", OURS) == "/dev/ttyACM0"
+
+
+def test_another_adapter_under_the_old_name_is_not_taken(plugged):
+    plugged += [Listed("/dev/ttyACM0", serial_number="other")]
+    assert find_again("/dev/ttyACM0", OURS) is None
+
+
+def test_an_opener_remembers_which_adapter_it_opened(plugged, terminal):
+    plugged += [Listed(terminal.name, serial_number="5A68")]
+    opener = PortOpener("/dev/serial/by-id/arm")
+    opener._usb = OURS
+    opener().close()
+    plugged.clear()
+    with pytest.raises(PortUnavailable, match="not plugged in"):
+        opener()
+
+
+def test_an_opener_opens_the_same_adapter_at_another_rate(plugged, terminal):
+    plugged += [Listed(terminal.name, serial_number="5A68")]
+    opener = PortOpener(terminal.name, 500_000)
+    for asked, baud in ((250_000, 250_000), (None, 500_000)):
+        port = opener(asked)
+        assert port.baud == baud
+        port.close()
+    plugged[0] = Listed(terminal.name, serial_number="other")
+    with pytest.raises(PortUnavailable, match="not plugged in"):
+        opener(250_000)
+
+
+def test_an_opener_learns_the_adapter_when_it_opens_the_port(plugged, terminal):
+    plugged += [Listed(terminal.name, serial_number="5A68")]
+    opener = PortOpener(terminal.name)
+    opener().close()
+    plugged[0] = Listed(terminal.name, serial_number="other")
+    with pytest.raises(PortUnavailable, match="not plugged in"):
+        opener()

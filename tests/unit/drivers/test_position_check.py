@@ -1,0 +1,99 @@
+import math
+
+import pytest
+
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
+from so101_motion.drivers.position_check import CLOSE, FASTEST, SCATTER, Belief
+
+DEG = math.radians(1.0) * TICKS_PER_RAD
+
+
+@pytest.fixture
+def belief():
+    """A joint known to be at 1000 ticks at 0 s."""
+    belief = Belief()
+    belief.begin(0, 1000, 0.0)
+    return belief
+
+
+def judge(belief, ticks, t):
+    return belief.judge(0, round(ticks), t, t)
+
+
+@pytest.mark.parametrize("ticks", [-1, -32000, 4096, 32767])
+def test_a_position_that_no_encoder_has_is_never_believed(ticks):
+    assert not judge(Belief(), ticks, 0.0)
+
+
+@pytest.mark.parametrize("off", [3.0 * DEG, -45.0 * DEG, 170.0 * DEG])
+def test_one_position_that_the_joint_cannot_have_reached_is_not_believed(belief, off):
+    assert not judge(belief, 1000 + off, 0.01)
+    assert judge(belief, 1001, 0.02)
+    assert belief.is_sure(0)
+
+
+def test_a_wrong_position_is_not_believed_however_often_it_comes(belief):
+    believed = [t for t in range(1, 20) if judge(belief, 1000 + 90.0 * DEG, 0.01 * t)]
+    assert believed[0] >= 100.0 * (90.0 * DEG - SCATTER) / FASTEST - 1e-9
+
+
+def test_what_is_seen_after_a_jump_is_believed_as_soon_as_it_is_possible_and_seen_again(belief):
+    assert not judge(belief, 1000 + 10.0 * DEG, 0.008)
+    assert not judge(belief, 1000 + 10.0 * DEG, 0.009)
+    assert not judge(belief, 1000 + 10.0 * DEG, 0.010)  # not yet possible
+    assert judge(belief, 1000 + 10.0 * DEG, 0.011)
+    assert belief.is_sure(0)
+
+
+def test_after_a_pause_one_position_is_possible_and_only_the_third_makes_it_sure(belief):
+    assert judge(belief, 1000 + 15.0 * DEG, 0.05)
+    assert not belief.is_sure(0)
+    assert judge(belief, 1001 + 15.0 * DEG, 0.05)
+    assert not belief.is_sure(0)
+    assert judge(belief, 1000 + 15.0 * DEG, 0.05)
+    assert belief.is_sure(0)
+
+
+def test_one_that_agrees_with_the_past_overrules_a_possible_one_that_was_wrong(belief):
+    assert judge(belief, 1000 + 15.0 * DEG, 0.05)
+    assert not belief.is_sure(0)
+    assert judge(belief, 1001, 0.05)
+    assert belief.is_sure(0)
+
+
+def test_a_joint_that_flicks_through_its_play_is_believed_but_not_yet_sure(belief):
+    ticks = (1007, 1014, 1010, 1025)  # an elbow in motion, as seen of an emulated one
+    believed = [judge(belief, each, 0.01 * k) for k, each in enumerate(ticks, start=1)]
+    assert all(believed)
+    assert not belief.is_sure(0)
+    assert judge(belief, 1032, 0.05)
+    assert judge(belief, 1039, 0.06)
+    assert belief.is_sure(0)
+
+
+@pytest.mark.parametrize("seam", [4094, 0])
+def test_the_seam_is_a_place_like_any_other(seam):
+    belief = Belief()
+    belief.begin(0, seam, 0.0)
+    assert judge(belief, (seam + 3) % 4096, 0.01)
+    assert judge(belief, (seam - 3) % 4096, 0.02)
+
+
+def test_a_hand_that_accelerates_hard_and_stops_dead_is_believed_throughout(belief):
+    q, t = 1000.0, 0.0
+    for speed in (0, 110, 220, 330, 350, 350, 0, 0, -110, -220, -330, 0):  # deg/s
+        q, t = q + 0.01 * speed * DEG, t + 0.01
+        assert judge(belief, q, t)
+
+
+def test_an_answer_that_may_be_late_is_given_the_time_it_took(belief):
+    for k, off in enumerate((1.0, 3.0, 5.0, 7.0), start=1):
+        assert judge(belief, 1000 + off * DEG, 0.01 * k)
+    far = round(1000 + 12.0 * DEG + CLOSE)
+    assert belief.judge(0, far, 0.05, 0.06)
+
+
+def test_the_same_answer_in_time_is_not_believed(belief):
+    for k, off in enumerate((1.0, 3.0, 5.0, 7.0), start=1):
+        assert judge(belief, 1000 + off * DEG, 0.01 * k)
+    assert not judge(belief, 1000 + 12.0 * DEG + CLOSE, 0.05)

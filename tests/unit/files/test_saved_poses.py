@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.named_poses import POSES
+from so101_motion.files import user_storage
+from so101_motion.files.saved_poses import MOST, PoseBook
+
+Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
+
+
+@pytest.fixture
+def book(tmp_path: Path) -> PoseBook:
+    return PoseBook(tmp_path / "new folder" / "poses.json")
+
+
+def test_without_a_file_there_are_the_poses_of_the_arm(book: PoseBook) -> None:
+    assert book.own() == ()
+    assert book.find("rest") is next(pose for pose in POSES if pose.name == "rest")
+
+
+def test_a_saved_pose_is_found_again_by_whoever_asks_next(book: PoseBook, tmp_path: Path) -> None:
+    book.save("  over the mug ", Q)
+    found = PoseBook(tmp_path / "new folder" / "poses.json").find("over the mug")
+    np.testing.assert_allclose(found.q, Q, atol=1e-6)
+
+
+def test_saving_under_the_same_name_replaces_in_place(book: PoseBook) -> None:
+    book.save("a", Q)
+    book.save("b", Q)
+    book.save("a", 2.0 * Q)
+    assert [pose.name for pose in book.own()] == ["a", "b"]
+    np.testing.assert_allclose(book.find("a").q, 2.0 * Q, atol=1e-6)
+
+
+def test_a_pose_can_be_renamed_and_deleted(book: PoseBook) -> None:
+    book.save("a", Q)
+    book.save("b", Q)
+    book.rename("a", "c")
+    assert [pose.name for pose in book.own()] == ["c", "b"]
+    book.delete("c")
+    assert [pose.name for pose in book.own()] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("", "type a name first"),
+        ("   ", "type a name first"),
+        ("x" * 41, "longer than 40"),
+        ("a\nb", "cannot be shown"),
+        ("Home", "is built in"),
+    ],
+)
+def test_names_that_cannot_be_used_are_refused_and_nothing_is_written(
+    book: PoseBook, name: str, reason: str
+) -> None:
+    with pytest.raises(ConfigError, match=reason):
+        book.save(name, Q)
+    assert book.own() == ()
+
+
+def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: PoseBook) -> None:
+    book.save("mug", Q)
+    book.save("cup", Q)
+    with pytest.raises(ConfigError, match="is taken"):
+        book.rename("mug", "cup")
+    with pytest.raises(ConfigError, match="none of your own"):
+        book.rename("home", "house")
+    with pytest.raises(ConfigError, match="none of your own"):
+        book.delete("rest")
+    with pytest.raises(ConfigError, match='did you mean "mug"'):
+        book.find("mugg")
+
+
+def test_there_is_an_end_to_how_many_there_may_be(book: PoseBook, tmp_path: Path) -> None:
+    poses = [{"name": f"p{k}", "q_deg": [0, 0, 0, 0, 0]} for k in range(MOST)]
+    (tmp_path / "new folder").mkdir()
+    file = tmp_path / "new folder" / "poses.json"
+    file.write_text(json.dumps({"schema": "so101/poses/1", "poses": poses}))
+    with pytest.raises(ConfigError, match="delete some first"):
+        book.save("one more", Q)
+    assert len(book.own()) == MOST
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("[", "is not JSON"),
+        ("[]", 'its "schema" must be'),
+        ('{"schema": "so101/poses/2"}', "this version cannot read"),
+        ('{"schema": "so101/poses/1"}', "must be a list"),
+        ('{"schema": "so101/poses/1", "poses": [], "poses": []}', "has poses twice"),
+        ('{"schema": "so101/poses/1", "poses": [3]}', "pose 1"),
+        ('{"schema": "so101/poses/1", "poses": [{"name": "a", "q_deg": [1]}]}', "five joint"),
+        (
+            '{"schema": "so101/poses/1", "poses": [{"name": "a", "q_deg": [NaN, 0, 0, 0, 0]}]}',
+            "five joint",
+        ),
+        (
+            '{"schema": "so101/poses/1", "poses": [{"name": "", "q_deg": [0, 0, 0, 0, 0]}]}',
+            "type a name first",
+        ),
+    ],
+)
+def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
+    tmp_path: Path, text: str, reason: str
+) -> None:
+    file = tmp_path / "poses.json"
+    file.write_text(text)
+    book = PoseBook(file)
+    with pytest.raises(ConfigError, match=reason):
+        book.own()
+    with pytest.raises(ConfigError, match=reason):
+        book.save("mine", Q)
+    assert file.read_text() == text
+
+
+def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "poses.json"
+    file.write_bytes(b" " * (user_storage.LARGEST + 1))
+    with pytest.raises(ConfigError, match="larger than"):
+        PoseBook(file).own()
+
+
+def test_the_file_of_the_user_is_in_the_data_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    PoseBook().save("mine", Q)
+    assert (tmp_path / "so101_motion" / "poses.json").is_file()
+
+
+@given(st.lists(st.floats(-180.0, 180.0), min_size=5, max_size=5))
+def test_joint_angles_survive_being_written(q_deg: list[float]) -> None:
+    q = np.radians(q_deg)
+    written = user_storage.joints_to_deg(q)
+    np.testing.assert_allclose(user_storage.joints_from_deg(written, key="q"), q, atol=1e-6)
+    assert user_storage.joints_to_deg(user_storage.joints_from_deg(written, key="q")) == written
+
+
+@pytest.mark.parametrize("name", ["con", "CON .", "nul.json", "com1", "wave.", "wave "])
+def test_names_that_windows_takes_for_something_else_are_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match="Windows"):
+        user_storage.refuse_reserved(name, what="name")
+
+
+@pytest.mark.parametrize("name", ["console", "wave 1.2", "nullify", "com", ".hidden"])
+def test_names_that_only_look_like_those_are_taken(name: str) -> None:
+    user_storage.refuse_reserved(name, what="name")

@@ -1,0 +1,189 @@
+import json
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.files.scene_file import read_scene, scene_from, scene_to, write_scene
+from so101_motion.planning.collision.scene import (
+    FLOOR_Z,
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Sphere,
+)
+
+TETRAHEDRON = Mesh(
+    vertices=[[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]],
+    triangles=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+)
+
+
+def test_every_kind_of_thing_can_be_written_and_read_back(tmp_path):
+    pose = SE3.from_rpy((0.1, -0.2, 0.3), (0.25, 0.06, 0.045))
+    scene = Scene(
+        obstacles=(
+            Obstacle(name="mug", shape=Box(size=(0.08, 0.09, 0.1)), T_base_obstacle=pose),
+            Obstacle(name="ball", shape=Sphere(radius=0.03), T_base_obstacle=pose),
+            Obstacle(name="post", shape=Capsule(radius=0.01, length=0.2), T_base_obstacle=pose),
+            Obstacle(name="part", shape=TETRAHEDRON, T_base_obstacle=pose),
+            Obstacle(
+                name="seen",
+                shape=PointCloud(points=[[0.3, 0, 0]], resolution=0.02),
+                T_base_obstacle=pose,
+                keep_out=True,
+            ),
+        ),
+        attached=(
+            Attached(
+                name="cube",
+                shape=Box(size=(0.02, 0.02, 0.02)),
+                T_tool_object=SE3.from_translation((0, 0, 0.1)),
+                mass=0.02,
+                may_touch=frozenset(["floor"]),
+            ),
+        ),
+        floor_z=None,
+        margin=0.005,
+        may_touch=frozenset([frozenset(["cube", "mug"])]),
+    )
+    path = tmp_path / "scene.json"
+    write_scene(scene, path)
+    again = read_scene(path)
+    assert scene_to(again) == scene_to(scene)
+    assert again.floor_z is None
+    assert again.obstacles[4].keep_out
+    assert again.attached[0].may_touch == {"floor"}
+    for one, other in zip(again.obstacles, scene.obstacles, strict=True):
+        assert type(one.shape) is type(other.shape)
+        np.testing.assert_allclose(
+            one.T_base_obstacle.matrix, other.T_base_obstacle.matrix, atol=1e-9
+        )
+
+
+def test_an_empty_scene_has_the_table():
+    assert scene_from({}).floor_z == FLOOR_Z
+    assert scene_from({"floor_z_mm": None}).floor_z is None
+
+
+def test_a_mesh_file_is_read_in_millimetres(tmp_path):
+    import trimesh
+
+    trimesh.creation.box((20.0, 20.0, 20.0)).export(tmp_path / "cube.stl")
+    (tmp_path / "scene.json").write_text(
+        json.dumps({"obstacles": [{"name": "cube", "mesh_file": "cube.stl"}]})
+    )
+    mesh = read_scene(tmp_path / "scene.json").obstacles[0].shape
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), 0.02)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ([], "must be an object"),
+        ({"obstacle": []}, 'did you mean "obstacles"'),
+        ({"obstacles": {}}, "must be a list"),
+        ({"obstacles": ["mug"]}, "obstacles[0]"),
+        ({"obstacles": [{"name": "mug", "box": [1, 1, 1]}]}, 'of "mug"'),
+        ({"obstacles": [{"name": "mug"}]}, "exactly one form"),
+        ({"obstacles": [{"name": "m", "box_mm": [1, 2, 3], "sphere_radius_mm": 3}]}, "one form"),
+        ({"obstacles": [{"name": "mug", "box_mm": [10, 0, 10]}]}, '"box_mm"'),
+        ({"obstacles": [{"name": "mug", "sphere_radius_mm": 0}]}, '"sphere_radius_mm"'),
+        ({"obstacles": [{"name": "mug", "box_mm": [10, float("nan"), 10]}]}, "finite"),
+        ({"obstacles": [{"name": "mug", "box_mm": [10, 10]}]}, "three numbers"),
+        ({"obstacles": [{"box_mm": [10, 10, 10]}]}, "needs a name"),
+        ({"obstacles": [{"name": "floor", "box_mm": [10, 10, 10]}]}, "there twice"),
+        ({"obstacles": [{"name": "a", "sphere_radius_mm": 10, "position_mm": [1e9, 0, 0]}]}, "a"),
+        ({"obstacles": [{"name": "a", "capsule_radius_mm": 10}]}, "capsule_length_mm"),
+        (
+            {"obstacles": [{"name": "a", "capsule_radius_mm": 10, "capsule_length_mm": 5}]},
+            "twice its radius, 20 mm",
+        ),
+        ({"obstacles": [{"name": "a", "points_mm": [[1, 2]]}]}, "triples"),
+        ({"obstacles": [{"name": "a", "mesh_file": "not-there.stl"}]}, "not-there.stl"),
+        ({"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[0, 0, 9]]}]}, "1"),
+        ({"attached": [{"name": "a", "box_mm": [1, 1, 1], "mass_kg": -1}]}, "mass_kg"),
+        ({"may_touch": [["a"]]}, "list of pairs"),
+        ({"floor_z_mm": "low"}, "must be a number"),
+        ({"attached": [{"name": "a", "box_mm": [1, 1, 1], "mass_kg": 9}]}, "mass_kg"),
+        (
+            {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[0, 0, 0.5]]}]},
+            "numbers of vertices",
+        ),
+        ({"margin_mm": 0}, '"margin_mm"'),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_in_a_sentence(content, says):
+    with pytest.raises(ConfigError) as refused:
+        scene_from(content)
+    assert says in str(refused.value)
+
+
+def test_a_file_that_is_not_there_or_not_json_is_named(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_scene(tmp_path / "none.json")
+    (tmp_path / "bad.json").write_text("{")
+    with pytest.raises(ConfigError, match="is not JSON"):
+        read_scene(tmp_path / "bad.json")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    with pytest.raises(ConfigError, match="is not JSON"):
+        read_scene(tmp_path / "deep.json")
+
+
+def test_mesh_files_are_not_read_where_there_is_no_folder_to_read_them_from():
+    thing = {"name": "part", "mesh_file": "/etc/hostname"}
+    with pytest.raises(ConfigError, match=r"mesh_file.*of \"part\".*none can be read from here"):
+        scene_from({"obstacles": [thing]}, folder=None)
+
+
+def test_a_mesh_file_that_holds_no_triangles_is_named(tmp_path):
+    (tmp_path / "empty.stl").write_text("not a mesh")
+    thing = {"name": "part", "mesh_file": "empty.stl"}
+    with pytest.raises(ConfigError, match=r"empty\.stl.*holds no triangles"):
+        scene_from({"obstacles": [thing]}, folder=tmp_path)
+
+
+@given(st.tuples(*[st.floats(-3.2, 3.2)] * 3))
+def test_roll_pitch_and_yaw_give_the_same_rotation_back(rpy):
+    R = SE3.from_rpy(rpy).R
+    np.testing.assert_allclose(SE3.from_rpy(SE3(R, np.zeros(3)).rpy).R, R, atol=1e-7)
+
+
+def test_a_full_disk_leaves_a_scene_as_it_was(tmp_path, monkeypatch):
+    file = tmp_path / "scene.json"
+    write_scene(Scene(floor_z=None), file)
+
+    def fsync(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(ConfigError, match="No space left"):
+        write_scene(Scene(), file)
+    assert read_scene(file).floor_z is None
+    assert os.listdir(tmp_path) == ["scene.json"]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"floor_z_mm": 10**400},
+        {"margin_mm": 10**400},
+        {"obstacles": [{"name": "a", "points_mm": [[10**400, 0, 0]]}]},
+        {"obstacles": [{"name": "a", "box_mm": [10**400, 1, 1]}]},
+        {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[10**400, 0, 0]]}]},
+        {"obstacles": [{"name": "a", "vertices_mm": [[0, 0, 0]], "triangles": [[1e308, 0, 0]]}]},
+        {"obstacles": [{"name": "a", "sphere_radius_mm": 1, "position_mm": [1e308, 0, 0]}]},
+    ],
+    ids=str,
+)
+def test_whole_numbers_beyond_all_floats_are_refused(content):
+    with pytest.raises(ConfigError):
+        scene_from(content)

@@ -1,0 +1,405 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import ConfigError, InCollision, Unreachable
+from so101_motion.common.geometry import SE3, rot_y, rot_z, rotation_angle
+from so101_motion.planning.cartesian.cartesian import CartesianPlanner
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import ArcTo, GoalMetric, LineGoal, LineTo, ToolPathGoal
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.verify import check
+
+LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+TOOL_DOWN = np.radians([0, -20, 20, 90, 0])
+READY = np.radians([0, -45, 45, 60, 0])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+@pytest.fixture(scope="module")
+def collision(model):
+    return CollisionModel(model)
+
+
+@pytest.fixture(scope="module")
+def lines(model):
+    return CartesianPlanner(IkSolver(model))
+
+
+@pytest.fixture(scope="module")
+def find(model, lines, collision):
+    def find(q_start, offset, **options):
+        frame = options.get("frame", "tool")
+        T = model.frame(q_start, frame)
+        goal = LineGoal(T_base_tool=SE3(T.R, T.p + np.array(offset)), **options)
+        return lines.find(goal, q_start, collision, 0.0)
+
+    return find
+
+
+def timed(lines, found, limits, dt):
+    (motion,) = found.timed(limits, dt, lines.tool)
+    return motion
+
+
+def distance_from_line(points, begin, tool_path):
+    along = tool_path / np.linalg.norm(tool_path)
+    offset = points - begin
+    return np.linalg.norm(offset - np.outer(offset @ along, along), axis=1)
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+@pytest.mark.parametrize(
+    "offset", [(0.04, 0.0, 0.02), (0.0, 0.1, 0.0), (-0.05, -0.05, 0.05), (0.0, 0.0, -0.03)]
+)
+def test_the_tool_stays_on_the_line_at_every_instant(model, lines, find, frame, offset):
+    line = find(READY, offset, frame=frame)
+    motion = timed(lines, line, LIMITS, 0.001)
+    check(motion, LIMITS, model.lower, model.upper)
+    begin = model.frame(READY, frame).p
+    points = np.array([model.frame(q, frame).p for q in motion.q])
+    assert distance_from_line(points, begin, np.array(offset)).max() < 1e-4
+    assert points[-1] == pytest.approx(begin + offset, abs=1e-5)
+    assert np.array_equal(motion.q[0], READY)
+
+
+def test_the_pitch_is_kept_where_it_can_be(model, find):
+    line = find(TOOL_DOWN, (0.0, 0.0, -0.03))
+    pitch = line.waypoints[:, 1:4].sum(axis=1)
+    assert np.ptp(pitch) < 1e-6
+
+
+def test_the_pitch_gives_way_where_it_must(model, find):
+    # With the hand level the arm cannot come so close; with another pitch it can.
+    line = find(np.zeros(5), (-0.2, 0.0, 0.0))
+    assert np.ptp(line.waypoints[:, 1:4].sum(axis=1)) > 0.05
+
+
+def test_the_approach_is_kept_where_it_counts(model, find):
+    line = find(TOOL_DOWN, (0.02, 0.03, 0.0), metric=GoalMetric.POSITION_AND_APPROACH)
+    (curve,) = line.curves
+    for q in curve.evaluate(np.linspace(0.0, curve.length, 50)).q:
+        assert model.frame(q).R[:, 2] == pytest.approx([0.0, 0.0, -1.0], abs=1e-3)
+
+
+def test_the_whole_pose_is_reached_where_it_counts(model, find):
+    line = find(TOOL_DOWN, (0.0, 0.03, 0.0), metric=GoalMetric.FULL_POSE)
+    reached = model.frame(line.waypoints[-1])
+    assert np.allclose(reached.R, model.frame(TOOL_DOWN).R, atol=1e-3)
+
+
+def test_the_tool_moves_at_one_speed_and_keeps_its_cap(model, lines, find):
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.05)
+    motion = timed(lines, find(READY, (0.0, 0.1, 0.0)), limits, 0.01)
+    points = np.array([model.frame(q).p for q in motion.q])
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) / 0.01
+    assert speed.max() < 0.05 * 1.001
+    assert np.ptp(speed[20:-20]) < 1e-4
+
+
+def test_a_line_without_length_is_no_motion(lines, find):
+    motion = timed(lines, find(READY, (0.0, 0.0, 0.0)), LIMITS, 0.01)
+    assert len(motion) == 1
+    assert motion.duration == 0.0
+    assert np.array_equal(motion.q[0], READY)
+
+
+def test_a_line_out_of_reach_says_how_far_it_can_be_followed_and_why(model, find):
+    with pytest.raises(Unreachable) as caught:
+        find(np.zeros(5), (0.1, 0.0, 0.0))
+    message = str(caught.value)
+    assert message.startswith("the tool can follow 6")
+    assert "of the 100 mm of the line: there it is stopped by full stretch" in message
+    assert caught.value.limit == "full stretch"
+    assert 0.03 < caught.value.error_position < 0.04
+    assert caught.value.fraction == pytest.approx(1.0 - caught.value.error_position / 0.1)
+    reached = model.frame(caught.value.q_nearest).p
+    assert reached == pytest.approx(caught.value.p_base_nearest, abs=1e-4)
+
+
+def test_a_line_into_the_floor_says_where_it_would_touch(find):
+    with pytest.raises(InCollision, match=r"can follow \d+ of the 200 mm .* the floor") as caught:
+        find(TOOL_DOWN, (0.0, 0.0, -0.2))
+    assert caught.value.second == "floor"
+    assert caught.value.where == "path"
+    assert 0.0 < caught.value.fraction < 1.0
+
+
+def test_an_approach_that_does_not_exist_at_the_end_is_refused(model, lines, collision):
+    p_base = model.frame(READY).p + np.array([0.02, 0.0, 0.0])
+    sideways = SE3.from_rpy((np.pi / 2, 0.0, 0.0), p_base)
+    goal = LineGoal(T_base_tool=sideways, metric=GoalMetric.POSITION_AND_APPROACH)
+    with pytest.raises(Unreachable, match=r"turned off by .* deg, and 5.0 deg are allowed"):
+        lines.find(goal, READY, collision, 0.0)
+
+
+def test_a_goal_that_is_no_number_is_refused(find):
+    with pytest.raises(ConfigError, match="finite"):
+        find(READY, (float("nan"), 0.0, 0.0))
+
+
+@pytest.mark.parametrize("tolerance", [0.0, float("nan")])
+def test_a_tolerance_that_is_none_is_refused(find, tolerance):
+    with pytest.raises(ConfigError, match="tolerance"):
+        find(READY, (0.01, 0.0, 0.0), tolerance=tolerance)
+
+
+def test_a_line_past_the_pan_axis_says_what_it_is_stopped_by(find):
+    above = np.radians([0, -80, -40, 60, 0])
+    with pytest.raises(Unreachable, match=r"of the 300 mm of the line: there it is "):
+        find(above, (-0.3, 0.001, 0.0))
+
+
+def test_the_elbow_turns_over_on_a_line_that_needs_it(model, find):
+    start = np.radians([-18.6, 66.0, -95.0, -25.6, -132.0])
+    offset = np.array([-0.032, 0.0093, -0.0943])
+    found = find(start, offset)
+    straight = IkSolver(model).structure.bars.straight
+    elbow = found.waypoints[:, 2]
+    assert elbow[0] < straight - 0.1
+    assert elbow[-1] > straight + 0.1
+    (curve,) = found.curves
+    q = curve.evaluate(np.linspace(0.0, curve.length, 400)).q
+    points = np.array([model.frame(each).p for each in q])
+    begin = model.frame(start).p
+    assert distance_from_line(points, begin, offset).max() < 1e-4
+
+
+def test_a_line_that_contact_bars_is_followed_with_another_pitch(model, lines, collision):
+    start = np.radians([0, 0, 20, 60, 0])
+    T = model.frame(start)
+    goal = LineGoal(T_base_tool=SE3(T.R, T.p + np.array([0.0, 0.0, -0.07])))
+    nothing_there = CollisionModel(model, Scene(floor_z=None))
+    kept = lines.find(goal, start, nothing_there, 0.0)
+    assert np.ptp(kept.waypoints[:, 1:4].sum(axis=1)) < 1e-6
+    raised = lines.find(goal, start, collision, 0.0)
+    assert np.ptp(raised.waypoints[:, 1:4].sum(axis=1)) > 0.5
+    assert collision.first_blocked(raised.waypoints) is None
+
+
+def test_a_line_close_past_the_pan_axis_is_followed_by_turning_the_pan(model, find):
+    start = np.radians([-76.5, -60.1, -15.7, 2.3, -94.9])
+    found = find(start, (-0.027, 0.095, 0.015))
+    assert np.ptp(found.waypoints[:, 0]) > 2.0
+
+
+def test_what_stops_a_line_is_named_at_the_millimetre_where_it_does(model, lines, collision):
+    # Straight up with the hand level: the wrist has to bend down, and ends at its limit.
+    start = np.radians([0, -60, 20, 40, 0])
+    T = model.frame(start)
+    goal = LineGoal(
+        T_base_tool=SE3(T.R, T.p + np.array([0.0, 0.0, 0.2])),
+        metric=GoalMetric.POSITION_AND_APPROACH,
+        orientation_tolerance=np.radians(1.0),
+    )
+    with pytest.raises(Unreachable) as caught:
+        lines.find(goal, start, collision, 0.0)
+    reached = caught.value.fraction * 0.2
+    shorter, longer = reached - 0.002, reached + 0.002
+    for length, exists in ((shorter, True), (longer, False)):
+        near = LineGoal(
+            T_base_tool=SE3(T.R, T.p + np.array([0.0, 0.0, length])),
+            metric=goal.metric,
+            orientation_tolerance=goal.orientation_tolerance,
+        )
+        if exists:
+            lines.find(near, start, collision, 0.0)
+        else:
+            with pytest.raises(Unreachable):
+                lines.find(near, start, collision, 0.0)
+
+
+def test_how_far_random_lines_can_be_followed_is_told_to_two_millimetres(model, lines, collision):
+    random = np.random.default_rng(3)
+
+    def follow(q_start, tool_path):
+        T = model.frame(q_start)
+        lines.find(LineGoal(T_base_tool=SE3(T.R, T.p + tool_path)), q_start, collision, 0.0)
+
+    def can_follow(q_start, tool_path):
+        try:
+            follow(q_start, tool_path)
+        except (Unreachable, InCollision):
+            return False
+        return True
+
+    right, told = 0, 0
+    while told < 15:
+        q_start = random.uniform(model.lower, model.upper)
+        tool_path = random.standard_normal(3)
+        tool_path *= 0.25 / np.linalg.norm(tool_path)
+        if not collision.is_free(q_start) or can_follow(q_start, tool_path):
+            continue
+        with pytest.raises((Unreachable, InCollision)) as caught:
+            follow(q_start, tool_path)
+        told += 1
+        share = 0.002 / 0.25
+        within = can_follow(q_start, max(caught.value.fraction - share, 0.0) * tool_path)
+        beyond = can_follow(q_start, min(caught.value.fraction + share, 1.0) * tool_path)
+        right += within and not beyond
+    # The joints might turn over in the middle of the path; only a curve to its end would tell.
+    assert right >= 13
+
+
+def test_an_arm_with_narrower_limits_keeps_to_them_along_the_line(model):
+    start = np.radians([0, 0, 20, 60, 0])
+    T = model.frame(start)
+    goal = LineGoal(T_base_tool=SE3(T.R, T.p + np.array([0.0, 0.0, -0.07])))
+    nothing_there = CollisionModel(model, Scene(floor_z=None))
+    widely = CartesianPlanner(IkSolver(model)).find(goal, start, nothing_there, 0.0).waypoints
+    lower, upper = model.lower.copy(), model.upper.copy()
+    lower[3] = widely[:, 3].min() + 0.05
+    assert start[3] > lower[3]
+    narrow = model.narrowed(lower, upper)
+    found = CartesianPlanner(IkSolver(narrow)).find(goal, start, nothing_there, 0.0)
+    (curve,) = found.curves
+    q = curve.evaluate(np.linspace(0.0, curve.length, 500)).q
+    assert np.all(q >= narrow.lower - 1e-6)
+    assert np.all(q <= narrow.upper + 1e-6)
+
+
+def test_a_long_path_is_followed_too(model, lines, collision):
+    # Two metres to and fro over the table.
+    rows = [
+        (x, y)
+        for k, x in enumerate(np.linspace(-0.03, 0.04, 12))
+        for y in (0.08, -0.08)[:: 1 if k % 2 else -1]
+    ]
+    corners = [(x, y, 0.0) for x, y in rows]
+    goal = path_goal(model, corners, blend=0.003, metric=GoalMetric.POSITION_AND_APPROACH)
+    found = lines.find(goal, TOOL_DOWN, collision, 0.0)
+    motion = timed(lines, found, LIMITS, 0.01)
+    check(motion, LIMITS, model.lower, model.upper)
+    assert found.off < 1e-4
+
+
+def test_sideways_the_approach_can_be_held_only_so_far(model, find):
+    with pytest.raises(Unreachable, match=r"can follow 2\d of the 100 mm") as caught:
+        find(READY, (0.0, 0.1, 0.0), metric=GoalMetric.POSITION_AND_APPROACH)
+    assert caught.value.error_angle == pytest.approx(np.radians(5.0), abs=np.radians(0.3))
+    found = find(
+        READY,
+        (0.0, 0.1, 0.0),
+        metric=GoalMetric.POSITION_AND_APPROACH,
+        orientation_tolerance=np.radians(20.0),
+    )
+    assert np.radians(15.0) < found.turned < np.radians(20.0)
+
+
+@pytest.mark.parametrize("metric", [GoalMetric.POSITION_AND_APPROACH, GoalMetric.FULL_POSE])
+def test_the_stated_deviation_is_the_largest_there_is(model, find, metric):
+    found = find(READY, (0.02, 0.02, 0.0), metric=metric, orientation_tolerance=np.radians(12.0))
+    (curve,) = found.curves
+    q = curve.evaluate(np.linspace(0.0, curve.length, 300)).q
+    R = model.frame(READY).R
+    if metric is GoalMetric.FULL_POSE:
+        turned = max(rotation_angle(model.frame(each).R.T @ R) for each in q)
+    else:
+        turned = max(np.arccos(model.frame(each).R[:, 2] @ R[:, 2]) for each in q)
+    assert found.turned == pytest.approx(turned, abs=1e-4)
+
+
+def test_the_tool_tilts_steadily_to_another_approach(model, lines, collision):
+    T = model.frame(READY)
+    end = SE3(rot_y(np.radians(25.0)) @ T.R, T.p + np.array([0.03, 0.0, 0.0]))
+    goal = LineGoal(T_base_tool=end, metric=GoalMetric.POSITION_AND_APPROACH)
+    found = lines.find(goal, READY, collision, 0.0)
+    (curve,) = found.curves
+    pitch = curve.evaluate(np.linspace(0.0, curve.length, 9)).q[:, 1:4].sum(axis=1)
+    assert np.diff(pitch) == pytest.approx(np.full(8, np.radians(25.0) / 8), abs=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.5, 2.5])
+def test_the_tool_turns_on_the_spot(model, lines, collision, angle):
+    T = model.frame(TOOL_DOWN)
+    goal = LineGoal(T_base_tool=SE3(T.R @ rot_z(angle), T.p), metric=GoalMetric.FULL_POSE)
+    motion = timed(lines, lines.find(goal, TOOL_DOWN, collision, 0.0), LIMITS, 0.01)
+    check(motion, LIMITS, model.lower, model.upper)
+    assert rotation_angle(model.frame(motion.q[-1]).R.T @ goal.T_base_tool.R) < 1e-6
+    assert max(np.linalg.norm(model.frame(q).p - T.p) for q in motion.q) < 1e-4
+
+
+def test_a_turn_beyond_the_limits_of_the_roll_says_how_far_it_can_go(model, lines, collision):
+    start = TOOL_DOWN + np.array([0.0, 0.0, 0.0, 0.0, 2.3])
+    T = model.frame(start)
+    beyond = SE3(T.R @ rot_z(-1.2), T.p)
+    goal = LineGoal(T_base_tool=beyond, metric=GoalMetric.FULL_POSE)
+    with pytest.raises(
+        Unreachable, match="of the 69 deg of the turn: there it is stopped by wrist_roll at"
+    ):
+        lines.find(goal, start, collision, 0.0)
+
+
+SQUARE = [(0.0, 0.04, 0.0), (0.03, 0.04, 0.0), (0.03, -0.03, 0.0), (0.0, 0.0, 0.0)]
+
+
+def path_goal(model, corners, start=TOOL_DOWN, **options):
+    T = model.frame(start)
+    segments = tuple(LineTo(T_base_tool=SE3(T.R, T.p + np.array(corner))) for corner in corners)
+    return ToolPathGoal(segments=segments, **options)
+
+
+def test_a_path_with_rounded_corners_is_one_motion_that_only_rests_at_its_end(
+    model, lines, collision
+):
+    goal = path_goal(model, SQUARE, blend=0.008, metric=GoalMetric.POSITION_AND_APPROACH)
+    found = lines.find(goal, TOOL_DOWN, collision, 0.0)
+    motion = timed(lines, found, LIMITS, 0.005)
+    check(motion, LIMITS, model.lower, model.upper)
+    speed = lines.tool.speeds(motion.q, motion.qd)
+    inside = (motion.t > 0.15) & (motion.t < motion.duration - 0.15)
+    assert speed[inside].min() > 0.02
+
+
+def test_a_path_with_sharp_corners_rests_at_each(model, lines, collision):
+    goal = path_goal(model, SQUARE)
+    found = lines.find(goal, TOOL_DOWN, collision, 0.0)
+    motions = found.timed(LIMITS, 0.005, lines.tool)
+    assert len(motions) == len(SQUARE)
+    begin = model.frame(TOOL_DOWN).p
+    for motion, corner in zip(motions, SQUARE, strict=True):
+        check(motion, LIMITS, model.lower, model.upper)
+        assert model.frame(motion.q[-1]).p == pytest.approx(begin + corner, abs=1e-5)
+        assert not np.any(motion.qd[[0, -1]])
+    for before, after in pairwise(motions):
+        assert np.array_equal(before.q[-1], after.q[0])
+
+
+def test_the_tool_goes_round_an_arc(model, lines, collision):
+    T = model.frame(TOOL_DOWN)
+    end, via = np.array([0.04, 0.0, 0.0]), np.array([0.02, 0.02, 0.0])
+    arc = ArcTo(T_base_tool=SE3(T.R, T.p + end), p_via=T.p + via)
+    goal = ToolPathGoal(segments=(arc,), metric=GoalMetric.POSITION_AND_APPROACH)
+    motion = timed(lines, lines.find(goal, TOOL_DOWN, collision, 0.0), LIMITS, 0.005)
+    centre = T.p + 0.5 * end
+    points = np.array([model.frame(q).p for q in motion.q])
+    assert np.linalg.norm(points - centre, axis=1) == pytest.approx(0.02, abs=1e-4)
+    assert points[:, 2] == pytest.approx(T.p[2], abs=1e-4)
+    assert points[:, 1].max() == pytest.approx(T.p[1] + 0.02, abs=1e-4)
+
+
+def test_a_path_that_cannot_be_followed_names_the_segment(model, lines, collision):
+    goal = path_goal(model, [(0.0, 0.03, 0.0), (0.5, 0.03, 0.0)], blend=0.01)
+    with pytest.raises(Unreachable, match=r"of the 5\d\d mm of the path, into segment 2 of 2"):
+        lines.find(goal, TOOL_DOWN, collision, 0.0)
+
+
+@pytest.mark.parametrize("key", ["tolerance", "orientation_tolerance"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan")])
+def test_tolerances_that_are_none_are_refused_by_name(model, lines, collision, key, value):
+    with pytest.raises(ConfigError, match=f'"{key}".*must be positive and finite'):
+        lines.find(path_goal(model, SQUARE, **{key: value}), TOOL_DOWN, collision, 0.0)
+
+
+def test_a_frame_that_is_not_on_the_gripper_is_refused(model, lines, collision):
+    goal = LineGoal(T_base_tool=model.frame(READY), frame="wrist_link")
+    with pytest.raises(ConfigError, match="not fixed to the gripper"):
+        lines.find(goal, READY, collision, 0.0)

@@ -1,0 +1,220 @@
+import coal
+import numpy as np
+import pytest
+import so101_description
+
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+
+# pan, lift, elbow, wrist flex, wrist roll, jaw [deg]; all of them seen to be free on the CAD.
+FREE_POSES = {
+    "zero": (0, 0, 0, 0, 0, 0),
+    "straight_up": (0, -13.97, -73.82, -2.21, 0, 0),
+    "extended_forward": (0, 76.03, -73.82, -2.21, 0, 0),
+    "ready": (0, -45, 45, 60, 0, 0),
+    "ready_topdown": (0, -20, 20, 90, 0, 20),
+    "carry": (0, -80, 60, 30, 0, 0),
+    "rest_folded_loose": (0, -92, 78, 60, 0, 0),
+    "rest_folded": (0, -95, 80, 65, 0, 0),
+}
+
+
+def configuration(*angles_deg):
+    return np.radians(angles_deg[:5])
+
+
+BELOW = configuration(0, 60, 20, 40, 0)  # the hand reaches 13 cm below the table
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+@pytest.fixture(scope="module")
+def collision(model):
+    return CollisionModel(model)
+
+
+def random_configurations(model, count, seed=0):
+    return np.random.default_rng(seed).uniform(model.lower, model.upper, (count, 5))
+
+
+@pytest.mark.parametrize("name", FREE_POSES)
+def test_the_named_poses_are_free(collision, name):
+    angles = FREE_POSES[name]
+    q, q_jaw = configuration(*angles), float(np.radians(angles[5]))
+    assert collision.is_free(q, q_jaw)
+    assert collision.first_contact(q, q_jaw) is None
+
+
+def test_an_arm_folded_too_far_touches_itself(collision):
+    first, second = collision.first_contact(configuration(0, -100, 90, 90, 0))
+    assert {first, second} <= {
+        "base",
+        "shoulder",
+        "upper arm",
+        "lower arm",
+        "wrist",
+        "gripper",
+        "jaw",
+    }
+
+
+def test_a_jaw_below_the_table_touches_the_floor(collision):
+    first, second = collision.first_contact(BELOW)
+    assert (first, second) == ("jaw", "floor")
+    assert collision.clearance(BELOW).distance < -0.02
+
+
+def test_without_a_floor_the_same_posture_is_free(model):
+    nowhere = CollisionModel(model, Scene(floor_z=None))
+    assert nowhere.is_free(BELOW)
+    assert not any("floor" in pair for pair in nowhere.pairs)
+
+
+def test_the_base_may_stand_on_the_floor(model):
+    above = CollisionModel(model, Scene(floor_z=0.05))
+    assert above.is_free(np.zeros(5))
+
+
+def test_an_open_gripper_is_wider_than_a_closed_one(model, collision):
+    only_closed = [
+        q
+        for q in random_configurations(model, 2000)
+        if collision.is_free(q, 0.0) and not collision.is_free(q, 1.7)
+    ]
+    assert only_closed
+    assert any("jaw" in collision.first_contact(q, 1.7) for q in only_closed)
+
+
+def test_free_means_that_the_closest_pair_keeps_the_margin(model):
+    for margin in (0.001, 0.01):
+        collision = CollisionModel(model, Scene(margin=margin))
+        for q in random_configurations(model, 300):
+            closest = collision.clearance(q)
+            room = closest.distance - closest.margin
+            if abs(room) > 1e-5:
+                assert collision.is_free(q) == (room > 0.0)
+
+
+def test_clearance_is_told_in_words(collision):
+    into = collision.clearance(BELOW).message()
+    assert into.startswith("the jaw would be ")
+    assert into.endswith(" mm into the floor")
+    assert " mm from the " in collision.clearance(np.zeros(5)).message("is")
+
+
+def test_a_motion_of_one_posture_is_that_posture(collision):
+    assert collision.first_blocked(np.zeros((1, 5))) is None
+    assert collision.first_blocked(np.zeros((3, 5))) is None
+    low = BELOW
+    assert np.array_equal(collision.first_blocked(low[None]), low)
+
+
+def test_contact_between_free_postures_is_found(collision):
+    # On the way the hand dips into the table.
+    begin, end = configuration(-90, -10, 60, -20, -40), configuration(10, -10, 40, 50, 10)
+    assert collision.is_free(begin)
+    assert collision.is_free(end)
+    blocked = collision.first_blocked(np.array([begin, end]))
+    assert blocked is not None
+    assert not collision.is_free(blocked)
+
+
+def test_no_contact_hides_between_the_postures_looked_at(model, collision):
+    found = 0
+    configurations = [q for q in random_configurations(model, 150, seed=1) if collision.is_free(q)]
+    for begin, end in zip(configurations[::2], configurations[1::2], strict=False):
+        points = np.linspace(begin, end, 5)
+        if collision.first_blocked(points) is None:
+            found += 1
+            dense = np.linspace(begin, end, 300)
+            assert min(collision.clearance(q).distance for q in dense) > 0.0
+    assert found > 20
+
+
+def triangles(part):
+    """What is drawn of a link, for coal."""
+    shape = coal.BVHModelOBBRSS()
+    meshes = [surface.mesh for surface in so101_description.load_visual(part)]
+    shape.beginModel(sum(len(m.faces) for m in meshes), sum(len(m.vertices) for m in meshes))
+    for mesh in meshes:
+        corners = mesh.vertices[mesh.faces]
+        for a, b, c in corners:
+            shape.addTriangle(a, b, c)
+    shape.endModel()
+    return shape
+
+
+def test_whatever_touches_as_drawn_is_found(model, collision):
+    links = so101_description.PARTS
+    shapes = {part.replace("_", " "): triangles(part) for part in links.values()}
+    request = coal.CollisionRequest()
+    touching = 0
+    for q in random_configurations(model, 250, seed=3):
+        placed = {
+            links[link].replace("_", " "): coal.Transform3s(T.R, T.p)
+            for link, T in model.link_placements(q, 0.3).items()
+        }
+        for first, second in collision.pairs:
+            if second == "floor":
+                continue
+            result = coal.CollisionResult()
+            coal.collide(
+                shapes[first], placed[first], shapes[second], placed[second], request, result
+            )
+            if result.isCollision():
+                touching += 1
+                assert not collision.is_free(q, 0.3), (first, second, q)
+    assert touching > 20
+
+
+def test_the_floor_pairs_leave_out_what_cannot_move_towards_it(collision):
+    over_floor = {first for first, second in collision.pairs if second == "floor"}
+    assert over_floor == {"upper arm", "lower arm", "wrist", "gripper", "jaw"}
+
+
+def test_the_distance_to_the_floor_is_that_of_the_lowest_vertex(model, collision):
+    q = configuration(20, -30, 40, 50, 60)
+    placed = model.link_placements(q, 0.0)
+    lowest = min(
+        float((placed[link] @ so101_description.load_hull(part).vertices)[:, 2].min())
+        for link, part in so101_description.PARTS.items()
+        if part not in ("base", "shoulder")
+    )
+    floor = [k for k, pair in enumerate(collision.pairs) if "floor" in pair]
+    assert collision.distances(q)[floor].min() == pytest.approx(lowest + 0.0024, abs=1e-6)
+
+
+def test_near_pairs_are_asked_for_within_reason(collision):
+    for within in (0.0, -0.01, 0.2, float("nan")):
+        with pytest.raises(ValueError, match=r"within must be more than 0 and at most 0\.1 m"):
+            collision.nearest(np.zeros(5), within=within)
+
+
+def test_far_from_everything_nothing_is_near(collision):
+    assert collision.nearest(np.zeros(5), within=0.05) == []
+
+
+def test_a_look_may_ask_for_more_than_the_margin(model, collision):
+    for q in random_configurations(model, 300, seed=4):
+        room = collision.clearance(q).room
+        if min(abs(room), abs(room - 0.01)) > 1e-5:
+            assert collision.sampled_check(spacing=0.02).is_free(q) == (room > 0.0)
+            assert collision.sampled_check(spacing=0.02, extra=0.01).is_free(q) == (room > 0.01)
+
+
+def test_with_leeway_a_motion_may_come_a_little_nearer(collision):
+    def along_the_floor(distance):
+        """A turn of the pan at a height over the table."""
+        q = configuration(0, -20, 20, 60, 0)
+        while collision.clearance(q).distance > distance:
+            q[1] += 2e-4
+        return np.array([q, q + np.eye(5)[0] * 0.3])
+
+    assert collision.first_blocked(along_the_floor(0.0031)) is None
+    assert collision.first_blocked(along_the_floor(0.0027)) is not None
+    assert collision.first_blocked(along_the_floor(0.0027), tolerance=0.2) is None
+    assert collision.first_blocked(along_the_floor(0.002), tolerance=0.2) is not None

@@ -1,0 +1,145 @@
+"""Files of meshes and clouds: read as they are, refused by their heads."""
+
+import struct
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Obstacle, Scene, ShapeFile
+from so101_motion.planning.collision.shape_files import (
+    MOST_POINTS,
+    MOST_TRIANGLES,
+    mesh_kind,
+    read_mesh,
+    read_points,
+    read_shape,
+    shape_file,
+    welded,
+)
+
+CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4") / 10
+FACES = np.array([[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]])
+STL_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def stl(corners):
+    records = np.zeros(len(corners), STL_RECORD)
+    records["corners"] = corners
+    return b"solid but binary".ljust(80) + struct.pack("<I", len(corners)) + records.tobytes()
+
+
+def ply(corners, faces, *, extra=b"", ends=b"\n"):
+    head = (
+        b"ply\nformat binary_little_endian 1.0\ncomment a tetrahedron\n"
+        b"element vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
+        b"element face %d\nproperty list uchar int vertex_indices\nend_header\n"
+    ) % (len(corners), len(faces))
+    records = np.zeros(len(faces), np.dtype([("n", "u1"), ("corners", "<i4", 3)]))
+    records["n"], records["corners"] = 3, faces
+    return head.replace(b"\n", ends) + corners.tobytes() + records.tobytes() + extra
+
+
+def pcd(count, data=b"binary", body=b""):
+    return (
+        b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\n"
+        b"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS %s\nDATA %s\n" % (count, data)
+    ) + body
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        ("stl", stl(CORNERS[FACES])),
+        ("ply", ply(CORNERS, FACES)),
+        ("ply", ply(CORNERS, FACES, ends=b"\r\n")),
+    ],
+    ids=["stl", "ply", "ply with carriage returns"],
+)
+def test_binary_meshes_are_read_without_trimesh(kind, data, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    assert mesh_kind(data) == kind
+    vertices, triangles = welded(*read_mesh(kind, data))
+    assert len(vertices) == 4
+    found = {tuple(sorted(map(tuple, np.round(vertices[t], 6)))) for t in triangles}
+    assert found == {
+        tuple(sorted(map(tuple, np.round(CORNERS[t].astype(float), 6)))) for t in FACES
+    }
+
+
+def test_other_forms_of_meshes_are_read_by_trimesh():
+    import trimesh
+
+    body = trimesh.Trimesh(CORNERS, FACES, process=False)
+    for kind, form in (("stl", "stl_ascii"), ("ply", "ply")):
+        data = body.export(file_type=form, **({"encoding": "ascii"} if kind == "ply" else {}))
+        data = data.encode() if isinstance(data, str) else data
+        assert mesh_kind(data) == kind
+        assert len(read_mesh(kind, data)[1]) == 4
+
+
+@pytest.mark.parametrize(
+    ("kind", "data", "says"),
+    [
+        ("stl", stl(np.zeros((MOST_TRIANGLES + 1, 3, 3))), "triangles"),
+        ("stl", b"solid x\n" + b"endfacet\n" * (MOST_TRIANGLES + 1), "triangles"),
+        ("ply", ply(CORNERS, FACES).replace(b"face 4", b"face 1000000"), "1000000 triangles"),
+        ("ply", ply(CORNERS, FACES).replace(b"vertex 4", b"vertex %d" % 10**30), "vertices"),
+        ("ply", b"ply\n" + b"a" * 100_000, "head"),
+        ("pcd", pcd(b"%d" % (MOST_POINTS + 1)), "points"),
+        ("pcd", pcd(b"1" + b"0" * 30), "points"),
+        ("pcd", pcd(b"1e30"), "not a number of points"),
+        ("pcd", pcd(b"-1"), "not a number of points"),
+        ("pcd", pcd("٣".encode()), "PCD"),
+        ("pcd", b"x" * 100_000, "DATA"),
+    ],
+    ids=str,
+)
+def test_too_much_is_refused_from_the_head_alone(kind, data, says):
+    begin = time.thread_time()
+    with pytest.raises(ConfigError, match=says):
+        shape_file(kind, data, name="part")
+    assert time.thread_time() - begin < 0.1
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        pcd(b"2", body=b"\0" * 12),
+        pcd(b"1", b"ascii", b"1 2"),
+        pcd(b"1", b"ascii", b"1 2 x"),
+        pcd(b"1", b"binary_compressed"),
+        pcd(b"1").replace(b"SIZE 4", b"SIZE -4"),
+        pcd(b"1").replace(b"COUNT 1", b"COUNT 99999999999"),
+        pcd(b"1").replace(b"COUNT 1", b"COUNT 0"),
+        pcd(b"1").replace(b"FIELDS x", b"FIELDS w"),
+        pcd(b"1").replace(b"TYPE F F F", b"TYPE F"),
+    ],
+)
+def test_a_cloud_that_is_none_is_refused(data):
+    with pytest.raises(ConfigError, match="PCD"):
+        read_points(data)
+
+
+@pytest.mark.parametrize("far", [1e308, 1e30, np.inf, np.nan])
+def test_coordinates_that_cannot_be_meant_are_refused_with_the_name(far):
+    corners = CORNERS.astype("<f8")
+    corners[2, 1] = far
+    text = b"".join(b"%r %r %r\n" % tuple(map(float, row)) for row in corners)
+    cloud = shape_file("pcd", pcd(b"4", b"ascii", text), name="seen")
+    mesh = ply(corners, FACES).replace(b"float", b"double")
+    for file in (cloud, shape_file("ply", mesh, name="seen")):
+        with pytest.raises(ConfigError, match=r"\(of seen\)"):
+            read_shape(file)
+
+
+def test_a_file_is_the_same_scene_again_and_another_one_is_not():
+    def scene(data):
+        file = ShapeFile(kind="stl", data=np.frombuffer(data, np.uint8), name="part")
+        return Scene(obstacles=(Obstacle(name="part", shape=file, T_base_obstacle=SE3.identity()),))
+
+    assert scene(stl(CORNERS[FACES])) == scene(stl(CORNERS[FACES]))
+    assert scene(stl(CORNERS[FACES])) != scene(stl(2 * CORNERS[FACES]))

@@ -1,0 +1,288 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.differential.servo import Servo, Step
+from so101_motion.planning.differential.targets import STILL, Twist
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Load, Payload, Strength
+
+MODEL = RobotModel.load()
+DT = 0.01
+READY = np.array([0.0, -0.5, 0.5, 0.6, 0.0])
+LIMITS = MotionLimits.uniform(velocity=1.5, acceleration=3.0, jerk=100.0)
+AS_SET = MotionLimits.uniform(velocity=1.0, acceleration=1.75, jerk=17.5)
+TIP = (MODEL.frame(np.zeros(5)).inverse @ MODEL.frame(np.zeros(5), "jaw_tip")).p
+HELD = Payload(mass=0.15, com=tuple(TIP))
+
+
+def servo(
+    q_start=READY,
+    scene: Scene | None = None,
+    limits: MotionLimits = LIMITS,
+    held: Payload | None = None,
+) -> Servo:
+    load = Load.of(MODEL, Strength.of_servos(7.4), q_start, held) if held else None
+    return Servo(MODEL, CollisionModel(MODEL, scene), limits, DT, q_start, load=load)
+
+
+def shares(steps, held: Payload = HELD) -> np.ndarray:
+    """What each joint holds in each step, as a share of what it may."""
+    model = MODEL.with_payload(held.mass, held.com)
+    torques = model.holding_torques(np.array([step.q for step in steps]))
+    return np.abs(torques) / Strength.of_servos(7.4).holding
+
+
+def twist(x=0.0, y=0.0, z=0.0, turn=(0.0, 0.0, 0.0), in_tool=False) -> Twist:
+    return Twist(linear=np.array([x, y, z]), angular=np.array(turn), in_tool=in_tool)
+
+
+def run(moving: Servo, target, steps: int):
+    return [moving.step(target) for _ in range(steps)]
+
+
+def tool(q: np.ndarray) -> SE3:
+    return MODEL.frame(q)
+
+
+@pytest.mark.parametrize("along", [(0.06, 0, 0), (0, 0.06, 0), (0, 0, 0.06), (0.04, -0.03, 0.03)])
+def test_a_twist_moves_the_tool_straight_at_its_speed(along) -> None:
+    moving, start = servo(), tool(READY).p
+    steps = run(moving, twist(*along), 100)
+    speed = np.linalg.norm(along)
+    offset = np.array([tool(step.q).p for step in steps]) - start
+    direction = np.array(along) / speed
+    across = offset - np.outer(offset @ direction, direction)
+    assert np.linalg.norm(across, axis=1).max() < 5e-4
+    assert steps[-1].share == 1.0
+    gained = (offset[-1] - offset[-11]) @ direction / 0.1
+    assert gained == pytest.approx(speed, rel=0.02)
+
+
+def test_a_twist_in_the_axes_of_the_tool_goes_where_the_tool_points() -> None:
+    moving, start = servo(), tool(READY)
+    run(moving, twist(z=0.05, in_tool=True), 80)
+    offset = tool(moving.q).p - start.p
+    assert offset @ start.R[:, 2] > 0.99 * np.linalg.norm(offset) > 0.02
+
+
+def test_a_turn_about_the_approach_axis_leaves_the_tool_where_it_is() -> None:
+    moving, start = servo(), tool(READY)
+    run(moving, twist(turn=(0.0, 0.0, 0.5), in_tool=True), 100)
+    now = tool(moving.q)
+    assert np.linalg.norm(now.p - start.p) < 5e-4
+    assert rotation_angle(now.R @ start.R.T) == pytest.approx(0.5, abs=0.06)
+
+
+def test_pitch_is_held_while_the_tool_moves_in_the_plane_of_the_arm() -> None:
+    moving, start = servo(), tool(READY)
+    run(moving, twist(x=0.05, z=0.03), 100)
+    assert rotation_angle(tool(moving.q).R @ start.R.T) < 0.02
+
+
+def test_a_pose_is_reached_without_overshoot_and_held() -> None:
+    goal = tool(READY + np.array([0.3, 0.2, -0.2, 0.1, -0.4]))
+    moving = servo()
+    steps = run(moving, goal, 150)
+    off = [np.linalg.norm(tool(step.q).p - goal.p) for step in steps]
+    assert off[-1] < 1e-6
+    assert rotation_angle(tool(moving.q).R @ goal.R.T) < 1e-5
+    assert np.diff(off).max() < 1e-4
+    assert not moving.qd.any()
+
+
+def test_a_point_is_reached_whatever_the_orientation() -> None:
+    goal = tool(READY).p + np.array([-0.05, 0.1, -0.03])
+    moving = servo()
+    run(moving, goal, 150)
+    assert np.linalg.norm(tool(moving.q).p - goal) < 1e-6
+
+
+def test_an_orientation_that_five_joints_cannot_have_costs_no_position() -> None:
+    start = tool(READY)
+    goal = SE3(rotation_by([0.0, 0.0, 0.8]) @ start.R, start.p + np.array([0.0, 0.05, 0.0]))
+    moving = servo()
+    run(moving, goal, 200)
+    assert np.linalg.norm(tool(moving.q).p - goal.p) < 3e-4
+
+
+def test_standing_still_is_standing_still() -> None:
+    moving = servo()
+    steps = run(moving, STILL, 3)
+    assert all(np.array_equal(step.q, READY) and step.share == 1.0 for step in steps)
+
+
+def test_it_comes_to_rest_along_the_way_it_announced() -> None:
+    moving = servo()
+    before = run(moving, twist(0.1, 0.1, -0.05), 40)[-2].q
+    path = moving.path_to_rest()
+    assert np.array_equal(path[:2], [before, moving.q])
+    steps = run(moving, STILL, len(path) - 2)
+    assert np.allclose([step.q for step in steps], path[2:], atol=1e-12)
+    run(moving, STILL, 1)
+    assert not moving.qd.any()
+
+
+def test_a_tool_that_is_let_go_of_stops_on_its_line() -> None:
+    moving, start = servo(limits=AS_SET), tool(READY).p
+    run(moving, twist(0.0, 0.08, 0.0), 100)
+    offsets = np.array([tool(q).p for q in moving.path_to_rest()]) - start
+    assert np.abs(offsets[:, [0, 2]]).max() < 1e-3
+    assert 0.07 < offsets[-1, 1] < 0.08 * (1.0 + 0.15)
+
+
+@pytest.mark.parametrize("limits", [LIMITS, AS_SET])
+def test_jerk_is_bounded_when_the_wish_jumps(limits: MotionLimits) -> None:
+    moving, q = servo(limits=limits), [READY] * 3
+    for target in (twist(y=0.2), twist(y=-0.2), tool(0.5 * READY), STILL):
+        q += [step.q for step in run(moving, target, 60)]
+    jerk = np.abs(np.diff(q, 3, axis=0)).max() / DT**3
+    assert 0.5 * limits.jerk[0] < jerk <= limits.jerk[0] * (1.0 + 1e-6)
+
+
+def test_what_is_not_granted_slows_the_tool_down_and_keeps_it_on_its_line() -> None:
+    moving, start = (
+        servo(limits=MotionLimits.uniform(velocity=0.3, acceleration=3.0, jerk=50.0)),
+        (tool(READY).p),
+    )
+    steps = run(moving, twist(0.0, 0.15, 0.15), 60)
+    offset = tool(steps[-1].q).p - start
+    assert steps[-1].share < 0.9
+    assert np.linalg.norm(np.cross(offset, [0.0, 0.7071, 0.7071])) < 2e-3
+    assert any("at its top speed" in word for word in moving.held_by())
+
+
+def test_it_stops_in_front_of_an_obstacle_and_says_which() -> None:
+    ahead = tool(READY).p + np.array([0.2, 0.0, 0.0])
+    wall = Obstacle(
+        name="wall",
+        shape=Box(size=np.array([0.02, 0.6, 0.8])),
+        T_base_obstacle=SE3.from_translation(ahead),
+    )
+    scene = Scene(obstacles=(wall,))
+    moving, judge = servo(scene=scene), CollisionModel(MODEL, scene)
+    steps = run(moving, twist(x=0.15), 300)
+    closest = min(judge.clearance(step.q).distance for step in steps)
+    assert 0.003 <= closest < 0.008
+    assert np.abs(steps[-1].qd).max() < 0.02
+    assert any("'wall'" in word for word in moving.held_by())
+
+
+def test_it_slides_along_the_floor_when_it_is_pushed_into_it_at_a_slant() -> None:
+    moving, judge = servo(), CollisionModel(MODEL)
+    down = run(moving, twist(z=-0.1), 300)
+    assert 0.003 <= judge.clearance(down[-1].q).distance < 0.007
+    begin = tool(moving.q).p
+    run(moving, twist(0.0, 0.08, -0.008), 110)
+    assert tool(moving.q).p[1] - begin[1] > 0.02
+    assert judge.clearance(moving.q).distance >= 0.003
+
+
+def test_a_joint_limit_is_approached_gently_and_named() -> None:
+    moving = servo()
+    steps = run(moving, twist(turn=(0.0, 0.0, -1.5), in_tool=True), 600)
+    end = steps[-1].q[4]
+    limit = MODEL.upper[4] if end > 0.0 else MODEL.lower[4]
+    assert abs(end - limit) < 1e-3
+    assert np.all((steps[-1].q >= MODEL.lower) & (steps[-1].q <= MODEL.upper))
+    assert any("wrist_roll at its" in word for word in moving.held_by())
+
+
+def test_full_stretch_is_approached_without_haste_and_named() -> None:
+    moving = servo()
+    steps = run(moving, twist(x=0.1), 500)
+    assert max(np.abs(step.qd).max() for step in steps) <= 1.5 + 1e-9
+    assert np.linalg.norm(tool(steps[-1].q).p - tool(steps[-40].q).p) < 0.01
+    assert "the arm stretched out" in moving.held_by()
+
+
+def test_bodies_that_are_too_close_may_only_part() -> None:
+    judge, down = CollisionModel(MODEL), READY.copy()
+    while judge.clearance(down).distance > 0.002:
+        down[1] += 0.002
+    depth = judge.clearance(down).distance
+    moving = servo(down)
+    pressed = [judge.clearance(step.q).distance for step in run(moving, twist(z=-0.05), 20)]
+    assert min(pressed) >= depth - 1e-9
+    distances = [judge.clearance(step.q).distance for step in run(moving, twist(z=0.05), 100)]
+    assert np.all(np.diff([pressed[-1], *distances]) >= -1e-6)
+    assert distances[-1] > 0.003
+
+
+def test_a_start_outside_the_limits_may_come_in_and_not_go_further_out() -> None:
+    out = READY.copy()
+    out[4] = MODEL.upper[4] + 0.05
+    for turn in (-0.5, 0.5):
+        steps = run(servo(out), twist(turn=(0.0, 0.0, turn), in_tool=True), 100)
+        assert max(step.q[4] for step in steps) <= out[4] + 1e-12
+    ends = [run(servo(out), twist(turn=(0, 0, s), in_tool=True), 100)[-1].q[4] for s in (-0.5, 0.5)]
+    assert min(ends) < MODEL.upper[4]
+
+
+def test_the_same_targets_give_the_same_motion() -> None:
+    first, second = servo(), servo()
+    for k in range(60):
+        target = twist(0.1 * np.sin(k), 0.05, -0.1)
+        assert np.array_equal(first.step(target).q, second.step(target).q)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_twist_must_be_finite(bad: float) -> None:
+    with pytest.raises(ValueError, match="linear velocity must be finite"):
+        twist(x=bad)
+
+
+def test_osqp_and_scipy_are_loaded_with_the_first_servo_only() -> None:
+    code = """
+import sys
+from so101_motion.planning.differential import servo
+print("osqp" in sys.modules, "scipy" in sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "False"]
+
+
+def test_a_wide_margin_around_obstacles_does_not_bind_the_links_among_themselves() -> None:
+    ahead = tool(READY).p + np.array([0.25, 0.0, 0.0])
+    wall = Obstacle(
+        name="wall",
+        shape=Box(size=np.array([0.02, 0.6, 0.8])),
+        T_base_obstacle=SE3.from_translation(ahead),
+    )
+    scene = Scene(obstacles=(wall,), margin=0.05)
+    moving, judge = servo(scene=scene), CollisionModel(MODEL, scene)
+    steps = run(moving, twist(x=0.1), 300)
+    assert max(step.share for step in steps) == 1.0
+    walls = [k for k, pair in enumerate(judge.pairs) if "wall" in pair]
+    closest = min(judge.distances(step.q)[walls].min() for step in steps)
+    assert 0.05 <= closest < 0.06
+
+
+def test_it_stops_where_what_it_carries_becomes_too_heavy_and_says_so() -> None:
+    moving = servo(limits=AS_SET, held=HELD)
+    steps = run(moving, twist(x=0.08), 600)
+    assert 0.99 < shares(steps).max() <= 1.001
+    assert np.abs(steps[-1].qd).max() < 5e-3
+    assert "shoulder_lift bearing all that it may" in moving.held_by()
+    bare = run(servo(limits=AS_SET), twist(x=0.08), 600)
+    assert tool(bare[-1].q).p[0] > tool(moving.q).p[0] + 0.02
+    before = tool(moving.q).p
+    run(moving, twist(x=-0.05), 60)
+    assert tool(moving.q).p[0] < before[0] - 0.01
+    assert moving.held_by() == ()
+
+
+def test_what_is_too_heavy_at_the_start_may_only_get_lighter() -> None:
+    heavy = np.radians([0.0, 50.0, -60.0, 0.0, 0.0])
+    begin = shares([Step(q=heavy, qd=heavy, qdd=heavy, share=1.0)])[0]
+    assert begin.max() > 1.1
+    pressed = run(servo(heavy, held=HELD), twist(x=0.05), 100)
+    assert np.all(shares(pressed) <= np.maximum(begin, 1.001) + 1e-6)
+    back = run(servo(heavy, held=HELD), twist(x=-0.06, z=0.02), 200)
+    assert shares(back)[-1].max() < 1.0

@@ -1,0 +1,215 @@
+"""The arm's measures, read off the model, and the closed forms built on them."""
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from so101_description import URDF_PATH
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, rotation_angle
+from so101_motion.planning.kinematics.geometry_from_model import (
+    measure_structure,
+    position,
+    rotation,
+)
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.kinematics.orientation_fit import Orientation
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+@pytest.fixture(scope="module")
+def structure(model):
+    return measure_structure(model)
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """Makes models of the URDF with some attributes of some joints changed."""
+
+    def make(joints):
+        robot = ET.parse(URDF_PATH)
+        for joint in robot.getroot().iter("joint"):
+            for tag, key, value in joints.get(joint.get("name"), []):
+                joint.find(tag).set(key, value)
+        robot.write(tmp_path / "changed.urdf")
+        return RobotModel.load(tmp_path / "changed.urdf")
+
+    return make
+
+
+def configurations(model, n, seed=0):
+    return np.random.default_rng(seed).uniform(model.lower, model.upper, (n, 5))
+
+
+def test_measures_are_those_of_the_so101(structure):
+    m, bars = structure.measures, structure.bars.bars
+    assert m.pan == pytest.approx((0.0388353, 0.0))
+    assert m.pan_sign == -1.0
+    assert m.shoulder == pytest.approx((0.0303992, 0.1166))
+    assert bars.upper_arm == pytest.approx(0.116000, abs=1e-6)
+    assert bars.forearm == pytest.approx(0.135000, abs=1e-6)
+    assert math.degrees(structure.bars.straight) == pytest.approx(-73.8, abs=0.05)
+    assert m.approach_elevation == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_tool_is_on_the_roll_axis_and_the_jaw_tip_7_9_mm_beside_it(structure):
+    tool, tip = structure.measures.offsets["tool"], structure.measures.offsets["jaw_tip"]
+    assert structure.on_axis("tool")
+    assert tool.rolls_with_lateral(0.0) == ()
+    assert not structure.on_axis("jaw_tip")
+    assert math.hypot(*tip.left[1:]) == pytest.approx(0.0079, abs=1e-5)
+    assert tip.forward[0] == pytest.approx(0.1592273, abs=1e-6)
+
+
+def test_formulas_and_model_agree_everywhere(model, structure):
+    for q in configurations(model, 50, seed=1):
+        R = rotation(structure.measures, q)
+        assert rotation_angle(R.T @ model.frame(q).R) < 1e-12
+        for name in model.gripper_frames:
+            p_base = position(structure, q, name)
+            np.testing.assert_allclose(p_base, model.frame(q, name).p, atol=1e-14)
+
+
+@pytest.mark.parametrize("frame", ["tool", "jaw_tip"])
+def test_postures_hold_the_configuration_that_made_the_target(model, structure, frame):
+    for q in configurations(model, 300, seed=2):
+        p_base = model.frame(q, frame).p
+        found = structure.configurations(tuple(p_base), float(q[1:4].sum()), float(q[4]), frame)
+        assert 1 <= len(found) <= 4
+        assert len({configuration.branch for configuration in found}) == len(found)
+        assert any(np.abs(configuration.q - q).max() < 1e-5 for configuration in found)
+        for configuration in found:
+            assert np.linalg.norm(model.frame(configuration.q, frame).p - p_base) < 1e-12
+            assert sum(configuration.q[1:4]) == pytest.approx(
+                q[1:4].sum(), abs=1e-9
+            ) or math.remainder(
+                sum(configuration.q[1:4]) - q[1:4].sum(), math.tau
+            ) == pytest.approx(0.0, abs=1e-9)
+            assert model.outside(configuration.q, tolerance=1e-6) is None
+
+
+def test_all_four_branches_exist_where_the_arm_can_also_lean_back(model, structure):
+    seen = set()
+    for q in configurations(model, 2000, seed=3):
+        p_base = tuple(model.frame(q).p)
+        for configuration in structure.configurations(
+            p_base, float(q[1:4].sum()), float(q[4]), "tool"
+        ):
+            seen.add(configuration.branch)
+            assert structure.branch(configuration.q, "tool") == configuration.branch
+    assert seen == {
+        "front, elbow up",
+        "front, elbow down",
+        "back, elbow up",
+        "back, elbow down",
+    }
+
+
+def test_closer_to_the_pan_axis_than_the_tool_passes_there_is_no_posture(structure):
+    x, y = structure.measures.pan
+    assert structure.configurations((x, y, 0.3), 0.0, 0.0, "tool") == []
+
+
+def test_a_roll_brings_the_jaw_tip_to_a_lateral_distance(structure):
+    offset = structure.measures.offsets["jaw_tip"]
+    for lateral in (-0.005, 0.0, 0.003):
+        for roll in offset.rolls_with_lateral(lateral):
+            assert offset.at(roll)[1] == pytest.approx(lateral, abs=1e-12)
+    reached = [offset.at(roll)[1] for roll in offset.rolls_with_lateral(0.1)]
+    assert reached == pytest.approx([offset.left[0] + math.hypot(*offset.left[1:])] * 2)
+
+
+def test_a_roll_outside_its_limits_is_turned_round_or_pulled_in(structure):
+    lower, upper = structure.measures.lower[4], structure.measures.upper[4]
+    assert structure.clip_roll(0.3) == 0.3
+    assert structure.clip_roll(0.3 + math.tau) == pytest.approx(0.3)
+    assert structure.clip_roll(-math.pi) in (lower, upper)
+    assert structure.clip_roll(upper + 0.1) == upper
+
+
+def test_an_added_frame_has_the_structure_too(model):
+    held = model.with_frame("cup", SE3.from_rpy((0.4, 0.3, 0.2), (0.03, -0.02, 0.12)))
+    structure = measure_structure(held)
+    for q in configurations(held, 50, seed=4):
+        p_base = tuple(held.frame(q, "cup").p)
+        found = structure.configurations(p_base, float(q[1:4].sum()), float(q[4]), "cup")
+        assert any(np.abs(configuration.q - q).max() < 1e-5 for configuration in found)
+
+
+def test_measures_follow_the_model_not_a_table(changed):
+    longer = changed({"wrist_flex": [("origin", "xyz", "-0.2 0.0052 0")]})
+    structure = measure_structure(longer)
+    assert structure.bars.bars.forearm == pytest.approx(math.hypot(0.2, 0.0052))
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    found = structure.configurations(tuple(longer.frame(q).p), float(q[1:4].sum()), 0.6, "tool")
+    assert any(np.abs(configuration.q - q).max() < 1e-9 for configuration in found)
+
+
+def test_a_pan_that_turns_the_other_way_is_still_our_structure(changed):
+    mirrored = changed({"shoulder_pan": [("axis", "xyz", "0 0 -1")]})
+    structure = measure_structure(mirrored)
+    assert structure.measures.pan_sign == 1.0
+    q = np.array([0.3, -0.4, 0.5, -0.2, 0.6])
+    found = structure.configurations(tuple(mirrored.frame(q).p), float(q[1:4].sum()), 0.6, "tool")
+    assert any(np.abs(configuration.q - q).max() < 1e-9 for configuration in found)
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        {"wrist_flex": [("origin", "rpy", "0.05 0 -1.5707963267948966")]},
+        {"shoulder_pan": [("origin", "rpy", "3.1 0 -3.141592653589793")]},
+        {"wrist_roll": [("origin", "rpy", "1.5 0.0486795 3.141592653589793")]},
+        {"elbow_flex": [("axis", "xyz", "0 0 -1")]},
+        {"shoulder_lift": [("limit", "upper", "3.3")]},
+        {"tool_fixed": [("origin", "rpy", "0 2.9 0.0486795")]},
+    ],
+)
+def test_an_arm_that_is_built_otherwise_is_noticed(changed, joints):
+    with pytest.raises(ConfigError, match="not built as the SO-101"):
+        measure_structure(changed(joints))
+
+
+def test_angles_rounded_to_six_digits_are_forgiven(tmp_path):
+    text = URDF_PATH.read_text()
+    text = text.replace("1.5707963267948966", "1.5708").replace("3.141592653589793", "3.14159")
+    (tmp_path / "rounded.urdf").write_text(text)
+    assert measure_structure(RobotModel.load(tmp_path / "rounded.urdf"))
+
+
+def test_pitch_and_roll_undo_the_rotation_they_made(model, structure):
+    for q in configurations(model, 200, seed=5):
+        orientation = Orientation(structure.measures, model.frame(q).R)
+        pitch, roll = orientation.pitch_and_roll(float(q[0]))
+        assert math.remainder(pitch - q[1:4].sum(), math.tau) == pytest.approx(0.0, abs=1e-7)
+        assert roll == pytest.approx(q[4], abs=1e-7)
+        assert orientation.roll(float(q[0]), pitch) == pytest.approx(roll, abs=1e-7)
+        assert math.remainder(
+            orientation.pitch(float(q[0]), roll) - pitch, math.tau
+        ) == pytest.approx(0.0, abs=1e-7)
+
+
+def test_pitch_and_roll_come_as_near_as_any_on_a_grid(model, structure):
+    rng = np.random.default_rng(6)
+    m = structure.measures
+
+    def miss(R_base_tool, pan, pitch, roll):
+        return rotation_angle(R_base_tool.T @ rotation(m, np.array([pan, pitch, 0.0, 0.0, roll])))
+
+    for _ in range(4):
+        R_base_tool = SE3.from_rpy(rng.uniform(-3.0, 3.0, 3)).R
+        pan = float(rng.uniform(-1.0, 1.0))
+        orientation = Orientation(m, R_base_tool)
+        found = miss(R_base_tool, pan, *orientation.pitch_and_roll(pan))
+        grid = np.linspace(-math.pi, math.pi, 25)
+        assert found <= min(miss(R_base_tool, pan, a, b) for a in grid for b in grid) + 1e-12
+        best_roll = miss(R_base_tool, pan, 0.4, orientation.roll(pan, 0.4))
+        assert best_roll <= min(miss(R_base_tool, pan, 0.4, b) for b in grid) + 1e-12
+        best_pitch = miss(R_base_tool, pan, orientation.pitch(pan, 0.4), 0.4)
+        assert best_pitch <= min(miss(R_base_tool, pan, a, 0.4) for a in grid) + 1e-12

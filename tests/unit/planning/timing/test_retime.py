@@ -1,0 +1,231 @@
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import PlanningError
+from so101_motion.planning.timing import verify
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.path_geometry import JointPath, blended_path, spline_path
+from so101_motion.planning.timing.retime import retime
+
+LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
+POINTS = np.array(
+    [
+        [0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.4, -0.3, 0.2, 0.5, 0.0],
+        [0.9, -0.2, -0.4, 0.2, 0.8],
+        [0.2, 0.3, -0.6, -0.5, 0.3],
+        [-0.5, 0.1, 0.3, 0.0, -0.4],
+    ]
+)
+
+
+def measured(trajectory, limits: MotionLimits = LIMITS) -> np.ndarray:
+    """Largest share of the velocity, acceleration and jerk limits, from differences at 1 kHz."""
+    rest = np.repeat(trajectory.q[:1], 3, 0), np.repeat(trajectory.q[-1:], 3, 0)
+    q = np.concatenate((rest[0], trajectory.q, rest[1]))
+    caps = limits.velocity, limits.acceleration, limits.jerk
+    return np.array(
+        [
+            (np.abs(np.diff(q, order, axis=0)) / trajectory.dt**order / cap).max()
+            for order, cap in enumerate(caps, start=1)
+        ]
+    )
+
+
+def away_from(path: JointPath, q: np.ndarray) -> float:
+    """How far the worst joint of the worst ``q`` is from the nearest point of the path."""
+    dense = path.evaluate(np.linspace(0.0, path.length, 6000)).q
+    return max(np.abs(dense - one).max(axis=1).min() for one in q)
+
+
+needs_toppra = pytest.mark.skipif(
+    find_spec("toppra") is None, reason="toppra has wheels for x86-64 Linux alone"
+)
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("path", [spline_path(POINTS), blended_path(POINTS, 0.03)])
+@pytest.mark.parametrize("jerk", [60.0, 500.0])
+def test_limits_are_kept_and_used_at_1_khz(path: JointPath, jerk: float) -> None:
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=jerk)
+    velocity, acceleration, jerk_share = measured(retime(path, limits, 1e-3), limits)
+    assert velocity <= 1.0
+    assert acceleration <= 1.001
+    assert jerk_share <= 1.001
+    assert max(velocity, acceleration, jerk_share) > 0.95
+
+
+@pytest.mark.parametrize("path", [spline_path(POINTS), blended_path(POINTS, 0.03)])
+def test_it_starts_and_ends_at_the_ends_of_the_path_at_rest(path: JointPath) -> None:
+    trajectory = retime(path, LIMITS, 0.01)
+    assert np.allclose(trajectory.q[[0, -1]], POINTS[[0, -1]], rtol=0.0, atol=1e-14)
+    assert not trajectory.qd[[0, -1]].any()
+    assert not trajectory.qdd[[0, -1]].any()
+    last = (len(trajectory) - 1) * trajectory.dt
+    assert last - trajectory.dt < trajectory.duration <= last + 1e-9
+
+
+def test_samples_belong_to_one_motion_whatever_their_spacing() -> None:
+    path = spline_path(POINTS)
+    coarse, fine = retime(path, LIMITS, 0.01), retime(path, LIMITS, 0.001)
+    assert coarse.duration == pytest.approx(fine.duration, rel=1e-6)
+    inner = slice(0, len(coarse) - 1)
+    for name, tolerance in (("q", 1e-6), ("qd", 1e-4), ("qdd", 1e-2)):
+        every_tenth = getattr(fine, name)[::10][inner]
+        assert np.allclose(getattr(coarse, name)[inner], every_tenth, atol=tolerance)
+
+
+def test_a_straight_move_takes_the_time_of_its_phases() -> None:
+    # Accelerating to the top speed and braking, each phase lengthened by the average's own width:
+    # half of 2 a / j at each end where the narrow window fits.
+    path = spline_path([[0.0], [3.0]])
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=1)
+    bang_bang = 3.0 / 3.0 + 3.0 / 10.0
+    assert bang_bang + 0.02 <= retime(path, limits, 0.01).duration <= 1.02 * (bang_bang + 0.02)
+
+
+@pytest.mark.parametrize("jerk", [30.0, 500.0])
+def test_the_smoothing_stays_within_the_stated_deviation(jerk: float) -> None:
+    path = blended_path(POINTS, 0.03)
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=jerk)
+    trajectory = retime(path, limits, 0.01, deviation=0.005)
+    assert away_from(path, trajectory.q) <= 0.005 + 1e-6
+    assert verify.violations(trajectory, limits).worst <= 1.001
+
+
+def test_every_joint_keeps_its_own_limits() -> None:
+    limits = MotionLimits(
+        velocity=np.array([0.5, 3.0, 1.0, 2.0, 4.0]),
+        acceleration=np.array([10.0, 2.0, 30.0, 5.0, 8.0]),
+        jerk=np.array([500.0, 100.0, 300.0, 2000.0, 80.0]),
+    )
+    for path in (spline_path(POINTS), blended_path(POINTS, 0.01)):
+        assert measured(retime(path, limits, 1e-3), limits).max() <= 1.001
+
+
+@pytest.mark.parametrize("cap", [0.05, 0.3, 1.5])
+def test_the_tool_never_exceeds_its_speed_cap(cap: float) -> None:
+    # A planar arm of two links: joints 0 and 1, 0.2 m each.
+    def tool_speed(q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        first, second = q[:, 0], q[:, 0] + q[:, 1]
+        turn = qd[:, 0] + qd[:, 1]
+        x = -0.2 * np.sin(first) * qd[:, 0] - 0.2 * np.sin(second) * turn
+        y = 0.2 * np.cos(first) * qd[:, 0] + 0.2 * np.cos(second) * turn
+        return np.hypot(x, y)
+
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=cap)
+    trajectory = retime(spline_path(POINTS), limits, 1e-3, tool_speed_fn=tool_speed)
+    speeds = tool_speed(trajectory.q, trajectory.qd)
+    assert speeds.max() <= cap
+    if cap < 1.0:
+        assert speeds.max() > 0.98 * cap
+    assert measured(trajectory, limits).max() <= 1.001
+
+
+@pytest.mark.parametrize("scale", [1e-7, 1e-5, 1e-3])
+def test_a_tiny_path_is_timed_like_any_other(scale: float) -> None:
+    trajectory = retime(blended_path(scale * POINTS, 0.01 * scale), LIMITS, 0.01)
+    assert np.allclose(trajectory.q[-1], scale * POINTS[-1], atol=1e-15)
+    assert trajectory.duration < 0.5
+    assert verify.violations(trajectory, LIMITS).worst <= 1.001
+
+
+def test_turning_back_on_the_spot_does_not_stall() -> None:
+    path = blended_path([np.zeros(5), POINTS[1], np.zeros(5)], 1e-4)
+    assert retime(path, LIMITS, 0.01).duration < 1.2
+
+
+def test_a_sharp_corner_costs_time_and_keeps_limits() -> None:
+    sharp, round_ = (retime(blended_path(POINTS, tol), LIMITS, 1e-3) for tol in (1e-5, 0.05))
+    assert sharp.duration > round_.duration
+    assert measured(sharp).max() <= 1.001
+
+
+def test_the_same_request_gives_the_same_motion() -> None:
+    first, second = (retime(spline_path(POINTS), LIMITS, 0.01) for _ in range(2))
+    assert np.array_equal(first.q, second.q)
+    assert np.array_equal(first.qdd, second.qdd)
+
+
+def test_where_no_speed_is_allowed_there_is_no_motion() -> None:
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, tool_speed=0.1)
+    with pytest.raises(PlanningError, match="no speed along this path"):
+        retime(
+            spline_path(POINTS),
+            limits,
+            0.01,
+            tool_speed_fn=lambda q, qd: np.full(len(q), np.inf),
+        )
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ({"dt": 0.0}, "dt = 0.0"),
+        ({"dt": float("nan")}, "positive and finite"),
+        ({"deviation": -1.0}, "deviation = -1.0"),
+        ({"limits": MotionLimits.uniform(velocity=1, acceleration=1, jerk=1, n=4)}, "4 joints"),
+        (
+            {"limits": MotionLimits.uniform(velocity=1, acceleration=1, jerk=1, tool_speed=0.1)},
+            "needs tool_speed_fn",
+        ),
+    ],
+)
+def test_mistakes_are_named(change: dict[str, object], complaint: str) -> None:
+    arguments = {"path": spline_path(POINTS), "limits": LIMITS, "dt": 0.01, **change}
+    with pytest.raises(ValueError, match=complaint):
+        retime(**arguments)
+
+
+@needs_toppra
+def test_retiming_never_loads_matplotlib() -> None:
+    code = """
+import sys
+import numpy as np
+from so101_motion.planning.timing import path_geometry, retime
+from so101_motion.planning.timing.limits import MotionLimits
+assert "toppra" not in sys.modules
+limits = MotionLimits.uniform(velocity=1.0, acceleration=5.0, jerk=100.0, n=2)
+retime.retime(path_geometry.spline_path([[0.0, 0.0], [0.3, 0.1]]), limits, 0.01)
+assert "toppra" in sys.modules
+print([name for name in sys.modules if name.partition(".")[0] in ("matplotlib", "PIL")])
+"""
+    assert run(code) == "[]"
+
+
+@needs_toppra
+def test_a_matplotlib_that_is_there_already_is_left_alone() -> None:
+    code = """
+import sys, types
+mine = sys.modules["matplotlib"] = types.ModuleType("matplotlib")
+sys.modules["matplotlib.pyplot"] = mine.pyplot = types.ModuleType("matplotlib.pyplot")
+import numpy as np
+from so101_motion.planning.timing import path_geometry, retime
+from so101_motion.planning.timing.limits import MotionLimits
+limits = MotionLimits.uniform(velocity=1.0, acceleration=5.0, jerk=100.0, n=2)
+retime.retime(path_geometry.spline_path([[0.0, 0.0], [0.3, 0.1]]), limits, 0.01)
+assert "toppra" in sys.modules
+print(sys.modules["matplotlib"] is mine)
+"""
+    assert run(code) == "True"
+
+
+def test_a_joint_that_moves_by_next_to_nothing_is_no_trouble():
+    path = spline_path(np.array([[1e-173, 0.0], [0.0, 1.0], [0.0, 0.0]]))
+    limits = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0, n=2)
+    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE
+
+
+@pytest.mark.parametrize("tiny", [2.6e-308, 1e-173, 1e-20])
+def test_next_to_nothing_may_be_anywhere_along_a_path(tiny):
+    path = spline_path(np.array([[tiny, 0.0], [0.0, 1.0], [0.0, 0.0]]))
+    limits = MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=20.0, n=2)
+    assert verify.violations(retime(path, limits, 0.01), limits).worst <= 1.0 + verify.TOLERANCE

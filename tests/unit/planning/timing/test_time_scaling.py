@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from so101_motion.planning.timing import time_scaling
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+CRUISE = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=100.0, n=2)
+
+
+def cruise(speed: float = 1.0, dt: float = 0.01) -> Trajectory:
+    """Two joints at constant speed for three seconds."""
+    t = np.arange(301)[:, None] * dt
+    rate = np.array([speed, -0.5 * speed])
+    q, qd = t * rate, np.broadcast_to(rate, (301, 2))
+    return Trajectory(dt=dt, q=q, qd=qd, qdd=np.zeros_like(q), duration=3.0)
+
+
+@pytest.mark.parametrize("shape", [*time_scaling.SHAPES, (0.5, 0.5), (0.05, 0.9)])
+def test_a_ramp_falls_from_one_to_zero_and_its_derivatives_belong_together(shape) -> None:
+    x = np.linspace(0.0, 1.0, 20001)
+    ramp = time_scaling.ramp(shape, x)
+    assert ramp.rate[[0, -1]] == pytest.approx([1.0, 0.0], abs=1e-12)
+    assert ramp.slope[[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert np.all(np.diff(ramp.rate) <= 1e-15)
+    for value, derivative in ((ramp.advance, ramp.rate), (ramp.rate, ramp.slope)):
+        assert np.allclose(np.gradient(value, x)[1:-1], derivative[1:-1], atol=1e-3)
+    steps = np.gradient(ramp.slope, x)
+    smooth = np.abs(np.diff(ramp.bend, prepend=ramp.bend[0], append=ramp.bend[-1]))
+    inside = (smooth[:-1] == 0.0) & (smooth[1:] == 0.0)
+    assert np.allclose(steps[inside][1:-1], ramp.bend[inside][1:-1], atol=1e-6)
+
+
+def test_stopping_from_cruise_takes_little_more_than_braking_in_full() -> None:
+    stopped = time_scaling.shortest_slowdown(cruise(), 0.5, CRUISE, 0.01)
+    assert stopped is not None
+    shortest = 1.0 / 5.0 + 5.0 / 100.0
+    assert shortest <= stopped.duration <= 1.35 * shortest
+
+
+def test_near_the_end_the_motion_is_played_out() -> None:
+    stopped = time_scaling.shortest_slowdown(cruise(), 2.95, CRUISE, 0.01)
+    assert stopped is not None
+    assert np.allclose(stopped.q, cruise().q[295:])
+    assert stopped.duration == pytest.approx(0.05)
+
+
+def test_no_way_is_found_where_the_limits_are_below_the_motion() -> None:
+    t = np.arange(301)[:, None] * 0.01
+    weaving = Trajectory(
+        dt=0.01, q=np.sin(5 * t), qd=5 * np.cos(5 * t), qdd=-25 * np.sin(5 * t), duration=3.0
+    )
+    feeble = MotionLimits.uniform(velocity=10.0, acceleration=20.0, jerk=500.0, n=1)
+    assert time_scaling.shortest_slowdown(weaving, 0.3, feeble, 0.01) is None

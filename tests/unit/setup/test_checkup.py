@@ -1,0 +1,281 @@
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from harness.calibration_rig import LentArm
+from hypothesis import given
+from hypothesis import strategies as st
+
+from so101_motion.calib.motors.arm_identification import ServoFacts
+from so101_motion.calib.motors.setup_view import MotorCheck, Verification
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero_report import Meaning
+from so101_motion.common.errors import PortUnavailable
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.emulator import registers as emulated
+from so101_motion.drivers.emulator.hardware import STS3215_7V4
+from so101_motion.setup.checkup import check_up, is_healthy
+from so101_motion.setup.findings import Findings, Hearing, examine, software
+
+
+class Arm(LentArm):
+    """An emulated arm whose servos listen at any rate."""
+
+    def at_baud(self, baud):
+        pass
+
+
+def seen_on(arm, **changes):
+    servos, hearing = examine(arm)
+    return replace(
+        Findings(port="/dev/x", servos=servos, hearing=hearing, speed=0.87, acceleration=1.7),
+        **changes,
+    )
+
+
+def stored_of(arm, **changes):
+    """A calibration file that says what the servos hold, but for changes by joint."""
+    calibration = {}
+    for place, joint in enumerate(JOINTS, start=1):
+        held = arm.held(joint)
+        entry = JointCalibration(
+            id=place,
+            homing_offset=held.homing_offset,
+            range_min=held.range_min,
+            range_max=held.range_max,
+        )
+        calibration[joint] = replace(entry, **changes.get(joint, {}))
+    return Stored(path=Path("/home/me/arm.json"), calibration=calibration, zeros={}, notes=())
+
+
+def of(checks, name):
+    return next(check for check in checks if check.name == name)
+
+
+QUIET = Hearing(asked=1200, lost=0, corrupt=0, median=0.002, p99=0.003, longest=0.004)
+
+
+@pytest.fixture
+def arm():
+    return Arm()
+
+
+def test_a_sound_arm_has_nothing_but_good_checks(arm):
+    checks = check_up(seen_on(arm, stored=stored_of(arm)))
+    assert {check.verdict for check in checks} == {"ok"}
+    names = [check.name for check in checks]
+    assert names == [
+        "port", "servos", "firmware", "supply", "temperature", "faults", "bus", "calibration",
+        "speed",
+    ]  # fmt: skip
+    assert is_healthy(checks)
+
+
+def test_looking_writes_nothing(arm):
+    before = [bytes(servo.memory.bytes[:56]) for servo in arm.world.servos]
+    examine(arm)
+    assert [bytes(servo.memory.bytes[:56]) for servo in arm.world.servos] == before
+    assert all(packet[4] in (0x01, 0x02, 0x82) for packet in arm.wire.sent), "ping and read only"
+
+
+def test_an_unplugged_port_is_no_finding_but_an_error(arm):
+    arm.wire.unplugged = True
+    with pytest.raises(PortUnavailable):
+        examine(arm)
+
+
+def power(volts):
+    return lambda arm: arm.world.power(volts)
+
+
+def warm(celsius):
+    return lambda arm: arm.world.warm("gripper", celsius)
+
+
+def without(place):
+    return lambda arm: arm.world.disconnect(place)
+
+
+def holding(row, value, place=3):
+    return lambda arm: arm.world.servo(place).memory.keep(row, value)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "name", "verdict", "words"),
+    [
+        (power(0.0), "servos", "fail", "power supply"),
+        (without(6), "servo 6", "fail", "does not answer"),
+        (without(2), "servo 2", "fail", "servos behind it do"),
+        (holding(emulated.ID, 9), "servos", "fail", "not an arm's answer: 9"),
+        (holding(emulated.MODE, 1), "servo 3", "fail", "mode 1"),
+        (holding(emulated.FIRMWARE_MINOR, 9), "firmware", "warn", "elbow_flex 3.9"),
+        (power(16.0), "servo 1", "fail", "made for at most 14.0 V"),
+        (power(10.0), "speed", "warn", "must not be asked"),
+        (warm(57.0), "temperature", "warn", "57 degC, gripper"),
+        (warm(66.0), "temperature", "fail", "66 degC, gripper"),
+    ],
+)
+def test_a_trouble_is_named_with_what_to_do(arm, trouble, name, verdict, words):
+    trouble(arm)
+    arm.clock.t += 0.5
+    arm.world.advance(arm.clock.t)
+    checks = check_up(seen_on(arm, stored=None))
+    found = of(checks, name)
+    assert found.verdict == verdict
+    assert words in found.sentence
+    assert found.fix
+    assert is_healthy(checks) == all(check.verdict != "fail" for check in checks)
+
+
+def test_servos_made_for_less_are_told_apart_and_slow_ones_are_not_overrun():
+    arm = Arm(kind=STS3215_7V4, volts=5.0)
+    checks = check_up(seen_on(arm, speed=to_rad(150.0)))
+    assert "7.4 V type" in of(checks, "supply").sentence
+    speed = of(checks, "speed")
+    assert speed.verdict == "fail"
+    assert "148 deg/s at 5.0 V" in speed.sentence
+
+
+def test_a_voltage_that_sags_along_the_cable_is_noticed(arm):
+    seen = seen_on(arm)
+    last = seen.servos.motors["gripper"]
+    sagging = replace(
+        last, facts=replace(last.facts, held={**last.facts.held, "present_voltage": 111})
+    )
+    motors = {**seen.servos.motors, "gripper": sagging}
+    checks = check_up(replace(seen, servos=replace(seen.servos, motors=motors)))
+    assert of(checks, "supply").verdict == "warn"
+
+
+@pytest.mark.parametrize(
+    ("hearing", "verdict"),
+    [
+        (QUIET, "ok"),
+        (replace(QUIET, lost=20), "warn"),
+        (replace(QUIET, corrupt=200), "fail"),
+        (replace(QUIET, median=0.017), "fail"),
+    ],
+)
+def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, hearing, verdict):
+    assert of(check_up(seen_on(arm, hearing=hearing)), "bus").verdict == verdict
+
+
+def test_an_adapter_that_holds_bytes_back_is_blamed_for_it(arm):
+    slow = replace(QUIET, median=0.017)
+    checks = check_up(seen_on(arm, hearing=slow, latency_timer=0.016))
+    assert "16 ms" in of(checks, "bus").fix
+
+
+def test_a_servo_that_holds_something_else_than_the_file_says_is_a_warning(arm):
+    stored = stored_of(arm, elbow_flex={"range_min": 700})
+    found = of(check_up(seen_on(arm, stored=stored)), "calibration")
+    assert found.verdict == "warn"
+    assert "elbow_flex: range_min is 700" in found.sentence
+
+
+def test_a_file_that_lacks_joints_or_makes_no_sense_is_a_failure(arm):
+    stored = stored_of(arm)
+    less = {joint: entry for joint, entry in stored.calibration.items() if joint != "gripper"}
+    checks = check_up(seen_on(arm, stored=replace(stored, calibration=less)))
+    assert "gripper" in of(checks, "calibration").sentence
+    bad = seen_on(arm, file=Path("/x.json"), file_trouble="elbow_flex: id missing")
+    assert of(check_up(bad), "calibration").verdict == "fail"
+
+
+def test_servos_as_new_cannot_be_moved_without_a_calibration():
+    arm = Arm(calibrated=False)
+    found = of(check_up(seen_on(arm)), "calibration")
+    assert (found.verdict, found.fix) == ("fail", "so101 calibrate")
+
+
+def test_a_calibration_that_was_interrupted_is_told(arm):
+    seen = seen_on(arm, stored=stored_of(arm), file=Path("/x.json"), is_unfinished=True)
+    assert "interrupted" in of(check_up(seen), "calibration").sentence
+
+
+def meaning(joint, by, jaws_mm=0.0):
+    return Meaning(joint=joint, by=by, angle_deg=0.0, jaws_mm=jaws_mm, sentence=f"{joint} {by}")
+
+
+def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_told_one_by_one():
+    guesses = (meaning("shoulder_pan", "middle"), meaning("", "middle"))
+    (check,) = check_up(Findings(meanings=guesses))
+    assert (check.name, check.verdict) == ("zeros", "warn")
+    mixed = (
+        meaning("shoulder_pan", "stops"),
+        meaning("elbow_flex", "middle"),
+        meaning("wrist_roll", "middle"),
+        meaning("", "middle, stops"),
+    )
+    verdicts = {check.name: check.verdict for check in check_up(Findings(meanings=mixed))}
+    assert verdicts == {
+        "zero of shoulder_pan": "ok",
+        "zero of elbow_flex": "warn",
+        "zero of wrist_roll": "ok",
+        "zeros": "ok",
+    }
+
+
+def test_what_is_wrong_with_the_computer_comes_first():
+    seen = Findings(
+        software={"so101-motion": "1.0", "toppra": ""},
+        planning_trouble="the planning process died",
+        lost_adapters=("a CH340 adapter (1a86:7523) is plugged in: brltty has taken it",),
+        port="/dev/x",
+        interfering_programs={"ModemManager": "it meddles"},
+    )
+    checks = check_up(seen)
+    assert [(check.name, check.verdict) for check in checks] == [
+        ("software", "fail"),
+        ("planner", "fail"),
+        ("adapter", "fail"),
+        ("port", "ok"),
+        ("ModemManager", "warn"),
+    ]
+    assert "toppra" in checks[0].sentence
+    refused = check_up(Findings(port="/dev/x", port_trouble="in use by python3"))
+    assert not is_healthy(refused)
+    assert not is_healthy(check_up(Findings(port_trouble="no adapter")))
+
+
+def test_all_that_this_package_needs_is_listed_with_its_version():
+    found = software()
+    assert {"so101-motion", "numpy", "pin", "Python", "platform"} <= found.keys()
+    assert all(found.values())
+
+
+@st.composite
+def _anybody(draw):
+    """A servo that says anything that fits into its registers."""
+    servo_id = draw(st.integers(1, 6))
+    names = _HELD.keys()
+    held = {name: draw(st.integers(-32768, 65535)) for name in names}
+    return servo_id, ServoFacts(servo_id=servo_id, held={**held, "id": servo_id})
+
+
+_HELD = examine(Arm())[0].motors["gripper"].facts.held
+
+
+@given(
+    st.lists(_anybody(), max_size=6),
+    st.sampled_from(["ok", "duplicate", "not_responding", "wrong_voltage"]),
+)
+def test_whatever_servos_say_is_judged_and_every_failure_says_what_to_do(found, status):
+    facts = dict(found)
+    motors = {
+        joint: MotorCheck(
+            joint=joint,
+            servo_id=i,
+            status=status,
+            facts=facts.get(i),
+            error="" if status == "ok" else "odd",
+            fix="" if status == "ok" else "mend it",
+        )
+        for i, joint in enumerate(JOINTS, start=1)
+    }
+    servos = Verification(motors=motors, unexpected_ids=(), notes=(), sentence="odd")
+    checks = check_up(Findings(servos=servos, hearing=QUIET, speed=math.pi, acceleration=1.0))
+    assert all(check.fix for check in checks if check.verdict == "fail")
+    assert all(check.sentence for check in checks)

@@ -1,0 +1,98 @@
+import pytest
+
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.drivers.port.port_list import FoundPort
+from so101_motion.setup.port_report import Frame, PortReport, file_name, name_in_data
+from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
+from so101_motion.viam.suggested_config import frame_json
+
+PORT = FoundPort(name="/dev/serial/by-id/usb-58CD", device="/dev/ttyACM0", key="58CD")
+ALL = (*ARM_JOINTS, GRIPPER_JOINT)
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path, monkeypatch):
+    monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
+    return tmp_path
+
+
+def report(joints=ALL, **more):
+    ids = tuple(range(1, 1 + len(joints)))
+    return PortReport(port=PORT, sentence="", joints=joints, servo_ids=ids, **more)
+
+
+def by_model(found):
+    return {one.model.rpartition(":")[2]: one for one in found.suggestions}
+
+
+def test_a_whole_arm_gets_the_published_names_and_models():
+    suggestions = report().suggestions
+    assert [(one.name, one.api, one.model) for one in suggestions] == [
+        ("so101-arm-58CD", "rdk:component:arm", "devrel:so101:arm"),
+        ("so101-gripper-58CD", "rdk:component:gripper", "devrel:so101:gripper"),
+        ("so101-calibration-58CD", "rdk:component:sensor", "devrel:so101:calibration"),
+    ]
+
+
+def test_without_a_file_the_arm_asks_its_servos_and_the_sensor_gets_a_file_of_its_own():
+    found = by_model(report())
+    assert found["arm"].attributes == {"port": PORT.name}
+    assert found["gripper"].attributes == {"port": PORT.name}
+    assert found["calibration"].attributes == {
+        "port": PORT.name,
+        "calibration_file": "58CD_calibration.json",
+    }
+
+
+def test_all_three_name_the_same_file_as_it_is_called_in_the_data_directory(data):
+    found = by_model(report(calibration=data / "mine.json"))
+    assert {one.attributes["calibration_file"] for one in found.values()} == {"mine.json"}
+    found = by_model(report(calibration=data.parent / "elsewhere.json"))
+    files = {one.attributes["calibration_file"] for one in found.values()}
+    assert files == {str(data.parent / "elsewhere.json")}
+
+
+def test_the_gripper_hangs_from_the_arm_and_the_sensor_is_nowhere():
+    found = by_model(report(stands_at=0.5))
+    assert found["arm"].frame == Frame(parent="world", y=0.5)
+    assert found["gripper"].frame == Frame(parent="so101-arm-58CD")
+    assert found["calibration"].frame is None
+    assert frame_json(found["arm"].frame) == {
+        "parent": "world",
+        "translation": {"x": 0.0, "y": 500.0, "z": 0.0},
+    }
+
+
+def test_what_is_configured_already_is_not_suggested_again():
+    found = by_model(report(configured=frozenset({"arm", "calibration"}), arm_name="blue"))
+    assert set(found) == {"gripper"}
+    assert found["gripper"].frame == Frame(parent="blue")
+
+
+def test_another_rate_is_configured():
+    found = by_model(report(baudrate=500_000))
+    assert all(one.attributes["baudrate"] == 500_000 for one in found.values())
+
+
+def test_a_leaders_gripper_is_said_to_be_one():
+    assert by_model(report(role="leader"))["gripper"].attributes["gripper_type"] == "leader"
+    assert "gripper_type" not in by_model(report(role="follower"))["gripper"].attributes
+
+
+def test_no_gripper_without_its_servo_and_no_arm_without_all_of_its():
+    assert set(by_model(report(ARM_JOINTS))) == {"arm", "calibration"}
+    assert set(by_model(report((*ARM_JOINTS[:4], GRIPPER_JOINT)))) == {"calibration"}
+    assert set(by_model(PortReport(port=PORT, sentence="", servo_ids=(1,)))) == {"calibration"}
+    assert PortReport(port=PORT, sentence="nobody").suggestions == ()
+
+
+def test_what_is_suggested_is_accepted(data):
+    found = by_model(report(role="leader", baudrate=500_000, calibration=data / "a.json"))
+    HardwareArmConfig.from_attributes(found["arm"].attributes)
+    HardwareGripperConfig.from_attributes(found["gripper"].attributes)
+
+
+def test_a_file_is_in_the_data_directory_or_not(data):
+    assert file_name(PORT) == "58CD_calibration.json"
+    assert name_in_data(data / "x.json") == "x.json"
+    assert name_in_data(data / "deeper" / "x.json") is None

@@ -1,0 +1,208 @@
+"""One list of steps for all who lead a person through a setup, and what each says of itself."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from so101_motion.calib.motors.setup_view import MotorCheck, SetupView, Verification
+from so101_motion.calib.procedure import view as calibration_view
+from so101_motion.calib.procedure.steps import State
+from so101_motion.calib.record.store import Stored
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.setup import setup_steps
+from so101_motion.setup.checkup import Check, check_up
+from so101_motion.setup.findings import Findings
+from so101_motion.setup.setup_steps import (
+    CALIBRATION_ONLY,
+    CHAIN,
+    CONNECT,
+    FULL,
+    MOTORS,
+    MOTORS_ONLY,
+    WORKFLOWS,
+    SetupState,
+)
+
+JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
+PORT = Findings(port="/dev/ttyACM0", adapter="CH343")
+
+
+def motors(**states):
+    """A setup in which the motors of these joints are so far; the others are untouched."""
+    view = SetupView()
+    found = {
+        joint: replace(
+            motor, state=states.get(joint, "todo"), sentence=f"about {joint}", fix="mend"
+        )
+        for joint, motor in view.motors.items()
+    }
+    return replace(view, motors=found)
+
+
+def all_motors(state):
+    return motors(**dict.fromkeys(JOINTS, state))
+
+
+def chain(**wrong):
+    checks = {
+        joint: MotorCheck(
+            joint=joint,
+            servo_id=place,
+            status="not_responding" if joint in wrong else "ok",
+            error=wrong.get(joint, ""),
+            fix="look at its cable" if joint in wrong else "",
+        )
+        for place, joint in enumerate(JOINTS, start=1)
+    }
+    return Verification(motors=checks, unexpected_ids=(), notes=(), sentence="")
+
+
+def calibration(state, **changes):
+    progress = calibration_view.CalibrationProgress(state=state, **changes)
+    return calibration_view.show(progress, None, 0.0)
+
+
+def test_every_workflow_begins_with_the_connection_and_counts_its_steps_and_minutes():
+    for each in WORKFLOWS:
+        assert each.steps[0] is CONNECT
+        assert each.minutes == sum(step.minutes for step in each.steps)
+        assert each.extent == f"{len(each.steps)} steps, about {each.minutes} minutes"
+        names = [step.name for step in each.steps]
+        assert len(set(names)) == len(names)
+        assert [each.place(name) for name in names] == list(range(len(names)))
+        assert each.place("nothing") is None
+
+
+def test_the_two_halves_are_the_whole():
+    steps = [step.name for step in FULL.steps]
+    halves = [s.name for s in (*MOTORS_ONLY.steps, *CALIBRATION_ONLY.steps)]
+    assert sorted(set(halves)) == sorted(steps)
+
+
+@pytest.mark.parametrize("step", FULL.steps, ids=lambda step: step.name)
+def test_a_step_that_is_not_done_says_what_to_do(step):
+    check = step.check(SetupState())
+    assert check.verdict in ("fail", "warn")
+    assert check.sentence
+    assert check.fix
+
+
+def test_the_first_step_that_is_not_done_comes_next():
+    known = SetupState()
+    assert FULL.next_open(known) is CONNECT
+    known = replace(known, seen=PORT)
+    assert FULL.next_open(known) is MOTORS
+    known = replace(known, setup=all_motors("configured"))
+    assert FULL.next_open(known) is CHAIN
+    known = replace(known, seen=replace(PORT, servos=chain()))
+    assert FULL.next_open(known) is setup_steps.POSE
+    assert MOTORS_ONLY.next_open(known) is None
+    known = replace(known, saved=Path("/data/arm.json"))
+    assert FULL.next_open(known) is None
+
+
+def test_the_connection_is_judged_as_the_doctor_does():
+    for seen in (
+        replace(PORT, port_trouble="in use by python3 (process 17); end that first"),
+        replace(PORT, interfering_programs={"ModemManager": "it talks to every new port"}),
+        Findings(port_trouble="no adapter is plugged in"),
+        Findings(lost_adapters=("a CH340 adapter is plugged in, but has no port: brltty",)),
+        replace(PORT, supply_trouble=("it gets only 4.1 V", "switch the supply on")),
+    ):
+        check = CONNECT.check(SetupState(seen=seen))
+        doctor = [c for c in check_up(seen) if c.verdict == check.verdict]
+        assert (check.sentence, check.fix) == (doctor[0].sentence, doctor[0].fix)
+        assert check.verdict != "ok"
+    assert CONNECT.check(SetupState(seen=PORT)).verdict == "ok"
+
+
+def test_an_adapter_without_a_port_does_not_matter_once_another_has_one():
+    seen = replace(PORT, lost_adapters=("a CH340 adapter is plugged in, but has no port: brltty",))
+    assert CONNECT.check(SetupState(seen=seen)).verdict == "ok"
+
+
+def test_motors_that_are_left_are_counted_and_the_next_is_named():
+    check = MOTORS.check(SetupState(setup=motors(gripper="configured", wrist_roll="verified")))
+    assert check.verdict == "fail"
+    assert check.sentence == "4 of 6 motors are still to be set up, next wrist_flex"
+    failed = MOTORS.check(SetupState(setup=motors(gripper="failed")))
+    assert failed.sentence == "gripper: about gripper"
+    assert failed.fix == "mend"
+
+
+def test_skipped_motors_are_a_warning_and_do_not_stop_anybody():
+    setup = motors(**{**dict.fromkeys(JOINTS, "configured"), "elbow_flex": "skipped"})
+    check = MOTORS.check(SetupState(setup=setup))
+    assert check.verdict == "warn"
+    assert "elbow_flex" in check.sentence
+
+
+def test_a_finished_arm_needs_no_motor_setup():
+    known = SetupState(seen=replace(PORT, servos=chain()))
+    assert MOTORS.check(known).verdict == "ok"
+    assert MOTORS.check(replace(known, setup=motors(gripper="configured"))).verdict == "fail"
+
+
+def test_the_chain_is_judged_as_the_doctor_does():
+    servos = chain(elbow_flex="servo 3 (elbow_flex) does not answer")
+    check = CHAIN.check(SetupState(seen=replace(PORT, servos=servos)))
+    assert check.verdict == "fail"
+    doctor = next(c for c in check_up(Findings(servos=servos)) if c.verdict == "fail")
+    assert (check.sentence, check.fix) == (doctor.sentence, doctor.fix)
+    assert CHAIN.check(SetupState(seen=replace(PORT, servos=chain()))).verdict == "ok"
+
+
+def test_the_steps_of_a_calibration_follow_its_states():
+    pose, record, save = setup_steps.POSE, setup_steps.RECORD, setup_steps.SAVE
+    done = {
+        State.IDLE: (),
+        State.STARTED: (),
+        State.HOMED: (pose,),
+        State.RECORDING: (pose,),
+        State.COMPLETED: (pose, record),
+        State.ERROR: (),
+    }
+    for state, steps in done.items():
+        known = SetupState(view=calibration(state))
+        for step in (pose, record, save):
+            assert (step.check(known).verdict == "ok") == (step in steps), (state, step.name)
+
+
+def test_an_error_of_the_calibration_is_what_its_step_says():
+    known = SetupState(view=calibration(State.HOMED, error="servo 3 does not answer"))
+    check = setup_steps.POSE.check(known)
+    assert (check.verdict, check.sentence) == ("fail", "servo 3 does not answer")
+
+
+def test_the_final_test_may_be_left_out_and_tells_what_it_found():
+    assert setup_steps.TEST.check(SetupState()).verdict == "warn"
+    found = Check(name="test", verdict="fail", sentence="elbow_flex is 4 deg off", fix="calibrate")
+    assert setup_steps.TEST.check(SetupState(tested=found)) == found
+
+
+def test_the_worst_of_several_checks_is_the_first_of_the_worst_kind():
+    checks = [
+        Check(name="a", verdict="ok", sentence="fine"),
+        Check(name="b", verdict="warn", sentence="so so", fix="look"),
+        Check(name="c", verdict="warn", sentence="hm"),
+    ]
+    assert setup_steps.worst("all", checks) == replace(checks[1], name="all")
+    assert setup_steps.worst("all", []) is None
+
+
+def test_the_doctor_names_the_step_where_a_setup_has_to_go_on():
+    def next_of(**seen):
+        step = FULL.next_open(SetupState.found(replace(PORT, **seen)))
+        return None if step is None else step.name
+
+    assert FULL.next_open(SetupState.found(Findings(port_trouble="no port"))) is CONNECT
+    assert next_of(servos=chain(elbow_flex="servo 3 does not answer")) == "chain"
+    twins = chain()
+    first = replace(twins.motors["shoulder_pan"], status="duplicate", error="two as 1", fix="part")
+    twins = replace(twins, motors={**twins.motors, "shoulder_pan": first})
+    assert next_of(servos=twins) == "motors"
+    assert next_of(servos=chain()) == "pose"
+    stored = Stored(path=Path("/data/arm.json"), calibration={}, zeros={}, notes=())
+    assert next_of(servos=chain(), file=stored.path, stored=stored) is None
+    assert next_of(servos=chain(), file=stored.path, stored=stored, is_unfinished=True) == "pose"

@@ -1,0 +1,98 @@
+"""``so101 guide`` on the simulated arm."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from so101_motion.cli import main
+from so101_motion.tasks.guided import GuidedPath, files
+
+WAVE = GuidedPath(
+    t=[0.0, 0.5, 1.0],
+    q=np.radians([[0, -10, 10, 0, 0], [8, -10, 10, 0, 0], [8, -14, 10, 5, 0]]),
+    aperture=[0.0, 0.0, 0.2],
+)
+
+
+def run(*arguments, **options):
+    return CliRunner().invoke(main, ["guide", *map(str, arguments)], **options)
+
+
+@pytest.fixture
+def file(tmp_path):
+    files.write(WAVE, tmp_path / "wave.json")
+    return tmp_path / "wave.json"
+
+
+def test_a_path_is_gone_and_told(file):
+    fast = ("--speed", 150, "--acceleration", 400)
+    result = run("replay", "--sim", file, *fast, "--times", 2, "--yes", "--json")
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert told["schema"] == "so101/guide-replay/1"
+    assert told["points"] == 3
+    assert told["times"] == 2
+    assert told["off_deg"] < 0.1
+
+
+def test_it_says_what_it_will_do_and_asks_first(file):
+    result = run("replay", "--sim", file, input="n\n")
+    assert result.exit_code == 7
+    assert "to its beginning" in result.output
+    assert "Move the simulated arm?" in result.output
+
+
+def test_what_is_recorded_is_saved_listed_and_not_lost_by_accident(tmp_path):
+    file = tmp_path / "still.json"
+    result = run("record", "--sim", file, "--seconds", 0.3, "--yes", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["has_jaw"]
+    assert files.read(file).duration >= 0.2
+    assert "still" in run("list", tmp_path).stdout
+    (listed,) = json.loads(run("list", tmp_path, "--json").stdout)["paths"]
+    assert listed["name"] == "still"
+    again = run("record", "--sim", file, "--yes")
+    assert again.exit_code == 2
+    assert "there already" in again.output
+
+
+def test_ctrl_c_loses_nothing(tmp_path):
+    program = "import sys; from so101_motion.cli import main; main()"
+    file = tmp_path / "wave.json"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "guide", "record", "--sim", str(file), "--yes"],
+        stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert "lead the arm" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert "saved" in said
+    assert len(files.read(file)) >= 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (("replay", "--sim", "nowhere.json"), 2, "does not exist"),
+        (("record", "--sim", "x.csv", "--yes"), 2, "must end with .json"),
+        (("record", "x.json"), 2, "which arm?"),
+        (("replay", "--sim", "FILE", "--tolerance", "90", "--yes"), 2, "tolerance_deg"),
+        (("replay", "--sim", "FILE", "--speed", "900", "--yes"), 2, "180"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_with_a_sentence(file, arguments, code, says):
+    result = run(*(file if word == "FILE" else word for word in arguments))
+    assert result.exit_code == code
+    assert says in result.output
+
+
+def test_a_folder_without_paths_says_so(tmp_path):
+    result = run("list", tmp_path)
+    assert result.exit_code == 0
+    assert "no paths here" in result.output

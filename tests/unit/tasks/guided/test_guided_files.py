@@ -1,0 +1,117 @@
+"""Guided paths as files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.tasks.guided import GuidedPath, files
+
+WAVE = GuidedPath(
+    t=[0.0, 0.5, 1.25],
+    q=np.radians([[0, -20, 30, 5, 0], [10, -20, 30, 5, 0], [0, -20, 30, 5, 90]]),
+    aperture=[0.25, 0.5, 1.0],
+)
+
+
+def changed(file, **changes):
+    content = json.loads(file.read_text())
+    content.update(changes)
+    file.write_text(json.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+def test_what_was_written_is_read_again(tmp_path):
+    file = files.file_of(tmp_path / "paths", "wave")
+    files.write(WAVE, file)
+    read = files.read(file)
+    np.testing.assert_allclose(read.t, WAVE.t)
+    np.testing.assert_allclose(read.q, WAVE.q, atol=1e-6)
+    np.testing.assert_allclose(read.aperture, WAVE.aperture)
+    assert [kept.name for kept in files.listed(file.parent)] == ["wave"]
+    content = json.loads(file.read_text())
+    assert content["schema"] == "so101/guided-path/1"
+    assert content["joints"][1] == "shoulder_lift"
+    assert content["q_deg"][1][0] == 10.0
+    assert [each.name for each in file.parent.iterdir()] == ["wave.json"], "nothing is left behind"
+
+
+def test_an_arm_without_a_jaw_has_no_apertures(tmp_path):
+    file = tmp_path / "wave.json"
+    files.write(GuidedPath(t=WAVE.t, q=WAVE.q), file)
+    assert "aperture_percent" not in json.loads(file.read_text())
+    assert files.read(file).aperture is None
+
+
+def test_a_path_that_is_there_is_not_lost_by_accident(tmp_path):
+    file = tmp_path / "wave.json"
+    files.write(WAVE, file)
+    with pytest.raises(ConfigError, match="is there already"):
+        files.write(WAVE.taken(slice(0, 1)), file)
+    files.write(WAVE.taken(slice(0, 1)), file, replace=True)
+    assert len(files.read(file)) == 1
+    files.delete(file)
+    with pytest.raises(ConfigError, match="no such path"):
+        files.delete(file)
+
+
+def test_nobody_else_s_file_is_removed(tmp_path):
+    (tmp_path / "arm.json").write_text("{}")
+    with pytest.raises(ConfigError, match="is no file of guided path"):
+        files.delete(tmp_path / "arm.json")
+    assert files.listed(tmp_path) == []
+
+
+def test_a_name_that_is_not_there_is_answered_with_those_that_are(tmp_path):
+    files.write(WAVE, tmp_path / "wave.json")
+    with pytest.raises(ConfigError, match="there are: wave"):
+        files.read(tmp_path / "wafe.json")
+
+
+@pytest.mark.parametrize("name", ["", "../wave", "a/b", ".hidden", 3, None, "x" * 90])
+def test_what_cannot_be_a_name_is_refused(tmp_path, name):
+    with pytest.raises(ConfigError, match="letters, digits"):
+        files.file_of(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"schema": "so101/guided-path/2"}, "which this version cannot read"),
+        ({"schema": "so101/scene/1"}, "is no file of guided path"),
+        ({"joints": ["shoulder_pan"]}, "in this order"),
+        ({"time_s": [0.0, 0.5]}, "2 times, 3 configurations"),
+        ({"time_s": [0.0, 0.5, 0.5]}, "increase"),
+        ({"q_deg": [[0, 0, 0, 0, 0], [0]]}, "q_deg"),
+        ({"q_deg": None}, "shape"),
+        ({"q_deg": [[0, 0, 0, 0, float("nan")]] * 3}, "finite"),
+        ({"aperture_percent": [0, 0, 200]}, "aperture"),
+        ({"aperture_percent": "open"}, "aperture_percent"),
+    ],
+)
+def test_a_file_that_cannot_be_meant_says_what_is_wrong(tmp_path, changes, says):
+    file = tmp_path / "wave.json"
+    files.write(WAVE, file)
+    changed(file, **changes)
+    with pytest.raises(ConfigError, match=says):
+        files.read(file)
+
+
+def test_what_is_no_json_and_where_nothing_can_be_written_is_told(tmp_path):
+    (tmp_path / "wave.json").write_text("{")
+    with pytest.raises(ConfigError, match="is not JSON"):
+        files.read(tmp_path / "wave.json")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        files.write(WAVE, tmp_path / "wave.json" / "x.json")
+    with pytest.raises(ConfigError, match=r"must end with \.json"):
+        files.write(WAVE, tmp_path / "wave.csv")
+
+
+@pytest.mark.parametrize("key", ["time_s", "q_deg", "aperture_percent"])
+def test_one_file_with_a_number_beyond_all_floats_does_not_hide_the_others(tmp_path, key):
+    files.write(WAVE, tmp_path / "good.json")
+    files.write(WAVE, tmp_path / "bad.json")
+    changed(tmp_path / "bad.json", **{key: [10**400]})
+    with pytest.raises(ConfigError, match=key):
+        files.read(tmp_path / "bad.json")
+    assert [kept.name for kept in files.listed(tmp_path)] == ["good"]

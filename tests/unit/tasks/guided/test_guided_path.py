@@ -1,0 +1,71 @@
+"""A guided path and what is left of it within a tolerance."""
+
+import numpy as np
+import pytest
+
+from so101_motion.tasks.guided.path import GuidedPath, along
+
+RNG = np.random.default_rng(5)
+
+
+def path_of(pan_deg, aperture=None):
+    q = np.zeros((len(pan_deg), 5))
+    q[:, 0] = np.radians(pan_deg)
+    return GuidedPath(t=0.02 * np.arange(len(q)), q=q, aperture=aperture)
+
+
+def pan_deg(path):
+    return np.degrees(path.q[:, 0]).round(9).tolist()
+
+
+def test_points_on_a_line_are_not_needed():
+    assert pan_deg(path_of([0, 1, 2, 3, 10, 20]).thinned(np.radians(0.5))) == [0, 20]
+
+
+def test_wiping_to_and_fro_over_one_place_is_kept():
+    to_and_fro = [0, 5, 10, 5, 0, 5, 10, 5, 0]
+    assert pan_deg(path_of(to_and_fro).thinned(np.radians(1.0))) == [0, 10, 0, 10, 0]
+
+
+def test_going_back_a_little_on_the_way_is_no_turn():
+    assert pan_deg(path_of([0, 8, 7.6, 9, 20]).thinned(np.radians(0.5))) == [0, 20]
+
+
+def test_an_arm_that_stands_is_one_place_and_the_ends_stay():
+    still = path_of(0.1 * RNG.uniform(-1.0, 1.0, 50)).thinned(np.radians(0.5))
+    assert len(still) == 2
+    assert still.duration == pytest.approx(0.98)
+
+
+def test_the_jaw_moves_with_the_arm():
+    jaw = np.array([0.0, 0.0, 0.5, 0.5, 0.5])
+    thinned = path_of([0, 10, 20, 30, 40], jaw).thinned(np.radians(1.0))
+    assert pan_deg(thinned) == [0, 10, 20, 40]
+    assert thinned.aperture.tolist() == [0.0, 0.0, 0.5, 0.5]
+
+
+def test_points_are_found_in_their_order_on_a_path_that_crosses_itself():
+    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [5.0, 10.0], [5.0, -10.0]])
+    where = np.linspace(0.0, 4.0, 201)
+    points = np.column_stack([np.interp(where, range(5), corners[:, i]) for i in range(2)])
+    found = along(corners, points + 0.1 * RNG.standard_normal(points.shape))
+    assert np.abs(found - where).max() < 0.06
+    assert np.all(np.diff(found) >= 0.0)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"t": [], "q": np.zeros((0, 5))},
+        {"t": [0.0, 0.0], "q": np.zeros((2, 5))},
+        {"t": [1.0], "q": np.zeros((1, 5))},
+        {"t": [0.0], "q": [[np.nan] * 5]},
+        {"t": [0.0], "q": np.zeros((2, 5))},
+        {"t": [0.0], "q": np.zeros((1, 4))},
+        {"t": [0.0], "q": np.zeros((1, 5)), "aperture": [1.5]},
+        {"t": [0.0], "q": np.zeros((1, 5)), "aperture": [0.5, 0.5]},
+    ],
+)
+def test_what_is_no_path_is_refused(values):
+    with pytest.raises(ValueError, match=r"path|postures|shape|aperture"):
+        GuidedPath(**values)

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.tasks.program import Program, Waypoint, files
+
+PROGRAM = Program(
+    waypoints=(
+        Waypoint(name="over the <mug>", q=np.radians([10, -40, 35, 60, 0]), aperture=0.8),
+        Waypoint(name="at the mug", q=np.radians([10, -20, 30, 70, 0]), aperture=0.0, pause=0.5),
+        Waypoint(name="über", q=np.zeros(5)),
+        Waypoint(name="aside", q=np.zeros(5), passes=True),
+    ),
+    rounds=3,
+)
+
+
+@pytest.fixture(autouse=True)
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    return tmp_path / "so101_motion" / "programs"
+
+
+def told(program: Program) -> list[tuple[object, ...]]:
+    return [(each.name, each.aperture, each.pause, each.passes) for each in program.waypoints]
+
+
+@pytest.mark.parametrize("rounds", [1, 3, None])
+def test_a_program_is_the_same_after_writing_and_reading(rounds: int | None) -> None:
+    file = files.file_of("stack cubes")
+    files.write(PROGRAM.with_rounds(rounds), file)
+    again = files.read(file)
+    assert told(again) == told(PROGRAM)
+    assert again.rounds == rounds
+    for one, other in zip(again.waypoints, PROGRAM.waypoints, strict=True):
+        np.testing.assert_allclose(one.q, other.q, atol=1e-6)
+
+
+def test_programs_are_found_by_name_and_by_file(data: Path, tmp_path: Path) -> None:
+    assert files.names() == ()
+    files.write(PROGRAM, files.file_of("stack cubes"))
+    files.write(PROGRAM, tmp_path / "other.json")
+    assert files.names() == ("stack cubes",)
+    assert files.find("stack cubes") == data / "stack cubes.json"
+    assert files.find(str(tmp_path / "other.json")) == tmp_path / "other.json"
+    with pytest.raises(ConfigError, match='did you mean "stack cubes"'):
+        files.find("stack cube")
+    files.delete("stack cubes")
+    assert files.names() == ()
+    with pytest.raises(ConfigError, match="cannot be removed"):
+        files.delete("stack cubes")
+
+
+@pytest.mark.parametrize("name", ["../secret", ".hidden", "a/b", "a\\b", "", "x" * 41, "-rf"])
+def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
+    with pytest.raises(ConfigError, match="program name"):
+        files.file_of(name)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"schema": "so101/program/9"}, "this version cannot read"),
+        ({"rounds": 0}, "rounds"),
+        ({"rounds": True}, "whole number"),
+        ({"rounds": "forever"}, '"endless"'),
+        ({"loops": 3}, "unknown entry of a program"),
+        ({"waypoints": {}}, "must be a list"),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 4}]}, "waypoint 1: q_deg"),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": -1}]}, "waypoint 1: pause"),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": "1"}]}, "must be a number"),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": 10**400}]}, "finite"),
+        ({"waypoints": [{"name": "a", "q_deg": [10**400] * 5}]}, "joint angles"),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause": 1}]}, '"pause_s"'),
+        ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pass": 1}]}, "1: pass.*true or false"),
+        (
+            {"waypoints": [{"name": "a", "q_deg": [0] * 5, "pass": True, "pause_s": 1}]},
+            "waypoint 1: pass.*a pause, for which the arm has to stop; leave one out",
+        ),
+        (
+            {"waypoints": [{"name": "a", "q_deg": [0] * 5, "aperture_percent": 120}]},
+            "waypoint 1: aperture",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_meant_says_what_and_where(
+    tmp_path: Path, change: dict[str, object], reason: str
+) -> None:
+    file = tmp_path / "program.json"
+    content = {"schema": "so101/program/1", "rounds": 1, "waypoints": [], **change}
+    file.write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=reason):
+        files.read(file)
+
+
+def test_a_file_without_a_word_about_passing_stops_at_every_waypoint(tmp_path: Path) -> None:
+    file = tmp_path / "old.json"
+    old = {"schema": "so101/program/1", "waypoints": [{"name": "a", "q_deg": [0] * 5}] * 2}
+    file.write_text(json.dumps(old))
+    assert [files.read(file).stops_at(index) for index in (0, 1)] == [True, True]

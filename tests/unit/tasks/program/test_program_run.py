@@ -1,0 +1,292 @@
+"""Programs on a simulated arm, planned for by the real worker, on a clock the test drives."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.common.geometry import SE3
+from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Capsule, Obstacle
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.tasks.program import Program, ProgramRun, Waypoint, rehearse, start_program
+from so101_motion.tasks.program.rehearsal import PASSING
+
+A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
+B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
+INTO_THE_TABLE = np.radians([0.0, 80.0, 20.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process() -> Iterator[None]:
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=A))
+        yield
+
+
+@pytest.fixture
+def rig(clock: ManualClock) -> Iterator[Rig]:
+    with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
+        yield rig
+
+
+def program(*waypoints: Waypoint, rounds: int | None = 1) -> Program:
+    return Program(waypoints=waypoints, rounds=rounds)
+
+
+def at(q: np.ndarray, name: str = "there", **rest: float) -> Waypoint:
+    return Waypoint(name=name, q=q, **rest)
+
+
+def start(rig: Rig, made: Program) -> ProgramRun:
+    return start_program(rig.arm, rig.gripper, rig.clock, rehearse(rig.arm, rig.gripper, made))
+
+
+def until(clock: ManualClock, condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0  # the arm's thread takes real time
+    while time.monotonic() < end:
+        if condition():
+            return
+        clock.advance(0.02)
+    pytest.fail("did not come true")
+
+
+def finish(clock: ManualClock, run: ProgramRun) -> None:
+    until(clock, run.future.done)
+    run.future.result()
+
+
+def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: ManualClock) -> None:
+    made = rehearse(rig.arm, rig.gripper, program(at(A, pause=2.0), at(B), rounds=2))
+    clock.advance(1.0)
+    np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
+    first, second = made.plans
+    np.testing.assert_allclose(first.q_goal, A)
+    np.testing.assert_array_equal(second.q_start, first.q_goal)
+    assert made.back is not None
+    assert made.back.plan is not None
+    np.testing.assert_allclose([made.back.plan.q_start, made.back.plan.q_goal], [B, A])
+    assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
+
+
+def test_a_waypoint_that_cannot_be_gone_to_is_named_before_anything_moves(rig: Rig) -> None:
+    made = program(at(A), at(INTO_THE_TABLE, "low"))
+    with pytest.raises(InCollision, match=r"^waypoint 2 \(low\): "):
+        rehearse(rig.arm, rig.gripper, made)
+    np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
+
+
+def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig: Rig) -> None:
+    rehearse(rig.arm, rig.gripper, program(at(A, aperture=1.0), at(B)))
+    assert rig.arm.newest is not None
+    request, _ = rig.arm.newest
+    assert request.q_jaw == pytest.approx(rig.gripper.opened)
+    np.testing.assert_allclose(request.q_start, A)
+
+
+def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
+    rig: Rig, clock: ManualClock
+) -> None:
+    seen: list[tuple[int, int, str]] = []
+    run = start(rig, program(at(A, aperture=0.6), at(B, aperture=0.0, pause=1.0), rounds=2))
+
+    def look() -> bool:
+        where = (run.where.round, run.where.index, run.where.doing)
+        if not seen or seen[-1] != where:
+            seen.append(where)
+        return run.future.done()
+
+    until(clock, look)
+    run.future.result()
+    assert run.share == 1.0
+    np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
+    assert rig.gripper.aperture == pytest.approx(0.0, abs=0.02)
+    told = [(lap, k, doing) for lap in (0, 1) for k, doing in ((0, "moving"), (1, "pausing"))]
+    assert [where for where in seen if where in told] == told
+    assert (1, 0, "jaw") in seen
+
+
+def test_a_pause_lasts_as_long_as_it_should(rig: Rig, clock: ManualClock) -> None:
+    run = start(rig, program(at(np.zeros(5), pause=3.0)))
+    until(clock, lambda: run.where.doing == "pausing")
+    begin = clock.now()
+    finish(clock, run)
+    assert clock.now() - begin == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("doing", ["moving", "jaw", "pausing"])
+@pytest.mark.parametrize("how", ["run", "arm"])
+def test_stop_ends_a_run_whatever_it_is_doing(
+    rig: Rig, clock: ManualClock, doing: str, how: str
+) -> None:
+    run = start(rig, program(at(A, aperture=1.0, pause=5.0), at(B), rounds=None))
+    until(clock, lambda: run.where.doing == doing)
+    clock.advance(0.1)
+    stop = run.stop if how == "run" else lambda: rig.arm.newest_motion.interrupt("stop")
+    stop()
+    until(clock, run.future.done)
+    assert isinstance(run.future.exception(), Interrupted)
+    until(clock, lambda: not rig.arm.is_moving and not rig.gripper.is_moving)
+    stands = rig.arm.state.q
+    clock.advance(8.0)
+    np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))
+
+
+def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: ManualClock) -> None:
+    run = start(rig, program(at(A), at(B), rounds=None))
+    until(clock, lambda: run.where.round == 3)
+    assert 0.0 <= run.share < 1.0
+    run.stop()
+    until(clock, run.future.done)
+
+
+def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: ManualClock) -> None:
+    run = start(rig, program(at(A, pause=5.0), at(B)))
+    until(clock, lambda: run.where.doing == "pausing")
+    newer = rig.arm.start_move(JointGoal(q=np.zeros(5)))
+    until(clock, run.future.done)
+    error = run.future.exception()
+    assert isinstance(error, Interrupted)
+    assert error.by == "a newer motion"
+    until(clock, newer.future.done)
+    newer.result()
+
+
+def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
+    rig: Rig, clock: ManualClock
+) -> None:
+    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, "aside")))
+    moved = rig.arm.start_move(JointGoal(q=B))
+    until(clock, moved.future.done)
+    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    until(clock, run.future.done)
+    with pytest.raises(MotionError, match=r"waypoint 1 \(aside\): the arm has been moved"):
+        run.future.result()
+    np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
+
+
+def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
+    rig: Rig, clock: ManualClock
+) -> None:
+    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), at(B)))
+    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    until(clock, lambda: run.where.doing == "pausing")
+    rig.gripper.start_move(0.5)
+    until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
+    finish(clock, run)
+    assert run.plan is not rehearsal.legs[1].plan
+    np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
+
+
+def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> None:
+    with pytest.raises(ConfigError, match="has no waypoint"):
+        rehearse(rig.arm, rig.gripper, Program())
+    with pytest.raises(ConfigError, match="this arm has none"):
+        rehearse(rig.arm, None, program(at(A, aperture=1.0)))
+
+
+# Waypoints that are passed
+
+AROUND = np.radians(
+    [[20, -20, 20, 20, 0], [30, -35, 30, 10, 10], [10, -45, 20, 30, 20], [-15, -30, 35, 5, 0]]
+)
+
+
+def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
+    """Waypoints of which all but the last are passed."""
+    last = len(places) - 1
+    return tuple(
+        Waypoint(name=f"{k}", q=q, passes=passes and k < last) for k, q in enumerate(places)
+    )
+
+
+def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> None:
+    made = rehearse(rig.arm, rig.gripper, program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
+    first, second = made.legs
+    assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
+    assert first.plan is not None
+    np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
+    assert first.at[-1] == first.plan.duration
+    assert made.back is not None
+    assert made.back.plan is not None
+    np.testing.assert_allclose(made.back.plan.q_start, A)
+    np.testing.assert_allclose(made.back.plan.q_goal, AROUND[-1])
+
+
+def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
+    made = rehearse(rig.arm, rig.gripper, program(at(A), at(B, passes=True), rounds=None))
+    assert [list(leg.indices) for leg in made.legs] == [[0], [1]]
+    np.testing.assert_allclose(made.legs[1].plan.q_goal, B)
+
+
+def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
+    there = np.zeros(5)
+    made = rehearse(rig.arm, rig.gripper, program(*passing(there, there)))
+    (leg,) = made.legs
+    assert leg.plan is None
+    made = rehearse(rig.arm, rig.gripper, program(*passing(there, A, A)))
+    (leg,) = made.legs
+    np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
+
+
+def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
+    rig: Rig, clock: ManualClock
+) -> None:
+    aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
+    ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
+    shape = Capsule(radius=0.02, length=0.5)
+    post = Obstacle(name="post", shape=shape, T_base_obstacle=ahead)
+    moved = rig.arm.start_move(JointGoal(q=aside))
+    until(clock, moved.future.done)
+    rig.arm.scene = rig.arm.scene.with_obstacles([post])
+    (leg,) = rehearse(rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
+    assert len(leg.plan.path) > 3
+    near = np.abs(leg.plan.trajectory.q + aside).max(axis=1).min()
+    assert near <= PASSING
+
+
+def test_a_passed_waypoint_that_cannot_be_gone_to_is_named(rig: Rig) -> None:
+    with pytest.raises(InCollision, match=r"^waypoint 2 \(1\): "):
+        rehearse(rig.arm, rig.gripper, program(*passing(A, INTO_THE_TABLE, B)))
+
+
+def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: ManualClock) -> None:
+    run = start(rig, program(*passing(*AROUND), rounds=2))
+    seen: list[tuple[int, int]] = []
+    slowest = np.inf
+
+    def look() -> bool:
+        nonlocal slowest
+        where = (run.where.round, run.where.index)
+        if not seen or seen[-1] != where:
+            seen.append(where)
+        if where == (0, 2):
+            slowest = min(slowest, float(np.abs(rig.arm.state.qd_ref).max()))
+        return run.future.done()
+
+    until(clock, look)
+    run.future.result()
+    assert seen[:-1] == [(lap, k) for lap in (0, 1) for k in range(4)]
+    assert slowest > to_rad(10.0)
+    np.testing.assert_allclose(rig.arm.state.q, AROUND[-1], atol=to_rad(0.1))
+
+
+def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
+    rig: Rig, clock: ManualClock
+) -> None:
+    rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), *passing(*AROUND[1:])))
+    run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
+    until(clock, lambda: run.where.doing == "pausing")
+    rig.gripper.start_move(0.5)
+    until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
+    finish(clock, run)
+    assert run.plan is not rehearsal.legs[1].plan
+    assert run.plan is not None
+    assert len(run.plan.path) == 4

@@ -1,0 +1,193 @@
+"""A session of two simulated arms on one clock that the test drives."""
+
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.modes import Mode
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.tasks.teleop import LocalArm, LocalFollower, LocalLeader, Teleop
+from so101_motion.tasks.teleop.gate import Phase
+
+AWAY = np.radians([30.0, -20.0, 10.0, 10.0, 20.0])
+
+
+class Pair:
+    """Two simulated arms, and a session."""
+
+    def __init__(self, *, lets_go=True, guarded=False, **options):
+        self.clock = ManualClock()
+        self.leader, self.follower = (open_simulated(clock=self.clock) for _ in range(2))
+        leading, following = (
+            LocalArm(station=rig, jaw=rig) for rig in (self.leader, self.follower)
+        )
+        self.teleop = Teleop(
+            LocalLeader(leading, lets_go=lets_go),
+            LocalFollower(following, guarded=guarded),
+            self.clock,
+            **options,
+        )
+
+    @property
+    def phase(self):
+        return self.teleop.status.phase
+
+    def push(self, q, q_jaw=None):
+        """Move the limp leader by hand."""
+        self.leader.executor.call(lambda arm: arm.push(q, q_jaw))
+
+    def advance(self, seconds):
+        for _ in range(round(seconds / 0.01)):
+            self.clock.advance(0.01)
+            if self.teleop.job is not None:
+                wait([self.teleop.job], timeout=0.01)
+
+    def start(self):
+        """Start the session, in no time if it needs none."""
+        self.run(self.teleop.start, patience=0.1)
+
+    def run(self, call, patience=0.001):
+        with ThreadPoolExecutor(1) as pool:
+            future = pool.submit(call)
+            while not wait([future], timeout=patience).done:
+                self.clock.advance(0.01)
+        return future.result()
+
+    def close(self):
+        self.run(self.teleop.close)
+        self.teleop.close()
+        self.leader.close()
+        self.follower.close()
+
+
+@contextmanager
+def pair(**options):
+    both = Pair(**options)
+    try:
+        yield both
+    finally:
+        both.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    with open_simulated():
+        yield
+
+
+def test_before_the_start_nothing_happens():
+    with pair() as both:
+        both.advance(0.1)
+        status = both.teleop.status
+        assert (status.phase, status.cycles, status.is_running) == (Phase.STOPPED, 0, False)
+        both.run(both.teleop.stop)
+        assert both.leader.arm.state.mode is Mode.HOLDING
+
+
+def test_the_follower_comes_mirrors_and_holds():
+    with pair() as both:
+        both.start()
+        assert both.leader.arm.state.mode is Mode.LIMP
+        both.push(AWAY, 0.5)
+        both.advance(0.2)
+        assert both.phase is Phase.WAITING, "so far so quickly: nobody leads like that"
+        both.run(both.teleop.stop)
+        both.start()
+        both.advance(0.1)
+        assert both.phase is Phase.APPROACHING
+        both.advance(3.0)
+        assert both.phase is Phase.MIRRORING
+        assert both.follower.arm.state.q == pytest.approx(AWAY, abs=1e-3)
+        assert both.follower.gripper.q_jaw == pytest.approx(0.5, abs=1e-3)
+        both.run(both.teleop.stop)
+        assert both.phase is Phase.STOPPED
+        assert both.leader.arm.state.mode is Mode.HOLDING
+        assert both.follower.arm.state.mode is Mode.HOLDING
+
+
+def test_starting_twice_is_starting_once():
+    with pair() as both:
+        both.start()
+        both.advance(0.5)
+        cycles = both.teleop.status.cycles
+        both.start()
+        both.advance(0.1)
+        assert both.teleop.status.cycles > cycles
+
+
+def test_a_leader_that_is_not_let_go_of_may_be_moved_by_a_program():
+    with pair(lets_go=False) as both:
+        both.start()
+        both.advance(0.2)
+        assert not both.teleop.status.leader_is_limp
+        motion = both.leader.arm.start_retarget(0.5 * AWAY)
+        both.advance(3.0)
+        assert motion.future.done()
+        assert both.phase is Phase.MIRRORING
+        assert both.follower.arm.state.q == pytest.approx(0.5 * AWAY, abs=2e-3)
+        both.run(both.teleop.stop)
+        assert both.leader.arm.state.mode is Mode.HOLDING
+
+
+def test_another_motion_of_the_follower_ends_the_session():
+    with pair() as both:
+        both.start()
+        both.advance(0.2)
+        motion = both.follower.arm.start_retarget(0.3 * AWAY)
+        both.advance(3.0)
+        assert motion.future.exception() is None
+        assert not both.teleop.status.is_running
+        assert both.teleop.status.reason == "ended by a newer motion of the follower"
+        assert both.follower.arm.state.q == pytest.approx(0.3 * AWAY, abs=1e-3)
+
+
+def test_a_planned_motion_of_the_follower_ends_the_session_with_the_same_reason():
+    with pair() as both:
+        both.start()
+        both.advance(0.2)
+        motion = both.follower.arm.start_move(JointGoal(q=0.3 * AWAY))
+        while not motion.future.done():
+            both.advance(0.05)
+        assert motion.future.exception() is None
+        assert both.teleop.status.reason == "ended by a newer motion of the follower"
+
+
+def test_a_stop_of_the_follower_ends_the_session_and_says_so():
+    with pair() as both:
+        both.start()
+        both.advance(0.2)
+        both.run(both.follower.arm.stop)
+        both.advance(0.1)
+        assert both.teleop.status.reason == "ended by stop of the follower"
+
+
+def test_a_broken_connection_is_trouble_and_not_the_end():
+    with pair() as both:
+        both.start()
+        both.advance(0.3)
+        arm = both.follower.executor.call(lambda driver: driver)
+        both.clock.advance(0.02)
+        assert arm.exception() is not None, "nobody else gets at the joints meanwhile"
+        both.run(both.teleop.stop)
+        driver = both.run(lambda: both.follower.executor.call(lambda driver: driver).result())
+        both.start()
+        both.advance(0.3)
+        driver.disconnect(ConnectionError("pulled"))
+        both.advance(0.2)
+        assert both.phase is Phase.WAITING
+        assert both.teleop.status.consecutive_errors > 5
+        driver.reconnect()
+        both.advance(1.0)
+        assert both.phase is Phase.MIRRORING
+
+
+def test_one_arm_may_lead_another_again_after_all_was_closed():
+    for _ in range(2):
+        with pair(guarded=True) as both:
+            both.start()
+            both.advance(0.1)
+            assert both.phase is Phase.MIRRORING

@@ -1,0 +1,177 @@
+"""What machines tell, ours and others, as a snapshot; what is sent to them; and getting in."""
+
+import asyncio
+import itertools
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from hypothesis import given
+from hypothesis import strategies as st
+from viam.proto.component.arm import JointPositions
+
+from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_rad
+from so101_motion.rig.protocols import ArmConnection
+from so101_motion.tasks.guided.path import corners_of
+from so101_motion.viam.client.link import Access
+from so101_motion.viam.client.watch import AT_REST, GripperReport, ask_arm, ask_gripper, next_state
+
+JAW = GripperReport(aperture=0.5)
+
+
+class Machine:
+    """An arm and a gripper that tell what they are given; what is not given they do not know."""
+
+    def __init__(self, *, status=None, joints=None, moves=False, position=None):
+        self.status, self.joints, self.moves, self.position = status, joints, moves, position
+
+    async def get_status(self):
+        return self._known(self.status)
+
+    async def get_joint_positions(self):
+        return JointPositions(values=self._known(self.joints))
+
+    async def is_moving(self):
+        return self.moves
+
+    async def do_command(self, command):
+        assert command == {"command": "get_position"}
+        return self._known(self.position)
+
+    @staticmethod
+    def _known(value):
+        if value is None:
+            raise GRPCError(Status.UNIMPLEMENTED, "not here")
+        return value
+
+
+def told(*, q_deg=(0.0,) * 5, **status):
+    status = {"state": "holding", "is_moving": False, **status}
+    status["joint_positions_deg"] = dict(zip(ARM_JOINTS, q_deg, strict=True))
+    return asyncio.run(ask_arm(Machine(status=status)))
+
+
+def test_our_module_tells_everything_in_one_answer():
+    state = next_state(
+        None,
+        told(q_deg=(10, 20, 30, 40, 50), state="fault", fault="no power", late_ticks=3.0,
+             alarms={"elbow_flex": "hot"}, lent_to="calibration"),
+        JAW,
+        1.0,
+    )  # fmt: skip
+    np.testing.assert_allclose(state.q, np.radians([10, 20, 30, 40, 50]))
+    assert (state.mode, state.fault, state.late_ticks) == (Mode.FAULT, "no power", 3)
+    assert state.reading.alarms == {"elbow_flex": "hot"}
+    assert state.lent_to == "calibration"
+
+
+@pytest.mark.parametrize(
+    ("status", "moves", "mode"),
+    [
+        (None, False, Mode.HOLDING),
+        (None, True, Mode.MOVING),
+        ({"mode": "manual"}, False, Mode.GUIDING),
+        ({"mode": "auto"}, True, Mode.MOVING),
+        ({}, False, Mode.HOLDING),
+    ],
+)
+def test_another_module_is_asked_for_its_joints_and_whether_it_moves(status, moves, mode):
+    found = asyncio.run(ask_arm(Machine(status=status, joints=[1, 2, 3, 4, 5], moves=moves)))
+    state = next_state(None, found, JAW, 0.0)
+    np.testing.assert_allclose(state.q, np.radians([1, 2, 3, 4, 5]))
+    assert (state.mode, state.arm_moving) == (mode, moves)
+
+
+def test_an_arm_with_other_joints_is_refused():
+    with pytest.raises(So101Error, match="5 joints"):
+        asyncio.run(ask_arm(Machine(joints=[1, 2, 3, 4, 5, 6])))
+
+
+def test_a_gripper_that_tells_nothing_is_taken_for_closed():
+    assert asyncio.run(ask_gripper(Machine())) == GripperReport()
+    assert asyncio.run(ask_gripper(None)) == GripperReport()
+    found = asyncio.run(ask_gripper(Machine(position={"position_percentage": 40.0}, moves=True)))
+    assert found == GripperReport(aperture=pytest.approx(0.4), is_moving=True)
+
+
+def test_a_resting_joint_that_trembles_is_wanted_where_it_was():
+    first = next_state(None, told(), JAW, 0.0)
+    near = next_state(first, told(q_deg=(0.5, 0, 0, 0, 0)), JAW, 0.1)
+    np.testing.assert_array_equal(near.q_ref, first.q_ref)
+    far = next_state(near, told(q_deg=(np.degrees(AT_REST) + 0.1, 0, 0, 0, 0)), JAW, 0.2)
+    np.testing.assert_array_equal(far.q_ref, far.q)
+
+
+def test_a_joint_that_moved_is_wanted_where_it_came_to_rest():
+    moving = next_state(None, told(state="moving", is_moving=True), JAW, 0.0)
+    later = next_state(
+        moving, told(q_deg=(5, 0, 0, 0, 0), state="moving", is_moving=True), JAW, 0.1
+    )
+    assert later.qd[0] == pytest.approx(np.radians(50.0))
+    rests = next_state(later, told(q_deg=(5.4, 0, 0, 0, 0)), JAW, 0.2)
+    np.testing.assert_array_equal(rests.q_ref, rests.q)
+    assert not rests.qd.any()
+
+
+# The corners of a way
+
+ways = st.lists(
+    st.lists(st.floats(-3.0, 3.0), min_size=5, max_size=5), min_size=2, max_size=40
+).map(np.array)
+
+
+@given(ways, st.floats(0.001, 1.0))
+def test_straight_legs_between_corners_stay_near_the_whole_way(q, off_way):
+    kept = q[corners_of(q, off_way)]
+    np.testing.assert_array_equal(kept[[0, -1]], q[[0, -1]])
+    for point in q:
+        assert min(_off(point, a, b) for a, b in itertools.pairwise(kept)) <= off_way
+
+
+def _off(point, a, b):
+    leg = b - a
+    u = np.clip((point - a) @ leg / max(float(leg @ leg), 1e-300), 0.0, 1.0)
+    return float(np.max(np.abs(a + u * leg - point))) - 1e-9
+
+
+def test_a_straight_way_has_only_its_ends():
+    q = np.linspace(np.zeros(5), np.ones(5), 200)
+    assert len(corners_of(q, to_rad(1.0))) == 2
+    bent = np.concatenate([q, np.linspace(np.ones(5), [1, 1, 1, 0, 0], 100)])
+    assert len(corners_of(bent, to_rad(1.0))) == 3
+
+
+# Getting in
+
+
+def test_without_a_key_the_connection_is_plain_and_direct():
+    options = Access(address="10.0.0.7:8080").options().dial_options
+    assert options.insecure
+    assert options.disable_webrtc
+    assert options.credentials is None
+
+
+def test_a_key_is_never_sent_over_a_plain_connection_nor_shown():
+    key_id = "0b6c8a5e-93a7-4a36-8a7e-0d4f3a2f7b11"
+    access = Access(address="arm.local.viam.cloud", api_key_id=key_id, api_key="hunter2")
+    options = access.options().dial_options
+    assert not options.insecure
+    assert not options.allow_insecure_with_creds_downgrade
+    assert options.credentials.payload == "hunter2"
+    assert "hunter2" not in repr(access)
+
+
+def test_an_empty_address_is_refused():
+    with pytest.raises(ConfigError, match="host:port"):
+        Access(address=" ")
+
+
+def test_a_connection_is_told_in_words():
+    assert ArmConnection(to="it").words(5.0) == "connected"
+    lost = ArmConnection(to="it", problem="nobody listens", lost_at=2.0)
+    assert lost.words(5.0) == "lost 3 s ago: nobody listens"
+    assert not lost.is_up
+    assert ArmConnection(to="it", problem="no port").words(5.0) == "no port"

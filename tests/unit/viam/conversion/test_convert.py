@@ -1,0 +1,218 @@
+import math
+
+import numpy as np
+import pytest
+from google.protobuf.struct_pb2 import Struct
+from grpclib import Status
+from viam.proto.common import Pose
+from viam.proto.component.arm import MoveOptions
+
+from so101_motion.common import errors
+from so101_motion.common.errors import ConfigError, Interrupted, So101Error
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.goals import GoalMetric
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.viam.conversion import convert
+
+BASE = MotionLimits.uniform(velocity=math.radians(90), acceleration=math.radians(100), jerk=20.0)
+
+
+def descendants(cls):
+    for child in cls.__subclasses__():
+        yield child
+        yield from descendants(child)
+
+
+def test_a_pose_is_millimetres_and_degrees_outside():
+    pose = convert.to_pose(SE3(rot_z(math.radians(30)), np.array([0.1, -0.2, 0.3])))
+
+    assert (pose.x, pose.y, pose.z) == pytest.approx((100.0, -200.0, 300.0))
+    assert (pose.o_x, pose.o_y, pose.o_z) == pytest.approx((0.0, 0.0, 1.0))
+    assert pose.theta == pytest.approx(30.0)
+
+
+@pytest.mark.parametrize("key", ["x", "y", "z", "o_x", "o_y", "o_z", "theta"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_pose_with_a_number_that_is_none_is_refused_by_its_name(key, value):
+    with pytest.raises(ConfigError, match=f"pose.{key}"):
+        convert.from_pose(Pose(**{"o_z": 1.0, key: value}))
+
+
+def test_joint_values_are_degrees_outside():
+    q = convert.from_joint_values([0.0, 90.0, -90.0, 45.0, 180.0])
+
+    assert q == pytest.approx([0.0, math.pi / 2, -math.pi / 2, math.pi / 4, math.pi])
+    assert list(convert.to_joint_positions(q).values) == pytest.approx([0, 90, -90, 45, 180])
+
+
+@pytest.mark.parametrize("count", [0, 4, 6])
+def test_a_wrong_number_of_joints_is_no_argument_and_the_joints_are_named(count):
+    with pytest.raises(ConfigError) as caught:
+        convert.from_joint_values([0.0] * count)
+
+    error = convert.grpc_error(caught.value)
+    assert error.status is Status.INVALID_ARGUMENT
+    assert f"got {count} joint values" in error.message
+    assert "elbow_flex" in error.message
+
+
+def test_a_joint_value_that_is_no_number_is_named_by_joint():
+    with pytest.raises(ConfigError, match="elbow_flex"):
+        convert.from_joint_values([0.0, 0.0, math.nan, 0.0, 0.0])
+
+
+def test_no_options_are_the_arms_own_limits():
+    assert convert.from_move_options(None, BASE) is BASE
+
+
+def test_options_that_arrive_as_zeros_count_as_not_given():
+    sent = MoveOptions(max_vel_degs_per_sec=0.0, max_acc_degs_per_sec2=0.0, max_tcp_speed=0.0)
+
+    limits = convert.from_move_options(sent, BASE)
+
+    assert limits.velocity == pytest.approx(BASE.velocity)
+    assert limits.acceleration == pytest.approx(BASE.acceleration)
+    assert limits.tool_speed is None
+
+
+def test_a_given_cap_replaces_the_arms_own_for_the_move():
+    sent = MoveOptions(max_vel_degs_per_sec=120.0, max_acc_degs_per_sec2=50.0, max_tcp_speed=0.25)
+
+    limits = convert.from_move_options(sent, BASE)
+
+    assert limits.velocity == pytest.approx(np.full(5, math.radians(120)))
+    assert limits.acceleration == pytest.approx(np.full(5, math.radians(50)))
+    assert limits.tool_speed == 0.25
+
+
+def test_a_cap_beyond_what_can_be_set_is_lowered_to_that():
+    sent = MoveOptions(max_vel_degs_per_sec=1000.0, max_acc_degs_per_sec2=1e6)
+
+    limits = convert.from_move_options(sent, BASE)
+
+    assert limits.velocity == pytest.approx(np.full(5, math.radians(180)))
+    assert limits.acceleration == pytest.approx(np.full(5, math.radians(500)))
+
+
+def test_the_lists_for_each_joint_win_and_their_zeros_are_not_given():
+    sent = MoveOptions(max_vel_degs_per_sec=120.0, max_vel_degs_per_sec_joints=[10, 20, 0, 0, 50])
+
+    limits = convert.from_move_options(sent, BASE)
+
+    assert np.degrees(limits.velocity) == pytest.approx([10, 20, 90, 90, 50])
+
+
+@pytest.mark.parametrize("key", ["max_vel_degs_per_sec_joints", "max_acc_degs_per_sec2_joints"])
+@pytest.mark.parametrize("count", [1, 4, 6])
+def test_a_list_needs_one_entry_for_each_joint(key, count):
+    with pytest.raises(ConfigError, match=f"{key}.* has {count} entries"):
+        convert.from_move_options(MoveOptions(**{key: [1.0] * count}), BASE)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"max_vel_degs_per_sec": math.nan},
+        {"max_acc_degs_per_sec2": math.inf},
+        {"max_tcp_speed": math.nan},
+        {"max_vel_degs_per_sec": 1e-6},
+        {"max_tcp_speed": 1e-9},
+        {"max_acc_degs_per_sec2_joints": [1, 2, 3, 4, math.nan]},
+        {"max_vel_degs_per_sec": -10.0},
+        {"max_acc_degs_per_sec2": -0.5},
+        {"max_tcp_speed": -0.1},
+        {"max_vel_degs_per_sec_joints": [10, 20, 30, -1, 50]},
+        {"max_vel_degs_per_sec": math.nan, "max_vel_degs_per_sec_joints": [10, 20, 30, 40, 50]},
+    ],
+)
+def test_a_cap_that_is_no_speed_is_refused_by_its_name(options):
+    with pytest.raises(ConfigError, match=next(iter(options))):
+        convert.from_move_options(MoveOptions(**options), BASE)
+
+
+@pytest.mark.parametrize(
+    ("extra", "metric"),
+    [
+        ({}, GoalMetric.POSITION_ONLY),
+        ({"goal_metric_type": "position_only"}, GoalMetric.POSITION_ONLY),
+        ({"goal_metric_type": "position_and_approach"}, GoalMetric.POSITION_AND_APPROACH),
+        ({"goal_metric_type": "full_pose"}, GoalMetric.FULL_POSE),
+        ({"goal_metric_type": "squared_norm"}, GoalMetric.FULL_POSE),
+    ],
+)
+def test_the_goal_metric_is_position_only_unless_told_otherwise(extra, metric):
+    assert convert.from_goal_metric(extra) is metric
+
+
+@pytest.mark.parametrize("value", ["position_onyl", "Position_Only", "", 3.0])
+def test_a_misspelt_goal_metric_is_refused_by_name(value):
+    with pytest.raises(ConfigError) as caught:
+        convert.from_goal_metric({"goal_metric_type": value})
+
+    assert caught.value.key == "goal_metric_type"
+    assert "position_only" in str(caught.value)
+
+
+def test_a_null_in_a_struct_is_not_zero():
+    struct = Struct()
+    struct.update({"a": None, "b": 0.0, "c": [1.0, {"d": True}], "e": "x"})
+
+    assert convert.from_struct(struct) == {
+        "a": None,
+        "b": 0.0,
+        "c": [1.0, {"d": True}],
+        "e": "x",
+    }
+
+
+def test_what_is_absent_or_not_finite_never_leaves():
+    sent = convert.to_result(
+        {
+            "none": None,
+            "nan": math.nan,
+            "inf": [1.0, math.inf],
+            "array": np.array([1.0, 2.0]),
+            "inner": {"none": None, "ok": np.float64(3.0)},
+            "text": "x",
+            "flag": False,
+        }
+    )
+
+    assert sent == {"array": [1.0, 2.0], "inner": {"ok": 3.0}, "text": "x", "flag": False}
+
+
+def test_every_error_has_a_status_of_its_own():
+    ours = {cls for cls in descendants(So101Error) if cls.__module__ == So101Error.__module__}
+    assert set(convert.STATUS) == {So101Error, *ours}
+    assert all(cls.__module__ == errors.__name__ for cls in convert.STATUS)
+
+
+@pytest.mark.parametrize(
+    ("by", "status"),
+    [
+        ("stop", Status.CANCELLED),
+        ("cancelled", Status.CANCELLED),
+        ("a newer motion", Status.ABORTED),
+        ("shutdown", Status.CANCELLED),
+        ("the removal of its motion service", Status.CANCELLED),
+    ],
+)
+def test_an_interrupted_motion_says_by_what(by, status):
+    error = convert.grpc_error(Interrupted(by))
+
+    assert error.status is status
+    assert by in error.message
+
+
+def test_an_error_leaves_as_one_sentence_with_its_cause():
+    with pytest.raises(convert.GRPCError) as caught, convert.grpc_statuses():
+        raise ConfigError("port", "x", "line one\nline two")
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "\n" not in caught.value.message
+    assert isinstance(caught.value.__cause__, ConfigError)
+
+
+def test_mistakes_of_the_program_are_not_dressed_up():
+    with pytest.raises(ZeroDivisionError), convert.grpc_statuses():
+        raise ZeroDivisionError

@@ -1,0 +1,265 @@
+import asyncio
+import time
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from viam.proto.common import (
+    Capsule,
+    GeometriesInFrame,
+    Geometry,
+    Mesh,
+    PointCloud,
+    Pose,
+    PoseInFrame,
+    RectangularPrism,
+    Sphere,
+    Transform,
+    Vector3,
+    WorldState,
+)
+from viam.proto.robot import FrameSystemConfig
+from viam.proto.service.motion import CollisionSpecification
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.shape_files import read_shape
+from so101_motion.viam.conversion import frames as frames_module
+from so101_motion.viam.conversion.frames import Frames, set_machine
+from so101_motion.viam.conversion.geometries import from_geometry
+from so101_motion.viam.conversion.world_state import MOST_THINGS, _UniqueNames, allowing, scene_with
+
+TOOL = SE3.from_rpy((0.0, 1.0, 0.0), (0.3, 0.0, 0.2))
+CUBE = Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=30, z=40)), label="cube")
+
+
+class MachineWithFrames:
+    """A base 100 mm above the world, a gripper on the arm, a camera on a post."""
+
+    async def transform_pose(self, query, destination):
+        assert destination == "arm_origin"
+        z = {"world": -100.0, "camera": 400.0}.get(query.reference_frame)
+        if z is None:
+            raise GRPCError(Status.NOT_FOUND, f"frame {query.reference_frame} not found")
+        return PoseInFrame(reference_frame=destination, pose=Pose(z=z, o_z=1.0))
+
+    async def get_frame_system_config(self):
+        return [
+            FrameSystemConfig(
+                frame=Transform(
+                    reference_frame=name,
+                    pose_in_observer_frame=PoseInFrame(reference_frame=parent, pose=Pose(o_z=1.0)),
+                )
+            )
+            for name, parent in (("arm", "world"), ("gripper", "arm"), ("camera", "world"))
+        ]
+
+
+@pytest.fixture
+def machine():
+    set_machine(MachineWithFrames)
+    yield
+    frames_module.set_machine(lambda: None)
+
+
+def transform(name, parent, z=0.0, thing=None):
+    return Transform(
+        reference_frame=name,
+        pose_in_observer_frame=PoseInFrame(reference_frame=parent, pose=Pose(z=z, o_z=1.0)),
+        physical_object=thing,
+    )
+
+
+def obstacles(frame, *geometries):
+    return WorldState(
+        obstacles=[GeometriesInFrame(reference_frame=frame, geometries=list(geometries))]
+    )
+
+
+def test_every_shape_of_viam_is_understood():
+    box = from_geometry(CUBE)
+    np.testing.assert_allclose(box.size, (0.02, 0.03, 0.04))
+    assert from_geometry(Geometry(sphere=Sphere(radius_mm=30))).radius == pytest.approx(0.03)
+    capsule = from_geometry(Geometry(capsule=Capsule(radius_mm=10, length_mm=50)))
+    assert (capsule.radius, capsule.length) == pytest.approx((0.01, 0.05))
+
+
+def test_meshes_come_as_files_in_metres():
+    import trimesh
+
+    data = trimesh.creation.box((0.1, 0.2, 0.3)).export(file_type="ply")
+    mesh = read_shape(from_geometry(Geometry(mesh=Mesh(content_type="ply", mesh=data))))
+    np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), (0.1, 0.2, 0.3), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary"])
+def test_point_clouds_come_as_pcd(kind):
+    points = np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]], dtype="<f4")
+    head = (
+        "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F I\nCOUNT 1 1 1 1\n"
+        f"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA {kind}\n"
+    ).encode()
+    if kind == "ascii":
+        body = b"0.1 0.2 0.3 255\n0.4 0.5 0.6 255\n"
+    else:
+        body = b"".join(row.tobytes() + b"\x00\x00\xff\x00" for row in points)
+    cloud = read_shape(from_geometry(Geometry(pointcloud=PointCloud(point_cloud=head + body))))
+    np.testing.assert_allclose(cloud.points, points, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "says"),
+    [
+        (Geometry(label="ghost"), "ghost"),
+        (Geometry(sphere=Sphere(radius_mm=0), label="ball"), "ball"),
+        (Geometry(sphere=Sphere(radius_mm=float("nan")), label="ball"), "more than 0"),
+        (Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=0, z=9)), label="slab"), "dims_mm"),
+        (Geometry(mesh=Mesh(content_type="ply", mesh=b"nonsense"), label="part"), "part"),
+        (Geometry(mesh=Mesh(content_type="glb", mesh=b"glTF"), label="part"), "PLY or STL"),
+        (Geometry(pointcloud=PointCloud(point_cloud=b"nonsense"), label="seen"), "PCD"),
+    ],
+)
+def test_a_shape_that_cannot_be_meant_is_refused_by_its_label(geometry, says):
+    with pytest.raises(ConfigError, match=says):
+        from_geometry(geometry)
+
+
+async def test_obstacles_stand_where_their_frame_is(machine):
+    scene = await scene_with(Scene(), obstacles("world", CUBE), Frames("arm", TOOL))
+    assert [o.name for o in scene.obstacles] == ["cube"]
+    np.testing.assert_allclose(scene.obstacles[0].T_base_obstacle.p, (0, 0, -0.1), atol=1e-12)
+
+
+async def test_things_without_a_label_or_with_the_same_one_get_names_of_their_own(machine):
+    plain = Geometry(sphere=Sphere(radius_mm=10))
+    world = obstacles("world", CUBE, CUBE, plain, plain)
+    scene = await scene_with(Scene(), world, Frames("arm", TOOL))
+    assert len({o.name for o in scene.obstacles}) == 4
+
+
+async def test_things_may_be_called_like_parts_of_the_arm(machine):
+    world = obstacles("world", Geometry(sphere=Sphere(radius_mm=10), label="base"))
+    hand = Geometry(sphere=Sphere(radius_mm=10))
+    world.transforms.append(transform("gripper", "arm", 50, hand))
+    scene = await scene_with(Scene(), world, Frames("arm", TOOL, world.transforms))
+    assert [o.name for o in scene.obstacles] == ["base 2"]
+    assert [a.name for a in scene.attached] == ["gripper 2"]
+
+
+async def test_what_hangs_from_the_tool_is_held(machine):
+    world = WorldState(
+        transforms=[
+            transform("pen", "arm", 50, CUBE),
+            transform("tip", "pen", 10, Geometry(sphere=Sphere(radius_mm=2))),
+            transform("cup", "gripper", 5),
+            transform("pole", "camera", 5, CUBE),
+        ]
+    )
+    frames = Frames("arm", TOOL, world.transforms)
+    scene = await scene_with(Scene(), world, frames)
+    assert [a.name for a in scene.attached] == ["cube", "tip"]
+    np.testing.assert_allclose(scene.attached[1].T_tool_object.p, (0, 0, 0.06), atol=1e-12)
+    assert [o.name for o in scene.obstacles] == ["cube 2"]
+    assert await frames.is_held("gripper")
+    assert not await frames.is_held("camera")
+
+
+async def test_the_arms_own_frames_need_no_machine():
+    frames = Frames("arm", TOOL, [transform("shelf", "arm_origin", 100)])
+    np.testing.assert_allclose((await frames.T_base("arm")).p, TOOL.p)
+    np.testing.assert_allclose((await frames.T_base("shelf")).p, (0, 0, 0.1))
+    with pytest.raises(ConfigError, match='did you mean "shelf"'):
+        await frames.T_base("shel")
+
+
+async def test_an_unknown_frame_is_named_with_what_the_machine_says(machine):
+    with pytest.raises(ConfigError, match="frame moon not found"):
+        await Frames("arm", TOOL).T_base("moon")
+
+
+async def test_frames_that_hang_from_each_other_are_refused():
+    frames = Frames("arm", TOOL, [transform("a", "b"), transform("b", "a")])
+    with pytest.raises(ConfigError, match="hangs from itself"):
+        await frames.T_base("a")
+    with pytest.raises(ConfigError, match="hangs from itself"):
+        await frames.is_held("a")
+
+
+def test_a_transform_without_a_name_or_with_a_taken_one_is_refused():
+    with pytest.raises(ConfigError, match="needs a name"):
+        Frames("arm", TOOL, [transform("", "arm")])
+    with pytest.raises(ConfigError, match="another frame"):
+        Frames("arm", TOOL, [transform("arm", "world")])
+
+
+async def test_allowed_contacts_name_parts_as_viam_does(machine):
+    def allow(first, second):
+        pair = CollisionSpecification.AllowedFrameCollisions(frame1=first, frame2=second)
+        return CollisionSpecification(allows=[pair])
+
+    frames = Frames("arm", TOOL)
+    scene = await scene_with(Scene(), obstacles("world", CUBE), frames)
+
+    async def allowed(first, second):
+        return (await allowing(scene, allow(first, second), frames)).may_touch
+
+    assert await allowed("arm:upper_arm", "cube") == {frozenset(("upper arm", "cube"))}
+    assert await allowed("gripper", "cube") == {
+        frozenset(("gripper", "cube")),
+        frozenset(("jaw", "cube")),
+    }
+    assert len(await allowed("arm", "cube")) == 7
+    with pytest.raises(ConfigError, match='did you mean "cube"'):
+        await allowed("arm", "cubes")
+
+
+def box_labelled(label):
+    dims = Vector3(x=1, y=1, z=1)
+    return Geometry(label=label, box=RectangularPrism(dims_mm=dims))
+
+
+async def test_many_boxes_of_one_label_get_names_of_their_own_at_once():
+    begin = time.thread_time()
+    names = _UniqueNames(Scene())
+    made = {names.new("box") for _ in range(20_000)}
+    assert len(made) == 20_000
+    assert time.thread_time() - begin < 2.0  # it took the square of the number: half a minute
+
+
+async def test_more_geometries_than_can_be_planned_around_are_refused_before_they_are_read():
+    many = obstacles("arm_origin", *[box_labelled("box")] * (MOST_THINGS + 1))
+    begin = time.thread_time()
+    with pytest.raises(ConfigError, match=f"{MOST_THINGS} that are planned around"):
+        await scene_with(Scene(), many, Frames("arm", TOOL))
+    assert time.thread_time() - begin < 0.1
+
+
+async def test_a_scene_is_built_while_the_loop_goes_on():
+    many = obstacles("arm_origin", *[box_labelled("box")] * MOST_THINGS)
+    building = asyncio.ensure_future(scene_with(Scene(), many, Frames("arm", TOOL)))
+    turns = 0
+    while not building.done():
+        await asyncio.sleep(0)
+        turns += 1
+    assert len((await building).obstacles) == MOST_THINGS
+    assert turns > 10
+
+
+async def test_a_label_of_any_length_is_refused():
+    with pytest.raises(ConfigError, match="characters"):
+        from_geometry(box_labelled("x" * 1_000_000))
+
+
+async def test_frames_that_hang_from_too_many_others_are_refused():
+    chain = [
+        Transform(
+            reference_frame=f"frame {i}",
+            pose_in_observer_frame=PoseInFrame(reference_frame=f"frame {i + 1}", pose=Pose(o_z=1)),
+        )
+        for i in range(1_000)
+    ]
+    frames = Frames("arm", TOOL, chain)
+    for look in (frames.T_base, frames.is_held):
+        with pytest.raises(ConfigError, match="hangs from more than 100 others"):
+            await look("frame 0")

@@ -1,0 +1,134 @@
+import asyncio
+import logging
+import threading
+from concurrent.futures import Future
+
+import pytest
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import Interrupted, NoPath
+from so101_motion.viam.requests.await_motion import arrival, carried_out, left_alone
+
+
+class Mover:
+    """A motion under way that takes a moment to come to rest when it is halted."""
+
+    def __init__(self):
+        self.motion = Motion()
+        self.running = Future()
+        self.halts = []
+        self.motion.begin(lambda: self.running, self.halt)
+        self.running.add_done_callback(self.motion.take_outcome)
+
+    def halt(self, running, by):
+        assert running is self.running
+        self.halts.append(by)
+        threading.Timer(0.05, lambda: running.set_exception(Interrupted(by))).start()
+
+
+async def test_arrival_returns_when_the_arm_is_there():
+    mover = Mover()
+    call = asyncio.create_task(arrival(mover.motion))
+    await asyncio.sleep(0)
+    assert not call.done()
+    mover.running.set_result(None)
+
+    await call
+
+
+async def test_arrival_raises_what_went_wrong():
+    mover = Mover()
+    mover.running.set_exception(NoPath("no way"))
+
+    with pytest.raises(NoPath):
+        await arrival(mover.motion)
+
+
+async def test_a_cancelled_wait_ends_only_after_the_motion_is_at_rest():
+    mover = Mover()
+    call = asyncio.create_task(arrival(mover.motion))
+    await asyncio.sleep(0)
+    call.cancel()
+
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    assert mover.halts == ["cancelled"]
+    assert mover.running.done()
+
+
+async def test_being_cancelled_twice_changes_nothing():
+    mover = Mover()
+    call = asyncio.create_task(arrival(mover.motion))
+    await asyncio.sleep(0)
+    call.cancel()
+    await asyncio.sleep(0)
+    await asyncio.sleep(0)
+    call.cancel()
+
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    assert mover.halts == ["cancelled"]
+    assert mover.running.done()
+
+
+async def test_a_passed_deadline_is_a_cancelled_wait():
+    mover = Mover()
+
+    with pytest.raises(TimeoutError):
+        await asyncio.wait_for(arrival(mover.motion), 0.01)
+    assert mover.halts == ["cancelled"]
+    assert mover.running.done()
+
+
+async def test_a_motion_that_is_over_is_not_halted():
+    mover = Mover()
+    mover.running.set_result(None)
+    call = asyncio.create_task(arrival(mover.motion))
+    call.cancel()
+
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    assert mover.halts == []
+
+
+@pytest.mark.parametrize(
+    ("error", "lines"), [(None, 0), (Interrupted("stop"), 0), (NoPath("no way"), 1)]
+)
+def test_a_motion_nobody_waits_for_reports_what_went_wrong(caplog, error, lines):
+    mover = Mover()
+    left_alone(mover.motion, logging.getLogger("test"))
+    if error is None:
+        mover.running.set_result(None)
+    else:
+        mover.running.set_exception(error)
+
+    assert len(caplog.records) == lines
+
+
+async def test_a_step_is_finished_although_nobody_waits_for_it_any_more():
+    begun, may_end, done = threading.Event(), threading.Event(), []
+
+    def step():
+        begun.set()
+        may_end.wait(5.0)
+        done.append(True)
+
+    call = asyncio.create_task(carried_out(step))
+    await asyncio.to_thread(begun.wait, 5.0)
+    call.cancel()
+    await asyncio.sleep(0.01)
+    assert not call.done()
+    may_end.set()
+    with pytest.raises(asyncio.CancelledError):
+        await call
+    assert done == [True]
+
+
+async def test_a_step_returns_and_raises_what_it_does():
+    assert await carried_out(lambda: 7) == 7
+    with pytest.raises(NoPath):
+        await carried_out(fails)
+
+
+def fails():
+    raise NoPath("no way")

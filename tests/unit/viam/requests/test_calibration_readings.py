@@ -1,0 +1,170 @@
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from so101_motion.calib.motors.setup_view import SetupView
+from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, State
+from so101_motion.calib.procedure.travel_assessment import Verdict
+from so101_motion.calib.procedure.view import CalibrationView, JointView
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.setup.calibrator import Situation
+from so101_motion.setup.situation_json import readings
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.requests.calibration_commands import CalibrationCommands, ranges
+
+ELBOW = JointView(
+    joint="elbow_flex",
+    servo_id=3,
+    ticks=2150,
+    homing_offset=-103,
+    range_min=0,
+    range_max=4095,
+    recorded_min=758,
+    recorded_max=2758,
+    expected_deg=193.2,
+    verdict=Verdict.TOO_SHORT,
+    sentence="moved 176 of 193 deg; move it on to both its stops",
+    is_done=False,
+)
+UNKNOWN = replace(
+    ELBOW, ticks=None, recorded_min=None, recorded_max=None, verdict=None, sentence=""
+)
+
+
+def situation(state=State.RECORDING, joint=ELBOW, **changes):
+    view = CalibrationView(
+        state=state,
+        instruction=INSTRUCTIONS[state],
+        joints={joint.joint: joint},
+        commands=OFFERED[state],
+        error=changes.pop("error", None),
+        note=None,
+        recording_time=15.3,
+        samples=306,
+    )
+    now = Situation(
+        view=view,
+        setup=SetupView(),
+        joints=view.joints,
+        angles={},
+        calibration_file=Path("/data/arm.json"),
+        is_connected=True,
+        holds=False,
+        notes=(),
+    )
+    return replace(now, **changes)
+
+
+def sent(now):
+    """The readings as they go over the wire."""
+    return convert.to_result(readings(now))
+
+
+def test_a_recording_reads_as_the_documentation_of_the_published_module_shows():
+    now = sent(situation())
+
+    assert now["calibration_state"] == "range_recording"
+    assert now["available_commands"] == ["stop_range_recording", "abort"]
+    assert now["servo_count"] == 1
+    assert now["recording_time_seconds"] == 15.3
+    assert now["position_samples"] == 306
+    published = {
+        "id": 3,
+        "current_position": 2150,
+        "homing_offset": -103,
+        "recorded_min": 758,
+        "recorded_max": 2758,
+        "is_completed": False,
+    }
+    assert published.items() <= now["joints"]["elbow_flex"].items()
+
+
+def test_a_recording_says_what_is_left_to_do():
+    elbow = sent(situation())["joints"]["elbow_flex"]
+
+    assert elbow["verdict"] == "too_short"
+    assert elbow["recorded_range_degs"] == pytest.approx(175.8)
+    assert elbow["expected_range_degs"] == 193.2
+    assert "both its stops" in elbow["message"]
+
+
+@pytest.mark.parametrize("state", list(State))
+def test_every_state_has_its_name_its_instruction_and_its_commands(state):
+    now = sent(situation(state))
+
+    assert now["calibration_state"] == state.value
+    assert now["available_commands"] == [command.value for command in OFFERED[state]]
+    assert now["instruction"]
+    recorded = {"recording_time_seconds", "position_samples"} & now.keys()
+    assert bool(recorded) is (state in (State.RECORDING, State.COMPLETED))
+
+
+def nulls(value):
+    if isinstance(value, dict):
+        return any(nulls(inner) for inner in value.values())
+    return value is None
+
+
+def test_what_is_not_known_has_no_key():
+    now = sent(situation(joint=UNKNOWN))
+
+    assert not nulls(now)
+    assert "error" not in now
+    assert "notes" not in now
+    missing = {"current_position", "recorded_min", "recorded_max", "verdict", "message"}
+    assert not missing & now["joints"]["elbow_flex"].keys()
+    assert ranges({"elbow_flex": UNKNOWN}) == {}
+
+
+def test_errors_and_notes_are_told():
+    now = sent(situation(State.ERROR, error="no reply from servo 3", notes=("it is new",)))
+
+    assert now["error"] == "no reply from servo 3"
+    assert now["notes"] == ["it is new"]
+
+
+def test_the_motor_setup_is_told_with_its_next_step():
+    setup = SetupView()
+    gripper = replace(
+        setup.motors["gripper"], state="configured", found_id=6, baud=1_000_000, volts=12.04
+    )
+    fresh = sent(situation(setup=setup))["motor_setup"]
+    begun = sent(situation(setup=setup.with_motor(gripper)))["motor_setup"]
+    busy = sent(situation(setup=replace(setup, doing="scanning the bus")))["motor_setup"]
+
+    assert (fresh["in_progress"], fresh["step"], fresh["status"]) == (
+        False, 0, "Motor setup ready",
+    )  # fmt: skip
+    assert fresh["next_motor"] == "gripper"
+    assert (begun["in_progress"], begun["step"], begun["next_motor"]) == (True, 1, "wrist_roll")
+    assert begun["next_step"].startswith("unplug the servo of gripper")
+    assert begun["motors"]["gripper"] == {
+        "target_id": 6,
+        "state": "configured",
+        "current_id": 6,
+        "found_baudrate": 1_000_000,
+        "volts": 12.0,
+    }
+    assert (busy["in_progress"], busy["status"]) == (True, "scanning the bus")
+
+
+def keys(value):
+    """All keys of nested objects; those of joints are names."""
+    if not isinstance(value, dict):
+        return set()
+    return set(value) | set().union(*map(keys, value.values()))
+
+
+def test_the_page_for_owners_names_every_command_and_every_key():
+    page = (Path(__file__).parents[4] / "docs" / "calibration.md").read_text()
+    named = set(re.findall(r"`([a-z_]+)`", page))
+    commands = CalibrationCommands(SimpleNamespace(motor_setup=None)).commands
+    setup = SetupView().with_motor(replace(SetupView().motors["gripper"], sentence="found"))
+    now = sent(situation(error="it", notes=("is",), setup=replace(setup, fix="this")))
+
+    assert set(commands) <= named
+    assert keys(now) - set(JOINTS) - {"state"} <= named
+    assert {state.value for state in State} | {verdict.value for verdict in Verdict} <= named

@@ -1,0 +1,204 @@
+import math
+
+import pytest
+
+from so101_motion.common.compliance import Compliance
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_rad
+from so101_motion.viam.component_config import (
+    CalibrationConfig,
+    HardwareArmConfig,
+    HardwareGripperConfig,
+    duration,
+)
+
+PORT = {"port": "/dev/ttyACM0"}
+
+
+def test_a_port_is_all_an_arm_needs():
+    arm = HardwareArmConfig.from_attributes(PORT)
+
+    assert arm.connection.port == "/dev/ttyACM0"
+    assert arm.connection.baudrate == 1_000_000
+    assert arm.connection.calibration_file is None
+    assert arm.servo_ids == (1, 2, 3, 4, 5)
+    assert arm.speed == pytest.approx(to_rad(50.0))
+    assert arm.acceleration == pytest.approx(to_rad(100.0))
+    assert arm.motion is None
+
+
+def test_all_that_later_versions_know_is_taken():
+    arm = HardwareArmConfig.from_attributes(
+        {
+            **PORT,
+            "calibration_file": "arm.json",
+            "baudrate": 500000.0,
+            "servo_ids": [1.0, 2.0, 3.0, 4.0, 5.0],
+            "timeout": "5s",
+            "speed_degs_per_sec": 0.0,
+            "acceleration_degs_per_sec_per_sec": 10.0,
+            "motion": "mine",
+            "visualize_ee_frame": True,
+            "use_urdf": True,
+            "mesh_decimation_ratios": [0.9] * 5,
+            "manual_mode": {"pos_deadband_deg": 0.5, "loop_hz": 50.0, "torque_limit": 50.0},
+            "orientation_tolerance_deg": 30.0,
+            "position_tolerance_mm": 1.0,
+        }
+    )
+
+    assert arm.connection.timeout == 5.0
+    assert arm.connection.baudrate == 500000
+    assert arm.speed == pytest.approx(to_rad(50.0)), "0 counts as not given"
+    assert arm.unused == ("mesh_decimation_ratios", "manual_mode.loop_hz")
+    assert arm.compliance == Compliance(), "these are the defaults"
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({}, "port"),
+        ({"port": ""}, "port"),
+        ({"prot": "/dev/ttyACM0"}, 'did you mean "port"'),
+        ({**PORT, "servo_ids": [1, 2, 3, 4]}, "five different"),
+        ({**PORT, "servo_ids": [1, 2, 3, 4, 4]}, "five different"),
+        ({**PORT, "servo_ids": [1, 2, 3, 5, 4.5]}, "five different"),
+        ({**PORT, "servo_ids": [0, 2, 3, 4, 5]}, "from 1 to 5"),
+        ({**PORT, "servo_ids": "1-5"}, "list"),
+        ({**PORT, "speed_degs_per_sec": 2.9}, "3 to 180"),
+        ({**PORT, "speed_degs_per_sec": math.nan}, "finite"),
+        ({**PORT, "acceleration_degs_per_sec_per_sec": 501}, "10 to 500"),
+        ({**PORT, "baudrate": 9600}, "baudrate"),
+        ({**PORT, "baudrate": 500000.5}, "whole number"),
+        ({**PORT, "timeout": "soon"}, "500ms"),
+        ({**PORT, "manual_mode": {"loop_hz": 201}}, "loop_hz"),
+        ({**PORT, "manual_mode": 5}, "object"),
+    ],
+)
+def test_what_an_arm_cannot_use_is_named(attributes, says):
+    with pytest.raises(ConfigError, match=says):
+        HardwareArmConfig.from_attributes(attributes)
+
+
+@pytest.mark.parametrize(
+    ("value", "seconds"),
+    [
+        ("5s", 5.0), ("500ms", 0.5), ("1m30s", 90.0), ("1.5s", 1.5), (" 2s ", 2.0), ("20us", 2e-5),
+        (5, 5.0), (0.25, 0.25), (5_000_000_000, 5.0), (500_000_000.0, 0.5),
+    ],
+)  # fmt: skip
+def test_durations_are_read_as_people_write_them(value, seconds):
+    assert duration("timeout", value) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("value", ["5", "5 s", "-5s", "s", "", "0s", 0, -1, True, None, "11m"])
+def test_what_is_no_duration_is_refused(value):
+    with pytest.raises(ConfigError, match="timeout"):
+        duration("timeout", value)
+
+
+def test_a_gripper_names_its_port_or_its_arm():
+    with_port = HardwareGripperConfig.from_attributes(PORT)
+    with_arm = HardwareGripperConfig.from_attributes({"arm": "my-arm"})
+
+    assert with_port.connection.port == "/dev/ttyACM0"
+    assert (with_port.arm, with_port.servo_id, with_port.gripper_type) == (None, 6, "follower")
+    assert (with_arm.connection, with_arm.arm) == (None, "my-arm")
+    with pytest.raises(ConfigError, match="port"):
+        HardwareGripperConfig.from_attributes({"gripper_type": "leader"})
+    with pytest.raises(ConfigError, match="gripper_type"):
+        HardwareGripperConfig.from_attributes({**PORT, "gripper_type": "claw"})
+
+
+@pytest.mark.parametrize(
+    ("given", "degrees"),
+    [
+        ({"elbow_flex": -5.8}, {"elbow_flex": -5.8}),
+        ({"elbow_flex": 0}, {"elbow_flex": 0.0}),
+        ({"shoulder_pan": 4.1, "wrist_roll": None}, {"shoulder_pan": 4.1}),
+        (
+            [4.1, -1.5, -5.8, -0.6, 0.0],
+            dict(zip(ARM_JOINTS, (4.1, -1.5, -5.8, -0.6, 0.0), strict=True)),
+        ),
+    ],
+)
+def test_zeros_may_be_given_by_joint_or_for_all_five(given, degrees):
+    config = HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+    assert config.zero_offsets == {j: pytest.approx(to_rad(d)) for j, d in degrees.items()}
+
+
+@pytest.mark.parametrize("given", [None, {}, {"elbow_flex": None}])
+def test_no_zeros_are_none(given):
+    config = HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+    assert config.zero_offsets is None
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"elbow": 1.0}, 'did you mean "elbow_flex"'),
+        ({"gripper": 1.0}, "unknown joint of joint_zero_offsets_deg"),
+        ({"elbow_flex": 181}, "elbow_flex.*-180 to 180 deg"),
+        ({"elbow_flex": "1"}, "must be a number"),
+        ({"elbow_flex": float("nan")}, "finite"),
+        ([1.0, 2.0], "five angles, base to wrist"),
+        ([1.0] * 6, "at most 5"),
+        ([0.0] * 4 + [500.0], r"joint_zero_offsets_deg\[4\].*-180 to 180"),
+        (5.0, "list"),
+        ("stops", "list"),
+    ],
+)
+def test_zeros_that_make_no_sense_are_refused_by_joint(given, says):
+    with pytest.raises(ConfigError, match=says):
+        HardwareArmConfig.from_attributes({**PORT, "joint_zero_offsets_deg": given})
+
+
+def test_a_calibration_needs_a_port_and_takes_what_the_published_module_takes():
+    fresh = CalibrationConfig.from_attributes(PORT)
+    full = CalibrationConfig.from_attributes(
+        {
+            **PORT,
+            "calibration_file": "my_awesome_arm.json",
+            "baudrate": 500000.0,
+            "timeout": "5s",
+            "servo_ids": [3.0, 1.0, 6.0],
+        }
+    )
+
+    assert fresh.connection.calibration_file is None
+    assert fresh.joints == (*ARM_JOINTS, "gripper")
+    assert fresh.unused == ()
+    assert full.connection.calibration_file == "my_awesome_arm.json"
+    assert full.joints == ("shoulder_pan", "elbow_flex", "gripper")
+    assert full.unused == ("timeout",)
+    assert CalibrationConfig.from_attributes({**PORT, "servo_ids": []}).joints == fresh.joints
+
+
+@pytest.mark.parametrize(
+    ("attributes", "says"),
+    [
+        ({}, "name the serial port"),
+        ({**PORT, "calibration": "arm.json"}, 'did you mean "calibration_file"'),
+        ({**PORT, "servo_ids": [1, 1]}, "different"),
+        ({**PORT, "servo_ids": [1.5]}, "whole numbers"),
+        ({**PORT, "servo_ids": [0]}, "from 1 to 6"),
+        ({**PORT, "servo_ids": [7]}, "from 1 to 6"),
+        ({**PORT, "servo_ids": "1-6"}, "list"),
+        ({**PORT, "timeout": "soon"}, "500ms"),
+    ],
+)
+def test_a_calibration_says_what_is_wrong_with_its_settings(attributes, says):
+    with pytest.raises(ConfigError) as caught:
+        CalibrationConfig.from_attributes(attributes)
+
+    assert says in str(caught.value)
+
+
+def test_the_control_rate_is_read_and_bounded():
+    wanted = {"port": "/dev/ttyACM0", "control_rate_hz": 200}
+    assert HardwareArmConfig.from_attributes(wanted).connection.rate == 200.0
+    with pytest.raises(ConfigError, match=r"control_rate_hz.*50 to 200"):
+        HardwareArmConfig.from_attributes({**wanted, "control_rate_hz": 1000})

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import threading
+
+from so101_viewer.page.commands import Commands
+
+
+def test_commands_run_in_order_and_once() -> None:
+    done: list[int] = []
+    commands = Commands(lambda _error: None)
+    for k in range(3):
+        commands.post(lambda k=k: done.append(k))  # type: ignore[misc]
+    assert commands.run()
+    assert not commands.run()
+    assert done == [0, 1, 2]
+
+
+def test_a_command_that_fails_is_reported_and_the_next_runs() -> None:
+    done: list[str] = []
+    errors: list[Exception] = []
+    commands = Commands(errors.append)
+    commands.post(lambda: 1 / 0)  # type: ignore[arg-type,return-value]
+    commands.post(lambda: done.append("next"))
+    assert commands.run()
+    assert done == ["next"]
+    assert isinstance(errors[0], ZeroDivisionError)
+
+
+def test_nothing_that_waited_happens_after_a_drop() -> None:
+    done: list[str] = []
+    commands = Commands(lambda _error: None)
+    commands.post(lambda: done.append("execute"))
+    commands.drop()
+    assert not commands.run()
+    assert done == []
+
+
+def test_a_drop_waits_for_the_command_under_way_and_forgets_the_rest() -> None:
+    """Otherwise a move that is just being started could slip behind the stop."""
+    done: list[str] = []
+    started, may_end = threading.Event(), threading.Event()
+    commands = Commands(lambda _error: None)
+
+    def start_a_move() -> None:
+        started.set()
+        assert may_end.wait(5.0)
+        done.append("start")
+
+    def stop() -> None:
+        commands.drop()
+        done.append("stop")
+
+    commands.post(start_a_move)
+    commands.post(lambda: done.append("never"))
+    page = threading.Thread(target=commands.run)
+    page.start()
+    assert started.wait(5.0)
+    stopping = threading.Thread(target=stop)
+    stopping.start()
+    may_end.set()
+    page.join(5.0)
+    stopping.join(5.0)
+    assert done == ["start", "stop"]

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+from so101_viewer.page.page_context import ArmContext
+from so101_viewer.page.shared_fields import SharedField
+
+
+class PretendedWidget:
+    """Keeps what it was set to, and every time it was."""
+
+    def __init__(self) -> None:
+        self.written: list[Any] = []
+        self._value: Any = 0
+        self._entered: Callable[[Any], Any] | None = None
+
+    @property
+    def value(self) -> Any:
+        return self._value
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        self._value = value
+        self.written.append(value)
+
+    def on_update(self, handler: Callable[[Any], Any]) -> None:
+        self._entered = handler
+
+    async def enter(self, value: Any, *, client_id: int | None = 1) -> None:
+        self._value = value
+        assert self._entered is not None
+        await self._entered(SimpleNamespace(client_id=client_id, target=self))
+
+
+def make() -> tuple[PretendedWidget, SharedField, deque[Callable[[], None]], list[Any]]:
+    widget, commands, done = PretendedWidget(), deque[Callable[[], None]](), list[Any]()
+    unused: Any = None
+    context = ArmContext(
+        server=unused, rig=unused, tabs=unused, workers=unused, post=commands.append
+    )
+    return widget, SharedField(widget, done.append, context, shown=round), commands, done
+
+
+def test_a_field_shows_what_the_page_says_once() -> None:
+    widget, field, _, _ = make()
+    field.show(5.2)
+    field.show(5.3)
+    field.show(7.0)
+    assert widget.written == [5, 7]
+
+
+async def test_a_picture_drawn_while_somebody_types_does_not_put_the_old_value_back() -> None:
+    widget, field, commands, done = make()
+    field.show(5)
+    await widget.enter(8)
+    field.show(5)  # the page does not know of the 8 yet
+    assert widget.value == 8
+    commands.popleft()()
+    assert done == [8]
+    await widget.enter(9)
+    field.show(8)  # nor of the 9
+    assert widget.value == 9
+
+
+async def test_a_value_the_page_refuses_goes_back() -> None:
+    widget, field, commands, _ = make()
+    field.show(5)
+    await widget.enter(8)
+    commands.popleft()()
+    field.show(5)
+    assert widget.value == 5
+
+
+async def test_a_value_the_page_set_itself_is_not_a_command() -> None:
+    widget, _, commands, _ = make()
+    await widget.enter(8, client_id=None)
+    assert not commands

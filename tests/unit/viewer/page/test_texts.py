@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import pytest
+from so101_viewer.page import texts
+from so101_viewer.page.screen_state import Tone
+
+from so101_motion.common.errors import ConfigError, Interrupted
+from so101_motion.common.modes import Mode
+
+
+def test_every_mode_has_words() -> None:
+    assert set(texts._MODES) == set(Mode)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (Interrupted("stop"), "Stopped. The arm holds where it is."),
+        (
+            Interrupted("a newer motion"),
+            "Ended early by a newer motion. The arm holds where it is.",
+        ),
+        (ConfigError("pose name", "", "type a name first"), "Type a name first."),
+        (ConfigError("pose name", "home", "is built in"), "'home' is built in."),
+        (ConfigError("speed", 999, "must be less"), '"speed" = 999: must be less.'),
+    ],
+)
+def test_an_end_before_the_goal_is_told_in_one_sentence(error: Exception, text: str) -> None:
+    assert texts.ended(error).text == text
+
+
+def test_only_a_stop_on_purpose_is_not_bad_news() -> None:
+    assert texts.ended(Interrupted("stop")).tone is Tone.PLAIN
+    assert texts.ended(ConfigError("a", 1, "b")).tone is Tone.BAD
+
+
+def test_the_distance_from_the_target_is_told_in_millimetres() -> None:
+    assert texts.arrived(0.00012).text.startswith("Arrived, 0.1 mm off")

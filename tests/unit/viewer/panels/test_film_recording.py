@@ -1,0 +1,113 @@
+import re
+
+import numpy as np
+import pytest
+from so101_viewer.panels.film import FRAMES, Film, film_of, film_of_plan, recording, write_recording
+from so101_viewer.scene.plan_view import plan_view
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.files.trajectory_export import Run
+from so101_motion.planning.collision.scene import Attached, Obstacle, Scene, Sphere
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+
+HOSTILE = '</title><script>window.PWNED = 1</script><img src=x onerror="window.PWNED = 1">'
+
+SCENE = Scene(
+    obstacles=(
+        Obstacle(
+            name=HOSTILE,
+            shape=Sphere(radius=0.03),
+            T_base_obstacle=SE3.from_translation((0.0, 0.3, 0.05)),
+        ),
+    ),
+    attached=(
+        Attached(
+            name="held",
+            shape=Sphere(radius=0.01),
+            T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
+        ),
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    request = PlanRequest(
+        q_start=np.zeros(5),
+        goal=JointGoal(q=np.array([0.6, -0.5, 0.4, 0.5, 0.0])),
+        limits=MotionLimits.uniform(velocity=2.0, acceleration=8.0, jerk=80.0),
+        scene=SCENE,
+    )
+    return Planner(RobotModel.load()).plan(request)
+
+
+@pytest.fixture(scope="module")
+def film(plan):
+    return film_of_plan(plan, SCENE, title=HOSTILE, q_jaw=0.0)
+
+
+def test_a_film_goes_from_the_start_to_the_goal_in_even_steps(film, plan):
+    t, q, q_ghost = film.frames()
+    assert t[0] == 0.0
+    assert t[-1] == plan.trajectory.t[-1]
+    assert np.all(np.diff(t) <= 1.0 / FRAMES + 1e-9)
+    np.testing.assert_allclose(q[[0, -1]], [plan.q_start, plan.q_goal], atol=1e-6)
+    np.testing.assert_allclose(q_ghost, np.broadcast_to(plan.q_goal, q.shape))
+    assert {"Duration", "Peak speed", "Clearance"} <= {name for name, _ in film.facts}
+
+
+def test_the_film_of_a_run_has_the_arm_as_measured_and_the_ghost_as_planned(plan):
+    run = Run(t=np.array([0.0, 0.5]), q_ref=np.ones((2, 5)), q=np.full((2, 5), 0.9))
+    film = film_of(_seen(plan), SCENE, title="Arm", q_jaw=0.0, run=run)
+    _, q, q_ghost = film.frames()
+    np.testing.assert_allclose(q, 0.9)
+    np.testing.assert_allclose(q_ghost, 1.0)
+
+
+def test_a_recording_is_one_file_that_asks_for_nothing_and_runs_no_name(film):
+    page = recording(film).decode()
+    head = page[: page.index("</head>")]
+    assert "default-src 'none'" in head
+    assert "http" not in re.search(r'content="(default-src[^"]*)"', head).group(1)
+    assert "<script>window.PWNED" not in page
+    assert "&lt;script&gt;window.PWNED" in page
+    assert len(page) < 2_000_000
+
+
+def test_a_recording_is_dark_where_its_browser_prefers_dark(film):
+    page = recording(film).decode()
+    assert page.count("darkMode:matchMedia('(prefers-color-scheme: dark)').matches") == 1
+    assert "{darkMode:false}" not in page
+
+
+def test_a_recording_ends_with_html_and_says_when_it_cannot_be_written(film, tmp_path):
+    with pytest.raises(ConfigError, match=r"must end with \.html"):
+        write_recording(film, tmp_path / "film.mp4")
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_recording(film, tmp_path / "no" / "folder" / "film.html")
+
+
+def test_a_film_needs_as_many_postures_as_times():
+    with pytest.raises(ValueError, match="shape"):
+        Film(
+            title="",
+            facts=(),
+            scene=Scene(),
+            t=np.zeros(2),
+            q=np.zeros((3, 5)),
+            q_ghost=np.zeros(5),
+            q_jaw=0.0,
+            path=np.zeros((0, 3)),
+        )
+
+
+def _seen(plan):
+    from so101_viewer.page.target_ik import Surroundings, TargetSolver
+
+    solver = TargetSolver.load(Surroundings(scene=SCENE, range=(np.full(5, -3.0), np.full(5, 3.0))))
+    return plan_view(plan, solver, "tool", 0.0)

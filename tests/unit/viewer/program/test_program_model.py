@@ -1,0 +1,287 @@
+"""The Program tab's model on a simulated arm, on a clock the test drives."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from so101_viewer.page.guiding import GUIDED_FOR
+from so101_viewer.page.screen_state import Tone
+from so101_viewer.program import program_texts as words
+from so101_viewer.program.program_model import ProgramModel
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import Rig, open_simulated
+
+A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
+B = np.radians([-20.0, -20.0, 20.0, 20.0, 30.0])
+INTO_THE_TABLE = np.radians([0.0, 80.0, 20.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process() -> Iterator[None]:
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=A))
+        yield
+
+
+class Tab:
+    """The model with what the page gives it: a target, and a worker."""
+
+    def __init__(self, rig: Rig, clock: ManualClock) -> None:
+        self.rig, self._clock = rig, clock
+        self.q_target: Array = A
+        self.aimed: list[Array] = []
+        self.worker = ThreadPoolExecutor(max_workers=1)
+        self.model = ProgramModel(
+            arm=rig.arm,
+            gripper=rig.gripper,
+            clock=clock,
+            submit=self._submit,
+            q_arm=lambda: rig.arm.state.q_ref,
+            q_target=lambda: self.q_target,
+            set_target=self.aimed.append,
+        )
+
+    def _submit(self, call: Callable[[], Any]) -> Future[Any]:
+        return self.worker.submit(call)
+
+    def until(self, condition: Callable[[], object]) -> None:
+        end = time.monotonic() + 60.0  # planner and worker take real time
+        while time.monotonic() < end:
+            self.model.refresh()
+            if condition():
+                return
+            self._clock.advance(0.01)
+        pytest.fail(f"did not come true: {self.said}")
+
+    def record(self, *targets: Array) -> None:
+        for q in targets:
+            self.q_target = q
+            self.model.record_target()
+
+    def plan(self) -> None:
+        self.model.plan()
+        self.until(lambda: self.model.screen().can_run)
+
+    @property
+    def said(self) -> str:
+        return self.model.screen().sentence.text
+
+    @property
+    def names(self) -> str:
+        return "".join(each.name for each in self.model.screen().program.waypoints)
+
+
+@pytest.fixture
+def tab(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Tab]:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
+        tab = Tab(rig, clock)
+        yield tab
+        tab.worker.shutdown()
+
+
+def test_waypoints_are_recorded_from_the_target_and_from_the_arm_with_its_jaw(tab: Tab) -> None:
+    tab.record(A)
+    tab.model.record_arm()
+    first, second = tab.model.screen().program.waypoints
+    np.testing.assert_array_equal(first.q, A)
+    np.testing.assert_array_equal(second.q, np.zeros(5))
+    assert first.aperture == second.aperture == 0.0
+    assert tab.model.screen().chosen == 1
+    assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
+
+
+def test_waypoints_keep_their_names_when_the_order_changes(tab: Tab) -> None:
+    tab.record(A, B, A)
+    tab.model.move(-1)
+    assert tab.names == "ACB"
+    assert tab.model.screen().chosen == 1
+    tab.model.rename("grip")
+    tab.model.set_pause(1.5)
+    tab.model.set_aperture(None)
+    changed = tab.model.screen().program.waypoints[1]
+    assert (changed.name, changed.pause, changed.aperture) == ("grip", 1.5, None)
+    tab.model.move(1)
+    tab.model.move(1)  # it is the last already
+    tab.model.remove()
+    assert tab.names == "AB"
+    assert tab.model.screen().chosen == 1
+    tab.record(B)
+    assert tab.names == "ABC"
+
+
+def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab) -> None:
+    def first() -> tuple[object, ...]:
+        waypoint = tab.model.screen().program.waypoints[0]
+        return (waypoint.passes, waypoint.pause, waypoint.aperture)
+
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.set_passes(True)
+    assert first() == (True, 0.0, None)
+    assert tab.said.endswith("so without a pause, and the gripper stays as it is.")
+    tab.model.set_aperture(0.5)
+    assert first() == (False, 0.0, 0.5)
+    assert tab.said == "The gripper needs a stop, so this waypoint is no longer passed."
+    tab.model.set_aperture(None)
+    tab.model.set_passes(True)
+    assert tab.said == "Passed without stopping."
+    tab.model.set_pause(2.0)
+    assert first() == (False, 2.0, None)
+    assert tab.said == "A pause needs a stop, so this waypoint is no longer passed."
+    tab.model.set_pause(0.0)
+    tab.model.set_passes(True)
+    tab.model.set_passes(False)
+    assert first() == (False, 0.0, None)
+    tab.model.choose(1)
+    tab.model.set_passes(True)
+    assert tab.said == "The arm stops at the last waypoint; this is passed when one follows."
+
+
+def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.set_passes(True)
+    tab.plan()
+    rehearsal = tab.model.screen().rehearsal
+    assert rehearsal is not None
+    assert dict(words.facts(rehearsal))["Waypoints"] == "2, 1 of them passed"
+    assert words.line(rehearsal.program.waypoints[0]) == "passed"
+
+
+def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.choose(0)
+    np.testing.assert_array_equal(tab.aimed[-1], A)
+    tab.model.choose(7)
+    assert tab.model.screen().chosen == 0
+
+
+def test_a_program_is_planned_and_run_to_its_end(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.set_rounds(2)
+    tab.plan()
+    assert tab.model.screen().sentence.tone is Tone.GOOD
+    np.testing.assert_array_equal(tab.rig.arm.state.q, np.zeros(5))
+    tab.model.run()
+    tab.until(lambda: "Going to waypoint 2 (B). Round 1 of 2." in tab.said)
+    screen = tab.model.screen()
+    buttons = (screen.can_edit, screen.can_plan, screen.can_run, screen.can_guide)
+    assert not any(buttons)
+    with pytest.raises(ConfigError, match="stop the program"):
+        tab.model.record_arm()
+    tab.until(lambda: tab.model.screen().run is None)
+    assert tab.said == "Done 2 times. Press Plan program to run it again."
+    np.testing.assert_allclose(tab.rig.arm.state.q, B, atol=to_rad(0.1))
+
+
+def test_nothing_runs_without_a_plan(tab: Tab) -> None:
+    tab.model.plan()
+    tab.model.run()
+    tab.record(A)
+    tab.model.run()
+    assert tab.model.screen().run is None
+
+
+def test_a_waypoint_that_cannot_be_gone_to_is_named(tab: Tab) -> None:
+    tab.record(A, INTO_THE_TABLE)
+    tab.model.plan()
+    tab.until(lambda: tab.said.startswith("Waypoint 2 (B): "))
+    assert tab.model.screen().sentence.tone is Tone.BAD
+    assert not tab.model.screen().can_run
+
+
+@pytest.mark.parametrize("change", ["arm", "jaw", "speed", "scene", "program"])
+def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) -> None:
+    tab.record(A)
+    tab.plan()
+    changes: dict[str, Callable[[], object]] = {
+        "arm": lambda: tab.rig.arm.start_move(JointGoal(q=B)),
+        "jaw": lambda: tab.rig.gripper.start_move(1.0),
+        "speed": lambda: tab.rig.arm.set_speed(1.0),
+        "scene": lambda: setattr(tab.rig.arm, "scene", Scene()),
+        "program": lambda: tab.model.set_rounds(None),
+    }
+    changes[change]()
+    tab.until(lambda: tab.model.screen().rehearsal is None)
+    assert "ress Plan program" in tab.said
+    assert not tab.model.screen().can_run
+    tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
+
+
+def test_stop_ends_an_endless_run(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.set_rounds(None)
+    tab.plan()
+    tab.model.run()
+    tab.until(lambda: "Round 2." in tab.said)
+    stopping = tab.worker.submit(tab.rig.arm.stop)
+    tab.until(lambda: tab.model.screen().run is None)
+    tab.until(stopping.done)
+    assert tab.said == "Stopped. The arm holds where it is; the rest was not run."
+
+
+def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
+    tab.model.guide()
+    tab.until(lambda: tab.model.screen().guided)
+    assert "It holds again in" in tab.said
+    assert not tab.model.screen().can_plan
+    begin = tab.rig.clock.now()
+    tab.until(lambda: not tab.model.screen().guided)
+    assert tab.rig.clock.now() - begin > GUIDED_FOR - 1.0
+    assert tab.rig.arm.state.mode is Mode.HOLDING
+    assert tab.said == "Hand guiding has timed out. The arm holds where it is."
+
+
+def test_guiding_by_hand_can_be_ended_by_stop_at_any_time(tab: Tab) -> None:
+    tab.model.guide()
+    tab.until(lambda: tab.model.screen().guided)
+    assert not tab.model.screen().can_guide
+    stopping = tab.worker.submit(tab.rig.arm.stop)
+    tab.until(lambda: not tab.model.screen().guided and stopping.done())
+    assert tab.rig.arm.state.mode is Mode.HOLDING
+    tab.until(lambda: tab.model.screen().can_guide)
+
+
+def test_a_program_is_kept_and_taken_up_again(tab: Tab) -> None:
+    with pytest.raises(ConfigError, match="record a waypoint first"):
+        tab.model.save()
+    tab.record(A, B)
+    tab.model.set_rounds(None)
+    with pytest.raises(ConfigError, match="type a name first"):
+        tab.model.save()
+    tab.model.call("stack cubes")
+    tab.model.save()
+    assert tab.model.screen().saved == ("stack cubes",)
+    tab.model.clear()
+    assert len(tab.model.screen().program) == 0
+    tab.model.load("stack cubes")
+    assert tab.names == "AB"
+    assert tab.model.screen().program.rounds is None
+    assert tab.said == "Loaded stack cubes, 2 waypoints. Press Plan program."
+    tab.model.delete("stack cubes")
+    assert tab.model.screen().saved == ()
+
+
+def test_an_arm_at_rest_gives_nothing_new_to_show(tab: Tab) -> None:
+    tab.record(A)
+    tab.plan()
+    tab.model.refresh()
+    assert not tab.model.refresh()
+    tab.model.remove()
+    assert tab.model.refresh()
+    assert not tab.model.refresh()

@@ -1,0 +1,153 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from so101_viewer.scene import scene_edits
+from so101_viewer.scene.scene_edits import NEW_SHAPES
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.files.scene_file import scene_from, scene_to
+from so101_motion.planning.collision.scene import (
+    FLOOR_Z,
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+)
+
+MUG = Obstacle(
+    name="mug",
+    shape=Box(size=np.array([0.08, 0.08, 0.1])),
+    T_base_obstacle=SE3.from_rpy((0.1, 0.2, 0.3), (0.25, 0.05, 0.05)),
+)
+CUBE = Attached(
+    name="cube",
+    shape=Sphere(radius=0.01),
+    T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
+    may_touch=frozenset(["mug", "floor"]),
+)
+SCENE = Scene(
+    obstacles=(MUG,),
+    attached=(CUBE,),
+    may_touch=frozenset([frozenset(["mug", "gripper"]), frozenset(["cube", "mug"])]),
+)
+
+names = st.text(st.characters(categories=["L", "N", "P", "S"]), min_size=1, max_size=12)
+numbers = st.floats(-1.0, 1.0)
+poses = st.builds(
+    lambda rpy, p: SE3.from_rpy(rpy, p), st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3)
+)
+
+
+def test_a_new_name_is_followed_wherever_the_old_one_stood():
+    scene = scene_edits.renamed(SCENE, "mug", "  big   mug ")
+    assert scene.obstacles[0].name == "big mug"
+    assert scene.attached[0].may_touch == {"big mug", "floor"}
+    assert scene.may_touch == {frozenset(["big mug", "gripper"]), frozenset(["cube", "big mug"])}
+
+
+def test_what_goes_takes_its_name_with_it():
+    scene = scene_edits.without(SCENE, "mug")
+    assert scene.obstacles == ()
+    assert scene.attached[0].may_touch == {"floor"}
+    assert scene.may_touch == frozenset()
+
+
+@pytest.mark.parametrize("name", ["", "   ", "cube", "floor", "wrist", "x" * 41, "a\x00b"])
+def test_a_name_that_nothing_can_have_is_refused(name):
+    with pytest.raises(ConfigError):
+        scene_edits.renamed(SCENE, "mug", name)
+
+
+def test_a_thing_may_keep_its_name():
+    assert scene_edits.renamed(SCENE, "mug", "mug") == SCENE
+
+
+def test_what_is_not_there_cannot_be_edited():
+    with pytest.raises(ConfigError, match="is not in the scene any more"):
+        scene_edits.without(SCENE, "jug")
+
+
+@pytest.mark.parametrize("kind", NEW_SHAPES)
+def test_new_things_stand_on_the_floor_and_apart(kind):
+    scene = Scene()
+    for _ in range(12):
+        scene = scene_edits.added(scene, NEW_SHAPES[kind], name=kind)
+    places = np.array([each.T_base_obstacle.p for each in scene.obstacles])
+    gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.eye(len(places))
+    assert gaps.min() > 0.09
+    assert len({each.name for each in scene.obstacles}) == 12
+    half = {"box": 0.03, "sphere": 0.03, "capsule": 0.06}[kind]
+    assert 0.0 <= places[0, 2] - half - FLOOR_Z < 0.002
+
+
+def test_a_mesh_stands_on_its_lowest_point():
+    mesh = Mesh(vertices=[[0, 0, -0.2], [0.1, 0, 0], [0, 0.1, 0]], triangles=[[0, 1, 2]])
+    thing = scene_edits.added(Scene(floor_z=None), mesh, name="part").obstacles[0]
+    assert thing.T_base_obstacle.p[2] == pytest.approx(0.2 + FLOOR_Z, abs=0.002)
+
+
+def test_figures_that_do_not_belong_to_a_shape_change_nothing():
+    assert scene_edits.resized(Sphere(radius=0.1), size=np.ones(3)) == Sphere(radius=0.1)
+    longer = scene_edits.resized(Capsule(radius=0.1, length=0.3), length=0.4)
+    assert longer == Capsule(radius=0.1, length=0.4)
+    with pytest.raises(ConfigError, match="twice its radius"):
+        scene_edits.resized(longer, radius=0.3)
+
+
+def test_a_zone_of_air_cannot_be_held():
+    scene = Scene(
+        obstacles=(
+            Obstacle(name="zone", shape=MUG.shape, T_base_obstacle=SE3.identity(), keep_out=True),
+        )
+    )
+    with pytest.raises(ConfigError, match="air cannot be held"):
+        scene_edits.held(scene, "zone", SE3.identity())
+
+
+@given(poses, poses)
+def test_what_is_attached_and_detached_is_where_it_was(T_base_tool, T_base_mug):
+    mug = scene_edits.moved(MUG, T_base_mug)
+    scene = Scene(obstacles=(mug,))
+    held = scene_edits.held(scene, "mug", T_base_tool)
+    assert held.obstacles == ()
+    there = T_base_tool @ held.attached[0].T_tool_object
+    np.testing.assert_allclose(there.matrix, T_base_mug.matrix, atol=1e-9)
+    back = scene_edits.let_go(held, "mug", T_base_tool).obstacles[0]
+    np.testing.assert_allclose(back.T_base_obstacle.matrix, T_base_mug.matrix, atol=1e-9)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["add", "drop", "name", "hold", "move"]), names, poses)))
+def test_every_row_of_edits_ends_in_a_scene_that_a_file_can_hold(edits):
+    scene = SCENE
+    for what, name, pose in edits:
+        there = [each.name for each in scene_edits.things(scene)]
+        try:
+            if what == "add" or not there:
+                scene = scene_edits.added(scene, NEW_SHAPES["box"], name=name)
+            elif what == "drop":
+                scene = scene_edits.without(scene, there[0])
+            elif what == "name":
+                scene = scene_edits.renamed(scene, there[-1], name)
+            elif what == "move":
+                thing = scene_edits.thing_named(scene, there[0])
+                scene = scene_edits.with_thing(scene, scene_edits.moved(thing, pose))
+            elif isinstance(scene_edits.thing_named(scene, there[0]), Obstacle):
+                scene = scene_edits.held(scene, there[0], pose)
+            else:
+                scene = scene_edits.let_go(scene, there[0], pose)
+        except ConfigError:
+            continue
+    again = scene_from(scene_to(scene))
+    assert [each.name for each in scene_edits.things(again)] == [
+        each.name for each in scene_edits.things(scene)
+    ]
+    assert again.may_touch == scene.may_touch
+    for one, other in zip(scene_edits.things(again), scene_edits.things(scene), strict=True):
+        np.testing.assert_allclose(
+            scene_edits.pose_of(one).matrix, scene_edits.pose_of(other).matrix, atol=1e-7
+        )

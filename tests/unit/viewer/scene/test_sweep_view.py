@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import viser
+from so101_description import load_visual
+from so101_viewer.scene.sweep_view import _LINKS, SweepView, _coarse
+
+from so101_motion.planning.kinematics.model import RobotModel
+
+BLUE = (60, 130, 246)
+
+
+@pytest.fixture(scope="module")
+def scene() -> Iterator[viser.SceneApi]:
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    yield server.scene
+    server.stop()
+
+
+@pytest.mark.parametrize("part", _LINKS.values())
+def test_a_coarse_part_is_light_and_of_the_same_size(part: str) -> None:
+    vertices, faces = _coarse(part)
+    fine = np.concatenate([surface.mesh.vertices for surface in load_visual(part)])
+    np.testing.assert_allclose(vertices.min(axis=0), fine.min(axis=0), atol=0.003)
+    np.testing.assert_allclose(vertices.max(axis=0), fine.max(axis=0), atol=0.003)
+    count = sum(len(surface.mesh.faces) for surface in load_visual(part))
+    assert 20 < len(faces) < 0.25 * count
+    assert faces.max() < len(vertices)
+
+
+def test_each_link_is_sent_once_and_stands_where_the_postures_say(scene: viser.SceneApi) -> None:
+    model = RobotModel.load()
+    view = SweepView(scene, "/sweep", color=BLUE)
+    view.show(None, 0.0, model)
+    assert view._links == {}
+    postures = np.array([np.full(5, 0.1), np.full(5, 0.2)])
+    view.show(postures, 0.0, model)
+    nodes = dict(view._links)
+    assert set(nodes) == set(_LINKS)
+    expected = [model.link_placements(q, 0.0)["gripper_link"].p for q in postures]
+    np.testing.assert_allclose(nodes["gripper_link"].batched_positions, expected, atol=1e-6)
+    view.show(None, 0.0, model)
+    assert not any(node.visible for node in view._links.values())
+    view.show(postures[:1], 0.0, model)
+    assert view._links == nodes
+    assert all(node.visible for node in view._links.values())

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from harness.raw_window import RawWindow
+from so101_viewer.server.guarded_server import GuardedServer, start_guarded
+from so101_viewer.server.windows import Windows
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[GuardedServer]:
+    server = start_guarded(port=0, label="test")
+    yield server
+    server.close()
+
+
+class PageUnderTest:
+    """Widgets as a page has them, and what came of pressing them."""
+
+    def __init__(self, server: GuardedServer) -> None:
+        self.told: list[str] = []
+        self.done: list[str] = []
+        self.windows = Windows(server.viser, self.told.append)
+        gui = server.viser.gui
+        self.button = gui.add_button("Execute")
+        self.stop = gui.add_button("STOP")
+        self.slider = gui.add_slider("Speed", 0, 100, 1, 30)
+        self.plan = gui.add_command("Plan", hotkey="P")
+        self.escape = gui.add_command("Stop", hotkey="escape")
+        self.gizmo = server.viser.scene.add_transform_controls("/target")
+        self.windows.leave_open_as_stop(self.stop, self.escape)
+        self.button.on_click(self._note("execute"))
+        self.stop.on_click(self._note("stop"))
+        self.slider.on_update(self._note("speed"))
+        self.plan.on_trigger(self._note("plan"))
+        self.escape.on_trigger(self._note("escape"))
+        self.gizmo.on_update(self._note("drag"))
+
+    def _note(self, word: str) -> Callable[[object], object]:
+        async def note(_event: object) -> None:
+            self.done.append(word)
+
+        return note
+
+    async def until(self, count: int) -> None:
+        await until(lambda: len(self.windows._by_client) == count)
+
+    async def has_done(self, *words: str) -> None:
+        """What was sent is done by the server's own thread, in order."""
+        await until(lambda: self.done == list(words))
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    for _ in range(1000):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    assert condition()
+
+
+@pytest.fixture(scope="module")
+def shared(server: GuardedServer) -> PageUnderTest:
+    return PageUnderTest(server)
+
+
+@pytest.fixture
+def page(shared: PageUnderTest) -> PageUnderTest:
+    shared.told.clear()
+    shared.done.clear()
+    return shared
+
+
+@pytest_asyncio.fixture
+async def pair(
+    page: PageUnderTest, server: GuardedServer
+) -> AsyncIterator[tuple[RawWindow, RawWindow]]:
+    """The window in control, and another one."""
+    async with RawWindow(server.url) as first:
+        await page.until(1)
+        async with RawWindow(server.url) as second:
+            await page.until(2)
+            yield first, second
+    await page.until(0)
+
+
+async def test_the_window_in_control_works_everything(
+    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+) -> None:
+    first, _ = pair
+    await first.press(page.button)
+    await first.enter(page.slider, 50)
+    await first.key(page.plan)
+    await first.drag("/target", (0.1, 0.2, 0.3))
+    await first.press(page.stop)
+    await page.has_done("execute", "speed", "plan", "drag", "stop")
+
+
+async def test_another_window_changes_nothing_whatever_it_sends(
+    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+) -> None:
+    first, second = pair
+    await first.enter(page.slider, 30)
+    await first.drag("/target", (0.0, 0.0, 0.1))
+    await until(lambda: "drag" in page.done)
+    page.done.clear()
+    await second.press(page.button)
+    await second.enter(page.slider, 99)
+    await second.key(page.plan)
+    await second.drag("/target", (0.9, 0.9, 0.9))
+    await second.send("SceneNodeClickMessage", **_click("/target"))
+    await second.press(page.stop)
+    await page.has_done("stop")
+    assert page.slider.value == 30
+    np.testing.assert_allclose(page.gizmo.position, (0.0, 0.0, 0.1))
+
+
+async def test_stop_works_in_every_window_and_says_in_which(
+    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+) -> None:
+    _, second = pair
+    await second.press(page.stop)
+    await second.key(page.escape)
+    await page.has_done("stop", "escape")
+    assert page.told[-1] == "Stop pressed in window 2"
+
+
+async def test_control_is_asked_for_and_let_go_by_what_each_window_has_for_itself(
+    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+) -> None:
+    first, second = pair
+    mine, theirs = page.windows.all()
+    await second.press(theirs.ask)
+    await until(lambda: "Window 2 asked for control" in page.told)
+    await first.enter(mine.answer, "Hand over")
+    await until(lambda: "Window 2 has control" in page.told)
+    await second.press(page.button)
+    await first.press(page.button)
+    await first.press(page.stop)
+    await page.has_done("execute", "stop")
+
+
+async def test_control_cannot_be_let_go_by_another_window_pretending(
+    page: PageUnderTest, pair: tuple[RawWindow, RawWindow]
+) -> None:
+    _, second = pair
+    mine, theirs = page.windows.all()
+    await second.press(theirs.ask)
+    await until(lambda: "Window 2 asked for control" in page.told)
+    await second.enter(mine.answer, "Hand over")
+    await second.press(page.button)
+    await second.press(page.stop)
+    await page.has_done("stop")
+
+
+async def test_windows_keep_their_numbers_low_as_they_come_and_go(
+    page: PageUnderTest, server: GuardedServer
+) -> None:
+    for _ in range(3):
+        async with RawWindow(server.url):
+            await page.until(1)
+        await page.until(0)
+    assert set(page.told) == {"Window 1 opened", "Window 1 closed"}
+
+
+async def test_a_window_acts_before_it_has_drawn(
+    page: PageUnderTest, server: GuardedServer
+) -> None:
+    async with RawWindow(server.url, draws=False) as slow:
+        await page.until(1)
+        await slow.press(page.button)
+        await slow.press(page.stop)
+        await page.has_done("execute", "stop")
+        async with RawWindow(server.url) as second:
+            await page.until(2)
+            await second.press(page.button)
+            await second.press(page.stop)
+            await page.has_done("execute", "stop", "stop")
+    await page.until(0)
+
+
+def _click(name: str) -> dict[str, object]:
+    return {
+        "name": name,
+        "instance_index": None,
+        "ray_origin": (0.0, 0.0, 0.0),
+        "ray_direction": (0.0, 0.0, 1.0),
+        "screen_pos": (0.5, 0.5),
+        "modifier": None,
+        "owner": "",
+    }

@@ -1,0 +1,217 @@
+from __future__ import annotations
+
+import asyncio
+import http.client
+import logging
+import socket
+import threading
+from collections.abc import Iterator
+from urllib.parse import parse_qs, urlsplit
+
+import msgspec
+import pytest
+import viser
+import websockets.asyncio.server
+from so101_viewer.server import guarded_server
+from so101_viewer.server.guarded_server import GuardedServer, GuardError, start_guarded
+from viser import _messages
+from websockets.asyncio.client import connect
+from websockets.exceptions import InvalidStatus
+
+from so101_motion.common.errors import ConfigError
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[GuardedServer]:
+    server = start_guarded(port=0, label="test")
+    yield server
+    server.close()
+
+
+def port_of(server: GuardedServer) -> int:
+    return int(urlsplit(server.url).port or 0)
+
+
+def cookie_of(server: GuardedServer) -> str:
+    key = parse_qs(urlsplit(server.url).query)["key"][0]
+    return f"so101_{port_of(server)}={key}"
+
+
+def get(server: GuardedServer, path: str = "/", **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
+    try:
+        connection.request("GET", path, headers=headers)
+        response = connection.getresponse()
+        response.read()
+        return response
+    finally:
+        connection.close()
+
+
+async def send_as_browser(
+    server: GuardedServer, *messages: dict[str, object], cookie: str | None, origin: str | None
+) -> None:
+    """Open the websocket as a page would, send, and stay until the server has read it all."""
+    headers = {} if cookie is None else {"Cookie": cookie}
+    async with connect(
+        f"ws://127.0.0.1:{port_of(server)}/",
+        subprotocols=[PROTOCOL],  # type: ignore[list-item]
+        origin=origin,  # type: ignore[arg-type]
+        additional_headers=headers,
+        max_size=None,
+    ) as connection:
+        await connection.recv()
+        for message in messages:
+            await connection.send(msgspec.msgpack.encode(message))
+        await (await connection.ping())
+
+
+def test_the_link_listens_on_loopback_and_carries_32_random_bytes(server: GuardedServer) -> None:
+    link = urlsplit(server.url)
+    assert link.hostname == "127.0.0.1"
+    assert len(parse_qs(link.query)["key"][0]) == 43  # base64 of 32 bytes
+
+
+def test_the_page_opens_with_the_cookie_and_only_with_it(server: GuardedServer) -> None:
+    assert get(server).status == 401
+    greeting = get(server, f"/?{urlsplit(server.url).query}")
+    assert greeting.status == 200
+    cookie = (greeting.getheader("Set-Cookie") or "").split(";")[0]
+    page = get(server, Cookie=cookie)
+    assert page.status == 200
+    assert "connect-src 'self'" in (page.getheader("Content-Security-Policy") or "")
+
+
+def test_a_rebound_name_does_not_get_the_page(server: GuardedServer) -> None:
+    host = f"evil.example:{port_of(server)}"
+    assert get(server, Host=host, Cookie=cookie_of(server)).status == 403
+
+
+@pytest.mark.parametrize(
+    ("origin", "with_cookie", "status"),
+    [("http://evil.example", True, 403), ("null", True, 403), (None, False, 401)],
+)
+async def test_strangers_get_no_websocket(
+    server: GuardedServer, origin: str | None, with_cookie: bool, status: int
+) -> None:
+    cookie = cookie_of(server) if with_cookie else None
+    with pytest.raises(InvalidStatus) as refusal:
+        await send_as_browser(server, cookie=cookie, origin=origin)
+    assert refusal.value.response.status_code == status
+
+
+async def test_the_owner_gets_the_websocket_and_a_share_request_opens_no_tunnel(
+    server: GuardedServer,
+) -> None:
+    pressed = threading.Event()
+    button = server.viser.gui.add_button("Press")
+    button.on_click(lambda _event: pressed.set())
+    camera = _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0),
+        position=(1.0, 1.0, 1.0),
+        fov=1.0,
+        near=0.01,
+        far=100.0,
+        image_height=100,
+        image_width=100,
+        look_at=(0.0, 0.0, 0.0),
+        up_direction=(0.0, 0.0, 1.0),
+    )
+    await send_as_browser(
+        server,
+        {"type": "ViewerCameraMessage", **vars(camera)},
+        {"type": "ShareUrlRequest"},
+        {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}},
+        cookie=cookie_of(server),
+        origin=f"http://127.0.0.1:{port_of(server)}",
+    )
+    assert await asyncio.to_thread(pressed.wait, 5.0)  # so the share request before was read
+    assert server.viser._share_tunnel is None
+    button.remove()
+
+
+def test_a_busy_port_is_an_error_at_once_that_names_it(server: GuardedServer) -> None:
+    port = port_of(server)
+    with pytest.raises(ConfigError, match=rf"127\.0\.0\.1:{port}; stop it or choose another"):
+        start_guarded(port=port)
+
+
+def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server: GuardedServer) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(guarded_server, "DEFAULT_PORT", port_of(server))
+        second = start_guarded(label="test")
+        try:
+            assert port_of(server) < port_of(second) < port_of(server) + guarded_server._PORTS_TRIED
+        finally:
+            second.close()
+        patch.setattr(guarded_server, "_PORTS_TRIED", 1)
+        with pytest.raises(ConfigError, match="choose another port"):
+            start_guarded()
+
+
+def test_other_machines_are_not_let_in_by_accident() -> None:
+    with pytest.raises(ConfigError, match="would let other machines move the arm"):
+        start_guarded("0.0.0.0", 0)
+
+
+def test_when_other_machines_are_allowed_the_key_is_still_demanded() -> None:
+    server = start_guarded("0.0.0.0", 0, allow_remote=True)
+    try:
+        host = urlsplit(server.url).hostname
+        assert host == (guarded_server._reached_at() or socket.gethostname().lower())
+        assert host != "0.0.0.0"
+        assert get(server).status == 401
+        assert get(server, Cookie=cookie_of(server)).status == 200
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("host", ["192.0.2.7", "no such host"])
+def test_an_unusable_host_is_an_error_at_once(host: str) -> None:
+    with pytest.raises(ConfigError, match="is not an address of this machine"):
+        start_guarded(host, 0, allow_remote=True)
+
+
+def test_a_port_that_is_none_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="between 1 and 65535"):
+        start_guarded(port=99999)
+
+
+def test_a_server_that_lets_strangers_in_is_found_out() -> None:
+    stock = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    try:
+        with pytest.raises(GuardError, match="200 instead of 401"):
+            guarded_server.check_locked("127.0.0.1", stock.get_port())
+    finally:
+        stock.stop()
+
+
+def test_if_the_door_were_not_asked_the_server_refuses_to_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(guarded_server.RequestPolicy, "answer", lambda _door, _request: None)
+    with pytest.raises(GuardError):
+        start_guarded(port=0)
+
+
+def test_nothing_of_websockets_stays_replaced(server: GuardedServer) -> None:
+    assert websockets.asyncio.server.serve.__module__ == "websockets.asyncio.server"
+
+
+def test_starting_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    start_guarded(port=0).close()
+    assert capfd.readouterr().out == ""
+
+
+def test_a_broken_request_leaves_no_traceback(
+    server: GuardedServer, caplog: pytest.LogCaptureFixture
+) -> None:
+    with (
+        caplog.at_level(logging.WARNING),
+        socket.create_connection(("127.0.0.1", port_of(server))) as link,
+    ):
+        link.sendall(b"\x16\x03\x01 not http\r\n\r\n")
+        link.recv(1000)
+    assert caplog.records == []

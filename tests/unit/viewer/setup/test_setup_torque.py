@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+from so101_viewer.setup.calibration_target import SetupTarget
+from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
+
+
+def bench(*, connected: bool = True, holds: bool | None = False) -> SetupTarget:
+    situation = SimpleNamespace(is_connected=connected, holds=holds)
+    calibrator = cast(Any, SimpleNamespace(situation=situation))
+    return SetupTarget(where="/dev/ttyACM0", calibrator=calibrator)
+
+
+def test_limp_held_and_unknown_are_three_different_sentences() -> None:
+    told = [
+        torque(None),
+        torque(bench(connected=False)),
+        torque(bench(holds=None)),
+        torque(bench(holds=True)),
+        torque(bench(holds=False)),
+    ]
+    assert len({each.text for each in told}) == len(told)
+    assert [each.is_on for each in told] == [None, None, None, True, False]
+
+
+def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    limp, lost = bench(), bench(connected=False)
+    assert watch.look(limp, is_blind=False)
+    assert not watch.look(lost, is_blind=True)
+    assert not watch.look(lost, is_blind=False)
+    now[0] += 0.9 * SETTLED
+    assert not watch.look(lost, is_blind=False)
+    assert not watch.look(limp, is_blind=False)
+    now[0] += 10.0
+    assert not watch.look(lost, is_blind=False)
+    assert watch.told == torque(limp)
+    now[0] += SETTLED
+    assert watch.look(lost, is_blind=False)
+    assert watch.told == torque(lost)
+
+
+def test_a_new_bench_is_told_at_once_even_while_its_motors_are_looked_for() -> None:
+    watch = TorqueWatch(lambda: 0.0)
+    assert watch.look(bench(holds=None), is_blind=True)
+    assert watch.told == torque(bench(holds=None))
+
+
+def test_a_bench_that_was_put_away_is_told_at_once() -> None:
+    watch = TorqueWatch(lambda: 0.0)
+    watch.look(bench(), is_blind=False)
+    assert watch.look(None, is_blind=False)
+    assert watch.told == torque(None)
+
+
+def test_motors_that_answer_are_told_although_answers_are_lost_again_and_again() -> None:
+    now = [0.0]
+    watch = TorqueWatch(lambda: now[0])
+    silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)
+    assert watch.look(silent, is_blind=False)
+    assert watch.look(held, is_blind=True)
+    assert watch.told == torque(held)
+    told = set()
+    for k in range(40):  # the joints are let go of, and every other answer is lost
+        now[0] += 0.3 * SETTLED
+        watch.look(silent if k % 2 else limp, is_blind=False)
+        told.add(watch.told.text)
+    assert watch.told == torque(limp)
+    assert torque(silent).text not in told

@@ -1,0 +1,231 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from so101_viewer.page.screen_state import Tone
+from so101_viewer.scene import scene_edits
+from so101_viewer.world.world_model import DRAG_PERIOD, OverlapCheck, WorldModel, in_each_other
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.files.scene_file import read_scene, scene_to
+from so101_motion.planning.collision.scene import Attached, Box, Obstacle, Scene, Sphere
+from so101_motion.planning.kinematics.model import RobotModel
+
+TOOL = SE3.from_rpy((0.3, 0.0, 0.5), (0.25, 0.05, 0.2))
+
+
+@pytest.fixture
+def world(tmp_path):
+    return WorldModel(Scene(), file=tmp_path / "kept" / "scene.json")
+
+
+def box_at(p, *, name="block", size=0.06):
+    shape = Box(size=np.full(3, size))
+    return Obstacle(name=name, shape=shape, T_base_obstacle=SE3.from_translation(p))
+
+
+def test_what_is_added_is_selected_and_can_be_taken_back(world):
+    world.add("box")
+    world.add("sphere")
+    assert world.names == ("box 1", "sphere 1")
+    assert world.selected == "sphere 1"
+    world.undo()
+    assert world.names == ("box 1",)
+    assert world.selected is None
+    world.undo()
+    assert world.scene == Scene()
+    assert not world.can_undo
+    world.undo()
+
+
+def test_numbers_change_the_selected_thing(world):
+    world.add("box")
+    world.resize(size=np.array([0.1, 0.2, 0.3]))
+    world.move_to(np.array([0.3, 0.0, 0.15]))
+    world.turn_to(np.array([0.0, 0.0, 0.5]))
+    thing = world.thing
+    np.testing.assert_allclose(thing.shape.size, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(thing.T_base_obstacle.p, [0.3, 0.0, 0.15])
+    np.testing.assert_allclose(thing.T_base_obstacle.rpy, [0.0, 0.0, 0.5], atol=1e-12)
+    world.set_keep_out(True)
+    assert world.thing.keep_out
+    world.rename("lamp  zone")
+    assert world.selected == "lamp zone"
+    world.set_floor(None)
+    assert world.scene.floor_z is None
+
+
+def test_edits_without_a_selection_are_refused_in_a_sentence(world):
+    for edit in (
+        world.remove,
+        lambda: world.rename("x"),
+        lambda: world.resize(radius=0.1),
+        lambda: world.move_to(np.zeros(3)),
+        lambda: world.hold(TOOL),
+    ):
+        with pytest.raises(ConfigError, match="select an object first"):
+            edit()
+
+
+def test_a_figure_that_cannot_be_leaves_everything_as_it_was(world):
+    world.add("box")
+    before = world.scene
+    with pytest.raises(ConfigError):
+        world.resize(size=np.array([0.1, -0.2, 0.3]))
+    with pytest.raises(ConfigError):
+        world.move_to(np.array([0.1, np.nan, 0.3]))
+    assert world.scene is before
+
+
+def test_a_drag_is_one_entry_for_undo_and_is_handed_on_now_and_then(world):
+    world.add("box")
+    assert world.due(0.0) is world.scene
+    assert world.due(0.0) is None
+    before = world.scene
+    given = 0
+    for k in range(1, 51):
+        world.drag(SE3.from_translation((0.2, 0.001 * k, 0.05)), TOOL)
+        given += world.due(0.01 * k) is not None
+    assert given <= 0.5 / DRAG_PERIOD + 1
+    world.drop()
+    assert world.due(0.5) is world.scene
+    np.testing.assert_allclose(world.thing.T_base_obstacle.p, [0.2, 0.05, 0.05])
+    world.undo()
+    assert world.scene is before
+
+
+def test_taking_hold_without_moving_is_no_edit(world):
+    world.add("box")
+    before = world.scene
+    world.drag(world.thing.T_base_obstacle, TOOL)
+    assert world.scene is before
+    assert not world.dragging
+
+
+def test_a_thing_that_went_away_during_a_drag_is_let_alone(world):
+    world.add("box")
+    world.remove()
+    world.drag(SE3.identity(), TOOL)
+    assert world.names == ()
+
+
+def test_what_is_held_is_dragged_and_moved_in_the_hand(world):
+    world.add("sphere")
+    world.hold(TOOL)
+    assert isinstance(world.thing, Attached)
+    world.drag(TOOL @ SE3.from_translation((0.0, 0.0, 0.05)), TOOL)
+    world.drop()
+    np.testing.assert_allclose(world.thing.T_tool_object.p, [0.0, 0.0, 0.05], atol=1e-12)
+    world.set_mass(0.02)
+    assert world.thing.mass == 0.02
+    world.let_go(TOOL)
+    np.testing.assert_allclose(
+        world.thing.T_base_obstacle.p, TOOL.R @ [0.0, 0.0, 0.05] + TOOL.p, atol=1e-12
+    )
+
+
+def test_a_saved_scene_is_what_a_plan_reads(world):
+    world.add("capsule")
+    world.rename('<img src=x onerror="alert(1)">')
+    world.save()
+    assert world.sentence.tone is Tone.GOOD
+    assert str(world.file) in world.sentence.text
+    assert scene_to(read_scene(world.file)) == scene_to(world.scene)
+    assert json.loads(world.as_file()) == json.loads(world.file.read_bytes())
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "kept").write_text("a file where a folder should be")
+    with pytest.raises(ConfigError, match=r"scene\.json"):
+        WorldModel(Scene(), file=tmp_path / "kept" / "scene.json").save()
+
+
+def test_a_loaded_scene_takes_the_place_of_what_was_there_and_can_be_taken_back(world):
+    world.add("box")
+    saved = json.dumps(scene_to(Scene(obstacles=(box_at((0.2, 0.2, 0.1)),), floor_z=None)))
+    world.load("table.json", saved.encode())
+    assert world.names == ("block",)
+    assert world.scene.floor_z is None
+    assert world.selected is None
+    world.undo()
+    assert world.names == ("box 1",)
+
+
+def test_a_mesh_is_added_around_its_middle(world):
+    body = trimesh.creation.box((20.0, 30.0, 40.0))
+    body.apply_translation((500.0, 0.0, 0.0))
+    world.load("Cup.STL", body.export(file_type="stl"))
+    np.testing.assert_allclose(np.ptp(world.thing.shape.vertices, axis=0), [0.02, 0.03, 0.04])
+    np.testing.assert_allclose(world.thing.shape.vertices.mean(axis=0), np.zeros(3), atol=1e-9)
+    assert world.names == ("Cup 1",)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("scene.json", b"{", "is not JSON"),
+        ("scene.json", b"\xff\xfe", "is not JSON"),
+        ("scene.json", b'{"obstacles": [{"name": "a", "mesh_file": "/etc/hostname"}]}', "none can"),
+        ("part.stl", b"solid nothing", "triangles"),
+        ("part.exe", b"", "must be a scene"),
+    ],
+)
+def test_a_file_that_is_no_scene_is_refused_and_nothing_changes(world, name, content, says):
+    with pytest.raises(ConfigError, match=says):
+        world.load(name, content)
+    assert world.scene == Scene()
+    assert not world.can_undo
+
+
+def test_a_scene_that_somebody_else_gave_the_arm_is_taken_over(world):
+    world.add("box")
+    other = Scene(obstacles=(box_at((0.2, 0.2, 0.1)),))
+    world.adopt(other)
+    assert world.scene is other
+    assert world.due(0.0) is None
+    assert world.selected is None
+
+
+@pytest.fixture(scope="module")
+def contacts():
+    return OverlapCheck(RobotModel.load())
+
+
+def test_an_obstacle_where_the_arm_stands_is_told(contacts):
+    q = np.zeros(5)
+    p = RobotModel.load().frame(q, "gripper_link").p
+    pair = contacts.overlap(Scene(obstacles=(box_at(p),)), q, 0.0)
+    assert pair is not None
+    assert "'block'" in in_each_other(pair).text
+    assert in_each_other(pair).tone is Tone.BAD
+
+
+def test_what_is_apart_and_what_stands_on_the_floor_is_not(contacts):
+    q = np.zeros(5)
+    scene = Scene(
+        obstacles=(box_at((0.2, 0.25, 0.0)),),
+        attached=(
+            Attached(
+                name="long",
+                shape=Sphere(radius=0.02),
+                T_tool_object=SE3.from_translation((0.0, 0.0, 0.1)),
+            ),
+        ),
+    )
+    assert contacts.overlap(scene, q, 0.0) is None
+
+
+def test_held_things_are_in_obstacles_too(contacts):
+    q = np.zeros(5)
+    T = RobotModel.load().frame(q) @ SE3.from_translation((0.0, 0.0, 0.1))
+    scene = scene_edits.held(
+        Scene(obstacles=(box_at(T.p, name="part", size=0.02),)),
+        "part",
+        RobotModel.load().frame(q),
+    )
+    wall = box_at(T.p - np.array([0.0, 0.0, 0.025]), name="wall", size=0.04)
+    pair = contacts.overlap(scene.with_obstacles([wall]), q, 0.0)
+    assert pair is not None
+    assert "'wall'" in pair

@@ -1,0 +1,49 @@
+"""Queue the commands of browsers for the page's thread; Stop empties the queue."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+Command = Callable[[], None]
+
+
+class Commands:
+    """A queue of commands that can be emptied from any thread.
+
+    Args:
+        on_error: Told what a command raised; the next one is run all the same.
+    """
+
+    def __init__(self, on_error: Callable[[Exception], None]) -> None:
+        self._on_error = on_error
+        self._waiting: deque[Command] = deque()
+        self._running = threading.Lock()
+
+    def post(self, command: Command) -> None:
+        """Put ``command`` at the end; returns at once."""
+        self._waiting.append(command)
+
+    def run(self) -> bool:
+        """Run everything that waits, in order; true if there was anything."""
+        acted = False
+        with self._running:
+            while self._waiting:
+                command = self._waiting.popleft()
+                acted = True
+                try:
+                    command()
+                except Exception as error:
+                    self._on_error(error)
+        return acted
+
+    def drop(self) -> None:
+        """Forget what waits, and return once nothing is running.
+
+        After this no command given before it can have an effect any more: what it set in motion
+        can be stopped, and nothing more will be.
+        """
+        self._waiting.clear()
+        with self._running:
+            self._waiting.clear()

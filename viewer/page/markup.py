@@ -1,0 +1,252 @@
+"""Small pieces of HTML for what viser has no widget for.
+
+Only this module writes HTML. It escapes every text, because names and messages may come from
+configurations and devices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from html import escape
+
+from so101_motion.drivers.feetech.health import JointHealth
+
+from .events import Event
+from .health import Health, tones
+from .screen_state import Sentence, Tone
+
+_TONES = {
+    Tone.PLAIN: "inherit",
+    Tone.GOOD: "var(--so101-good)",
+    Tone.WARM: "var(--so101-warm)",
+    Tone.BAD: "var(--so101-bad)",
+}
+"""Legible on light and on dark; see ``head.py``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bar:
+    """A value between its limits, in the unit people read.
+
+    Attributes:
+        name: What it is.
+        value: Where it stands.
+        lower: Smallest possible value.
+        upper: Largest possible value.
+        unit: Written behind the value.
+        warns: Whether it turns red near its limits; a closed gripper is nothing to warn of.
+    """
+
+    name: str
+    value: float
+    lower: float
+    upper: float
+    unit: str
+    warns: bool = True
+
+    @property
+    def share(self) -> float:
+        """How far up it stands, 0 at the lower limit to 1 at the upper."""
+        share = (self.value - self.lower) / (self.upper - self.lower)
+        return min(max(share, 0.0), 1.0)
+
+
+NEAR_LIMIT = 0.03
+"""Share of the range at either end where a bar turns red; chosen: 6 degrees of the pan joint."""
+
+
+def sentence(said: Sentence) -> str:
+    """One sentence, coloured by its tone."""
+    return (
+        '<div style="padding:.35em .7em .5em;min-height:3.7em;box-sizing:border-box;'
+        f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[said.tone]}">{escape(said.text)}</div>'
+    )
+
+
+def headline(title: str, subtitle: str) -> str:
+    """A word in large letters with a line of small print under it."""
+    return (
+        '<div style="padding:.4em .7em .2em">'
+        f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
+        f'<div style="font-size:.8em;opacity:.7">{escape(subtitle)}</div></div>'
+    )
+
+
+def facts(pairs: Iterable[tuple[str, str]]) -> str:
+    """Names and values in two columns."""
+    rows = "".join(
+        f'<span style="opacity:.7">{escape(name)}</span><span>{escape(value)}</span>'
+        for name, value in pairs
+    )
+    return (
+        '<div style="display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;'
+        f'padding:.2em .7em .4em;font-size:.82em">{rows}</div>'
+    )
+
+
+def banner(said: Sentence) -> str:
+    """A sentence that is not to be overlooked."""
+    color = _TONES[said.tone]
+    return (
+        f'<div style="margin:.5em .6em;padding:.5em .7em;border-left:.3em solid {color};'
+        "background:#8882;border-radius:.2em;font-size:.9em;line-height:1.35;"
+        f'overflow-wrap:anywhere">{escape(said.text)}</div>'
+    )
+
+
+def small(text: str) -> str:
+    """Small print."""
+    return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
+
+
+def to_copy(about: str, text: str) -> str:
+    """A text to be taken elsewhere, with a button that copies it; works without https as well."""
+    copy = (
+        "const t=this.previousElementSibling;t.select();"
+        "if(document.execCommand('copy'))this.textContent='Copied';t.blur()"  # Space stops again
+    )
+    return (
+        '<div style="padding:.3em .7em .5em;font-size:.82em;line-height:1.35">'
+        f'<div style="opacity:.7">{escape(about)}</div>'
+        '<textarea readonly spellcheck="false" style="display:block;width:100%;height:14em;'
+        "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
+        f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
+        f'<button type="button" onclick="{escape(copy)}" style="width:100%;padding:.4em;border:0;'
+        'border-radius:.2em;background:#ffb70f;color:#000;font:inherit;cursor:pointer">Copy</button>'
+        "</div>"
+    )
+
+
+def on_phones(title: str, subtitle: str) -> str:
+    """The headline beside a phone's Stop, in the corner that panels leave free; see ``head.py``."""
+    return f'<div class="so101-narrow">{headline(title, subtitle)}</div>'
+
+
+def health(found: Health) -> str:
+    """The figures of the servos and of their bus."""
+    if found.silence is not None:
+        servos = f'<div style="opacity:.8">{escape(found.silence)}</div>'
+    else:
+        head = "".join(f"<span>{name}</span>" for name in ("", "V", "A", "°C", "load %", "errors"))
+        rows = "".join(map(_servo, found.servos))
+        servos = (
+            '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
+            'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
+            f'<div style="display:contents;opacity:.6">{head}</div>{rows}</div>'
+        )
+    lines = []
+    if found.period is not None:
+        lines.append(("Control cycle", f"{1000.0 * found.period:.0f} ms"))
+    lines.append(("Late cycles", f"{found.late_ticks}"))
+    if found.servos:
+        retries, lost, corrupt = (
+            sum(getattr(servo, name) for servo in found.servos)
+            for name in ("retries", "lost", "corrupt")
+        )
+        lines.append(("Bus", f"{retries} retries, {lost} lost, {corrupt} garbled"))
+    if found.port_losses is not None:
+        lines.append(("Disconnected", _times(found.port_losses)))
+    if found.last_failure is not None:
+        lines.append(("Before the last failure", found.last_failure))
+    return f'<div style="padding:.5em .7em .2em;font-size:.82em">{servos}</div>{facts(lines)}'
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once"}.get(count, f"{count} times")
+
+
+def _servo(servo: JointHealth) -> str:
+    count = servo.lost + servo.corrupt
+    errors = _figure(f"{count}", Tone.WARM if count else Tone.PLAIN)
+    if servo.is_silent:
+        figures = f'<b style="grid-column:span 4;color:{_TONES[Tone.BAD]}">does not answer</b>'
+    else:
+        tone = tones(servo)
+        figures = (
+            _figure(f"{servo.volts:.1f}", tone["volts"])
+            + _figure(f"{abs(servo.amps):.2f}", Tone.PLAIN)
+            + _figure(f"{servo.temperature_c:.0f}", tone["celsius"])
+            + _figure(f"{100.0 * abs(servo.load):.0f}", tone["load"])
+        )
+    name = f'<span style="text-align:left">{escape(servo.joint)}</span>'
+    reports = ""
+    if servo.faults:
+        reports = (
+            f'<b style="grid-column:span 6;text-align:left;color:{_TONES[Tone.BAD]}">'
+            f"reports: {escape(', '.join(servo.faults))}</b>"
+        )
+    return f"{name}{figures}{errors}{reports}"
+
+
+def _figure(text: str, tone: Tone) -> str:
+    weight = 400 if tone is Tone.PLAIN else 700
+    return f'<span style="color:{_TONES[tone]};font-weight:{weight}">{text}</span>'
+
+
+def events(items: Iterable[Event]) -> str:
+    """What happened, the newest first."""
+    rows = "".join(
+        f'<span style="opacity:.6">{event.at:%H:%M:%S}</span>'
+        f'<span style="color:{_TONES[event.tone]};overflow-wrap:anywhere">'
+        f"{escape(event.text)}</span>"
+        for event in items
+    )
+    return (
+        '<div style="display:grid;grid-template-columns:max-content 1fr;gap:.2em .7em;'
+        "padding:.5em .7em;font-size:.8em;line-height:1.3;max-height:15em;overflow-y:auto;"
+        f'font-variant-numeric:tabular-nums">{rows}</div>'
+    )
+
+
+def steps(rows: Iterable[tuple[str, str]], *, chosen: int | None, active: int | None) -> str:
+    """Things to do in their order: a name and small print each.
+
+    Args:
+        rows: Name and small print.
+        chosen: Index of the one that is edited, set in bold.
+        active: Index of the one that is being done, marked.
+    """
+    lines = []
+    for k, (name, rest) in enumerate(rows):
+        weight = 700 if k in (chosen, active) else 400
+        mark = "▶" if k == active else f"{k + 1}"
+        lines.append(
+            f'<span style="opacity:.6;text-align:right">{mark}</span>'
+            f'<span style="font-weight:{weight};overflow-wrap:anywhere">{escape(name)}</span>'
+            f'<span style="opacity:.7;text-align:right">{escape(rest)}</span>'
+        )
+    return (
+        '<div style="display:grid;grid-template-columns:1.6em 1fr max-content;gap:.15em .6em;'
+        "padding:0 .9em .3em .3em;font-size:.85em;max-height:11em;overflow-y:auto;"
+        f'font-variant-numeric:tabular-nums">{"".join(lines)}</div>'
+    )
+
+
+def bars(items: Iterable[Bar]) -> str:
+    """Values between their limits, one below the other."""
+    return f'<div style="padding:.3em .7em .5em">{"".join(map(_bar, items))}</div>'
+
+
+def _bar(bar: Bar) -> str:
+    near = bar.warns and min(bar.share, 1.0 - bar.share) < NEAR_LIMIT
+    color = "#e03131" if near else "#f08c00"
+    ends = f"{bar.lower:.0f} to {bar.upper:.0f} {bar.unit}"
+    limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;opacity:.55"
+    return (
+        f'<div title="{escape(bar.name)}: {escape(ends)}" style="display:grid;'
+        "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"
+        f'line-height:2.3"><span>{escape(bar.name)}</span>'
+        '<span style="height:.45em;border-radius:.25em;background:#8884;position:relative">'
+        f'<i style="position:absolute;left:calc({100.0 * bar.share:.1f}% - .2em);top:-.2em;'
+        f'width:.4em;height:.85em;border-radius:.2em;background:{color}"></i>'
+        f'<small style="{limit};left:0">{bar.lower:.0f}</small>'
+        f'<small style="{limit};right:0">{bar.upper:.0f}</small></span>'
+        '<span style="text-align:right;font-variant-numeric:tabular-nums;white-space:nowrap">'
+        f"{_no_minus_zero(bar.value)} {escape(bar.unit)}</span></div>"
+    )
+
+
+def _no_minus_zero(value: float) -> str:
+    text = f"{value:.1f}"
+    return "0.0" if text == "-0.0" else text

@@ -1,0 +1,142 @@
+"""Give a part of the page its arm and its server, and turn its events into commands.
+
+viser calls handlers from threads of its own. The handlers made here only queue a command, and the
+page's one thread runs it, so parts need no locks. Stop alone does not come this way. Only the
+window in control reaches a handler; see ``control_filter.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Self, TypeVar
+
+import viser
+
+from so101_motion.common.errors import So101Error
+from so101_motion.rig.protocols import RigLike
+
+from .commands import Command
+from .events import EventLog
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageContext:
+    """Page context for parts that work without an arm.
+
+    Attributes:
+        server: The page.
+        tabs: The tabs of the panel on the right, one a part.
+        post: Queues a command for the page's thread.
+        workers: Runs slow calls, one after the other.
+        leave_open: Lets every window press the given widgets, not only the one in control.
+        events: The event log.
+    """
+
+    server: viser.ViserServer
+    tabs: viser.GuiTabGroupHandle
+    post: Callable[[Command], None]
+    workers: ThreadPoolExecutor
+    leave_open: Callable[..., None] = lambda *_: None
+    events: EventLog = field(default_factory=EventLog)
+
+    @property
+    def gui(self) -> viser.GuiApi:
+        """Where widgets are made."""
+        return self.server.gui
+
+    def beside(self, call: Callable[[], T]) -> Future[T]:
+        """Run a slow ``call`` on a worker."""
+        return self.workers.submit(call)
+
+    def _on(self, command_for: Callable[[Any], Command | None]) -> Callable[[Any], Any]:
+        """A handler for viser's threads: it posts the command for an event, if there is one."""
+
+        async def handler(event: Any) -> None:
+            command = command_for(event)
+            if command is not None:
+                self.post(command)
+
+        return handler
+
+    def reporting(self, report: Callable[[So101Error], None]) -> Self:
+        """The same context for a part that shows refused commands itself, by ``report``."""
+
+        def post(command: Command) -> None:
+            def run() -> None:
+                try:
+                    command()
+                except So101Error as error:
+                    report(error)
+
+            self.post(run)
+
+        return replace(self, post=post)
+
+    def on_press(self, button: Any, command: Command) -> None:
+        """Run ``command`` when ``button`` (or a key's command) is pressed."""
+        attach = button.on_trigger if hasattr(button, "on_trigger") else button.on_click
+        attach(self._on(lambda _event: command))
+
+    def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
+        """Run ``command`` with the name on the button of ``group`` that is pressed."""
+        group.on_click(self._on(lambda event: partial(command, event.target.value)))
+
+    def on_entry(self, widget: Any, command: Callable[[Any], None]) -> None:
+        """Run ``command`` with the value that a person, not the page, gave ``widget``."""
+
+        def entered(event: Any) -> Command | None:
+            return None if event.client_id is None else partial(command, event.target.value)
+
+        widget.on_update(self._on(entered))
+
+    def on_drag(
+        self,
+        handle: viser.TransformControlsHandle,
+        command: Callable[[viser.TransformControlsHandle], None],
+    ) -> None:
+        """Run ``command`` with ``handle`` while it is dragged."""
+        handle.on_update(self._on(lambda _event: partial(command, handle)))
+
+    def on_release(
+        self,
+        handle: viser.TransformControlsHandle,
+        command: Callable[[viser.TransformControlsHandle], None],
+    ) -> None:
+        """Run ``command`` with ``handle`` when a drag ends."""
+        handle.on_update(
+            self._on(lambda event: partial(command, handle) if event.phase == "end" else None)
+        )
+
+    def on_pick(self, node: Any, command: Command) -> None:
+        """Run ``command`` when ``node`` of the scene is clicked."""
+        node.on_click(self._on(lambda _event: command))
+
+    def on_file(
+        self, button: viser.GuiUploadButtonHandle, command: Callable[[viser.UploadedFile], None]
+    ) -> None:
+        """Run ``command`` with a file that is uploaded by ``button``."""
+        button.on_upload(self._on(lambda event: partial(command, event.target.value)))
+
+    def on_asked(self, button: Any, answer: Callable[[viser.ClientHandle], None]) -> None:
+        """Run ``answer`` with the browser that pressed ``button``, such as for a download."""
+
+        def asked(event: Any) -> Command | None:
+            return None if event.client is None else partial(answer, event.client)
+
+        button.on_click(self._on(asked))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmContext(PageContext):
+    """Page context for parts that work on an arm.
+
+    Attributes:
+        rig: The arm and the gripper; its owner closes it.
+    """
+
+    rig: RigLike

@@ -1,0 +1,108 @@
+"""Everything the page shows at one instant, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.planning.collision.collision import Clearance
+from so101_motion.planning.request import Plan
+
+from .target_ik import Target
+from .tracking import Tracking
+
+
+class Tone(Enum):
+    """How a sentence is meant."""
+
+    PLAIN = "plain"
+    GOOD = "good"
+    WARM = "warm"
+    BAD = "bad"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sentence:
+    """What to know or to do now."""
+
+    text: str
+    tone: Tone = Tone.PLAIN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PathLine:
+    """The line of the tool to the target.
+
+    Attributes:
+        points: Shape (k, 3), [m], in the base frame.
+        planned: Whether it is a plan's, or only a hint at one.
+    """
+
+    points: Array
+    planned: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlanView:
+    """A plan and what there is to see of it.
+
+    Attributes:
+        plan: The plan.
+        path: The line of the frame that the target is for.
+        sweep: Configurations along the path, both ends left out, shape (k, 5), [rad].
+        closest: The closest approach of two bodies anywhere on the path.
+        t_closest: When they do [s].
+    """
+
+    plan: Plan
+    path: PathLine
+    sweep: Array
+    closest: Clearance
+    t_closest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Screen:
+    """The picture, the words and which buttons can be pressed.
+
+    Attributes:
+        state: The arm, as it is.
+        target: The target.
+        q_ghost: Where the ghost stands, shape (5,), [rad]; None when it is hidden.
+        path: The line to the target, or None.
+        sweep: Configurations along the path to be shown, shape (k, 5), [rad], or None.
+        sweeps: Whether they are shown when there is a plan.
+        sentence: What to know or to do now.
+        plan: The newest plan and what there is to see of it, or None before the first.
+        plan_is_current: Whether that plan can still be looked at and executed.
+        can_plan: Whether Plan may be pressed.
+        can_execute: Whether Execute may be pressed.
+        preview_time: How far into the plan the ghost stands [s].
+        rate: How fast it is being played; None while it stands.
+        progress: Share of the motion that is done, 0 to 1.
+        tracking: How well the newest motion that ended was followed; None before.
+        speed: Speed cap of the next plan [rad/s].
+        acceleration: Acceleration cap of the next plan [rad/s^2].
+        range: The smallest and the largest joint angles, shapes (5,), [rad].
+    """
+
+    state: JointState
+    target: Target
+    q_ghost: Array | None
+    path: PathLine | None
+    sweep: Array | None
+    sweeps: bool
+    sentence: Sentence
+    plan: PlanView | None
+    plan_is_current: bool
+    can_plan: bool
+    can_execute: bool
+    preview_time: float
+    rate: float | None
+    progress: float
+    tracking: Tracking | None
+    speed: float
+    acceleration: float
+    range: tuple[Array, Array]

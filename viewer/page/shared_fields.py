@@ -1,0 +1,61 @@
+"""Widgets that both people and the page write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from .page_context import PageContext
+
+
+class SharedField:
+    """A widget whose value people set, and the page too.
+
+    The page writes only what is news: a value it has not shown yet and that nobody entered. Else
+    a picture drawn while somebody types or drags would put the previous value back under their
+    fingers.
+
+    Args:
+        widget: The widget.
+        command: What an entered value does.
+        context: Brings the command to the page's thread.
+        shown: A value as the widget shows it.
+    """
+
+    def __init__(
+        self,
+        widget: Any,
+        command: Callable[[Any], None],
+        context: PageContext,
+        *,
+        shown: Callable[[Any], Any],
+    ) -> None:
+        self._widget, self._command, self._shown = widget, command, shown
+        self._known: Any = None
+        context.on_entry(widget, self._take)
+
+    def _take(self, value: Any) -> None:
+        self._known = self._shown(value)
+        self._command(value)
+
+    def show(self, value: Any) -> None:
+        """Show ``value`` if it is news."""
+        shown = self._shown(value)
+        if shown != self._known:
+            self._known = shown
+            put(self._widget, shown)
+
+
+def put(widget: Any, value: object) -> None:
+    """Set a widget's value; viser's types declare it read-only, which it is not."""
+    widget.value = value
+
+
+def tenth(value: float) -> float:
+    """``value`` to one decimal, never -0."""
+    return round(float(value), 1) + 0.0
+
+
+def tenths(values: Iterable[float]) -> tuple[float, ...]:
+    """Each of ``values`` to one decimal."""
+    return tuple(tenth(value) for value in values)

@@ -1,0 +1,198 @@
+"""Inverse kinematics for the ghost while the target is dragged.
+
+It follows the planner's rule (nearest solution without contact), so the ghost shows where a plan
+would end, or why there will be none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.common.errors import OutsideLimits, Unreachable
+from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.collision.collision import Clearance, CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+
+FRAMES = ("tool", "jaw_tip")
+"""What can be brought to a target: the tool frame, or the tip of the fixed jaw."""
+
+
+_FIRST_OFFSETS = tuple(
+    np.array([x, y, z])
+    for z in (-0.10, 0.05)
+    for x, y in ((-0.08, -0.16), (-0.08, 0.16), (0.05, 0.05), (-0.12, 0.0))
+)
+"""Where to look for a first target, seen from the tool [m]; chosen: aside, nearer and lower."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Target:
+    """A target and what becomes of the arm there.
+
+    Attributes:
+        goal: What to plan for.
+        frame: One of ``FRAMES``: what shall be at the target point.
+        p_base: The target point in the base frame, shape (3,), [m].
+        q: Joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets.
+        problem: Why the target cannot be had, as a sentence; None when it can.
+    """
+
+    goal: PoseGoal | JointGoal
+    frame: str
+    p_base: Array
+    q: Array
+    problem: str | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p_base", frozen_array(self.p_base, (3,)))
+        object.__setattr__(self, "q", frozen_array(self.q, (5,)))
+
+
+class Surroundings(NamedTuple):
+    """What reaching a target depends on besides the point itself.
+
+    Attributes:
+        scene: What is around the arm and in its hand.
+        range: The smallest and the largest joint angles, shapes (5,), [rad].
+    """
+
+    scene: Scene
+    range: tuple[Array, Array]
+
+    def same_as(self, other: Surroundings) -> bool:
+        """Whether these are the very same; what changes is replaced whole."""
+        return self.scene is other.scene and self.range is other.range
+
+
+class TargetSolver:
+    """Solves targets by inverse kinematics. Belongs to one thread.
+
+    Args:
+        point: Where a frame is for joint angles (5,); shape (3,), [m].
+        candidates: All solutions for a goal, nearest to the given angles first.
+        clearance: How close bodies are for joint angles and jaw angle.
+        contact: Which two bodies touch for joint angles and jaw angle, or None.
+        check_limits: Refuses joint angles (5,) with ``OutsideLimits``.
+    """
+
+    def __init__(
+        self,
+        *,
+        point: Callable[[Array, str], Array],
+        candidates: Callable[[PoseGoal, Array], Iterable[IkSolution]],
+        clearance: Callable[[Array, float], Clearance],
+        contact: Callable[[Array, float], tuple[str, str] | None],
+        check_limits: Callable[[Array], None],
+    ) -> None:
+        self.point = point
+        self.clearance = clearance
+        self._candidates = candidates
+        self._contact = contact
+        self._check_limits = check_limits
+
+    @classmethod
+    def load(cls, around: Surroundings) -> TargetSolver:
+        """One for the SO-101 with what is around it and in its hand."""
+        model = RobotModel.load().narrowed(*around.range)
+        collisions = CollisionModel(model, around.scene)
+        return cls(
+            point=lambda q, frame: model.frame(q, frame).p,
+            candidates=IkSolver(model).candidates,
+            clearance=collisions.clearance,
+            contact=collisions.first_contact,
+            check_limits=model.check_limits,
+        )
+
+    def at_point(self, p_base: Array, frame: str, *, q_seed: Array, q_jaw: float) -> Target:
+        """The target that brings ``frame`` to a point.
+
+        Args:
+            p_base: The point in the base frame, shape (3,), [m].
+            frame: What shall be there.
+            q_seed: Where the arm is, shape (5,), [rad]; the ghost stays as near as it can.
+            q_jaw: Jaw angle [rad].
+        """
+        goal = PoseGoal(T_base_tool=SE3.from_translation(p_base), frame=frame)
+        q_first: Array | None = None
+        touching = ("", "")
+        try:
+            for solution in self._candidates(goal, q_seed):
+                contact = self._contact(solution.q, q_jaw)
+                if contact is None:
+                    return Target(goal=goal, frame=frame, p_base=p_base, q=solution.q, problem=None)
+                if q_first is None:
+                    q_first, touching = solution.q, contact
+        except Unreachable as error:
+            return Target(
+                goal=goal,
+                frame=frame,
+                p_base=p_base,
+                q=error.q_nearest,
+                problem=_out_of_reach(error),
+            )
+        q = q_seed if q_first is None else q_first
+        return Target(goal=goal, frame=frame, p_base=p_base, q=q, problem=_collides(touching))
+
+    def at_joints(self, q: Array, frame: str, *, q_jaw: float) -> Target:
+        """Target at joint angles.
+
+        Args:
+            q: Joint angles, shape (5,), [rad].
+            frame: What the target point is of.
+            q_jaw: Jaw angle [rad].
+        """
+        return Target(
+            goal=JointGoal(q=q),
+            frame=frame,
+            p_base=self.point(q, frame),
+            q=q,
+            problem=self._problem(q, q_jaw),
+        )
+
+    def first_target(self, q: Array, *, q_jaw: float) -> Target:
+        """A target beside the arm, so that the first picture already shows a path.
+
+        Args:
+            q: Where the arm is, shape (5,), [rad].
+            q_jaw: Jaw angle [rad].
+        """
+        p_now = self.point(q, FRAMES[0])
+        for offset in _FIRST_OFFSETS:
+            target = self.at_point(p_now + offset, FRAMES[0], q_seed=q, q_jaw=q_jaw)
+            if target.problem is None:
+                return target
+        return self.at_joints(q, FRAMES[0], q_jaw=q_jaw)
+
+    def _problem(self, q: Array, q_jaw: float) -> str | None:
+        try:
+            self._check_limits(q)
+        except OutsideLimits as error:
+            return _beyond(error)
+        contact = self._contact(q, q_jaw)
+        return None if contact is None else _collides(contact)
+
+
+def _out_of_reach(error: Unreachable) -> str:
+    limit = "arm fully stretched" if error.limit == "full stretch" else error.limit
+    why = f" ({limit})" if limit else ""
+    return f"{max(to_mm(error.error_position), 1.0):.0f} mm out of reach{why}."
+
+
+def _beyond(error: OutsideLimits) -> str:
+    assert error.joint in ARM_JOINTS
+    value, lower, upper = (to_deg(each) for each in (error.value, error.lower, error.upper))
+    return f"{error.joint} would be at {value:.1f}°; its range is {lower:.1f}° to {upper:.1f}°."
+
+
+def _collides(pair: tuple[str, str]) -> str:
+    first, second = map(Scene().called, pair)
+    return f"{first[:1].upper()}{first[1:]} would hit {second}."

@@ -1,0 +1,134 @@
+"""Sentences and figures of the Move tab, in degrees and millimetres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError, Interrupted, So101Error, quoted
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.request import Plan
+
+from .screen_state import PlanView, Sentence, Tone
+from .tracking import Tracking
+
+PRESS_PLAN = Sentence(text="Reachable. Press Plan.")
+PLANNING = Sentence(text="Planning …")
+PLANNED = Sentence(
+    text="Planned. Check the path, then press Execute to move the arm.", tone=Tone.GOOD
+)
+MOVING = Sentence(text="Moving. Press Space or Stop to stop.")
+ALREADY_THERE = Sentence(text="The arm is already there.")
+ARM_MOVED = Sentence(text="The arm has moved. Press Plan again.")
+JAW_MOVED = Sentence(text="The gripper has moved. Press Plan again.")
+CAPS_CHANGED = Sentence(text="The speed limits have changed. Press Plan again.")
+SURROUNDINGS_CHANGED = Sentence(text="The surroundings have changed. Press Plan again.")
+
+_MODES = {
+    Mode.LIMP: "Limp",
+    Mode.GUIDING: "Guided by hand",
+    Mode.HOLDING: "Idle, holding",
+    Mode.MOVING: "Moving",
+    Mode.STOPPING: "Stopping",
+    Mode.CALIBRATING: "Calibrating",
+    Mode.FAULT: "Fault",
+}
+
+
+def mode(state: JointState, *, lost: bool = False) -> str:
+    """What the arm is doing, in a word or two; why a fault is one is said elsewhere."""
+    return "Arm disconnected" if lost else _MODES[state.mode]
+
+
+def blocked(state: JointState) -> Sentence | None:
+    """Why the arm cannot be moved at all, or None when it can."""
+    reasons = {
+        Mode.LIMP: "The arm is limp. Press Hold before you move it.",
+        Mode.GUIDING: "The arm is guided by hand. Press Hold before you move it.",
+        Mode.FAULT: "Fault: see above.",
+        Mode.CALIBRATING: "The arm is being calibrated.",
+    }
+    reason = reasons.get(state.mode)
+    return None if reason is None else Sentence(text=reason, tone=Tone.BAD)
+
+
+def saved(name: str) -> Sentence:
+    """Something was kept under a name."""
+    return Sentence(text=f"Saved as {name}.", tone=Tone.GOOD)
+
+
+def renamed(name: str, new: str) -> Sentence:
+    """Something is called otherwise now."""
+    return Sentence(text=f"{name} is now called {new}.", tone=Tone.GOOD)
+
+
+def deleted(name: str) -> Sentence:
+    """Something is no longer kept."""
+    return Sentence(text=f"Deleted {name}.")
+
+
+def arrived(distance: float) -> Sentence:
+    """At the target, with the tool ``distance`` [m] away from it."""
+    return Sentence(
+        text=f"Arrived, {to_mm(distance):.1f} mm off. Drag to set the next target.", tone=Tone.GOOD
+    )
+
+
+def ended(error: BaseException) -> Sentence:
+    """Why a plan or a motion came to nothing."""
+    if isinstance(error, Interrupted):
+        by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
+        return Sentence(text=f"{by}. The arm holds where it is.")
+    if isinstance(error, So101Error):
+        text = _refused(error) if isinstance(error, ConfigError) else str(error)
+        return Sentence(text=text[:1].upper() + text[1:].rstrip(".") + ".", tone=Tone.BAD)
+    return Sentence(text=f"Internal error: {quoted(error)}. See the log.", tone=Tone.BAD)
+
+
+def _refused(error: ConfigError) -> str:
+    """What is wrong with a value that somebody has just entered: its key is known to them."""
+    if error.value in (None, ""):
+        return error.reason
+    return f"{quoted(error.value)} {error.reason}" if isinstance(error.value, str) else str(error)
+
+
+def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
+    """The figures of a plan as pairs of name and value."""
+    plan = view.plan
+    trajectory = plan.trajectory
+    return (
+        ("Duration", f"{trajectory.duration:.2f} s"),
+        ("Peak speed", _peak(trajectory.qd, "°/s")),
+        ("Peak accel.", _peak(trajectory.qdd, "°/s²")),
+        ("Tool travel", f"{to_mm(_length(plan)):.0f} mm"),
+        ("Clearance", clearance(view)),
+        ("Planned in", f"{plan.report.stages_ms['total']:.0f} ms"),
+    )
+
+
+def clearance(view: PlanView) -> str:
+    """The closest approach on the path: how near, which bodies, and when."""
+    closest, end = view.closest, view.plan.trajectory.duration
+    when = "at the goal" if view.t_closest >= end else f"at {view.t_closest:.1f} s"
+    return f"{to_mm(closest.distance):.0f} mm, {closest.first} to {closest.second}, {when}"
+
+
+def followed(tracking: Tracking) -> str:
+    """How well a motion was followed, in one line."""
+    worst, rms = to_deg(tracking.worst), to_deg(tracking.rms)
+    i = int(np.argmax(worst))
+    late = "" if tracking.lag is None else f", {1000.0 * tracking.lag:.0f} ms behind the plan"
+    mean = float(np.sqrt(np.mean(rms**2)))
+    return f"RMS {mean:.2f}°, largest {worst[i]:.2f}° ({ARM_JOINTS[i]}){late}"
+
+
+def _peak(values: Array, unit: str) -> str:
+    peaks = np.max(np.abs(values), axis=0)
+    i = int(np.argmax(peaks))
+    return f"{to_deg(float(peaks[i])):.0f} {unit}, {ARM_JOINTS[i]}"
+
+
+def _length(plan: Plan) -> float:
+    return float(np.sum(np.linalg.norm(np.diff(plan.tool_path, axis=0), axis=1)))

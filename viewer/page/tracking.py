@@ -1,0 +1,85 @@
+"""Measure how well the arm followed its setpoints during a motion.
+
+A joint that only lags has an error in proportion to its speed, so the lag is the least-squares
+fit of ``e = -lag * qd_ref`` over all joints. Results are the root mean square and the largest
+error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import JointState
+from so101_motion.files.trajectory_export import Run
+
+_MOST = 6000
+"""Snapshots that are kept [1]; three minutes of them. Chosen."""
+
+_FASTEST = 0.05
+"""Without a joint that was to be this fast there is no lag to tell [rad/s]; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracking:
+    """A motion as it was.
+
+    Attributes:
+        t: Since it began, shape (n,), [s].
+        q: Measured joint angles, shape (n, 5), [rad].
+        error: The same minus the wanted ones, shape (n, 5), [rad].
+        lag: How late the joints were on the whole [s]; None when they hardly moved.
+    """
+
+    t: Array
+    q: Array
+    error: Array
+    lag: float | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", frozen_array(self.t, (-1,)))
+        for name in ("q", "error"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (len(self.t), 5)))
+
+    @property
+    def run(self) -> Run:
+        """The same for files."""
+        return Run(t=self.t, q_ref=self.q - self.error, q=self.q)
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square of each joint's error, shape (5,), [rad]."""
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
+
+    @property
+    def worst(self) -> Array:
+        """Each joint's largest error, without its sign, shape (5,), [rad]."""
+        return np.asarray(np.max(np.abs(self.error), axis=0))
+
+
+class Tracker:
+    """Takes snapshots while the arm moves."""
+
+    def __init__(self) -> None:
+        self._states: list[JointState] = []
+
+    def take(self, state: JointState) -> None:
+        """Note ``state`` if it is a new one and the arm moves."""
+        new = not self._states or state.t > self._states[-1].t
+        if new and state.arm_moving and len(self._states) < _MOST:
+            self._states.append(state)
+
+    def tracking(self) -> Tracking | None:
+        """What was seen; None when that is too little to say anything."""
+        if len(self._states) < 2:
+            return None
+        t = np.array([state.t for state in self._states])
+        q = np.array([state.q for state in self._states])
+        error = q - np.array([state.q_ref for state in self._states])
+        qd_ref = np.array([state.qd_ref for state in self._states])
+        lag = None
+        if np.max(np.abs(qd_ref)) > _FASTEST:
+            lag = max(-float(np.sum(error * qd_ref) / np.sum(qd_ref**2)), 0.0)
+        return Tracking(t=t - t[0], q=q, error=error, lag=lag)

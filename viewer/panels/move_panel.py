@@ -1,0 +1,98 @@
+"""The Move part: the arm, a target, Plan and Execute."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import viser
+
+from so101_motion.common.geometry import Array
+from so101_motion.files.saved_poses import PoseBook
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Plan
+
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.target_ik import TargetSolver
+from ..scene.stage import Stage
+from ..view_model import ViewModel
+from .arm_panel import ArmPanel
+from .plan_panel import PlanPanel
+from .poses import PoseList
+
+_WORDS_EVERY = 3
+"""Figures are updated every so many pictures of a motion; nobody reads 30 a second."""
+
+
+class MovePart(Part):
+    """See the arm, choose a target, plan and execute.
+
+    Args:
+        stops: What Stop calls, each in a thread of its own.
+    """
+
+    def __init__(
+        self,
+        context: ArmContext,
+        *,
+        title: str,
+        stops: tuple[Callable[[], None], ...],
+        plan: Plan | None = None,
+    ) -> None:
+        self._rig = context.rig
+        arm = context.rig.arm
+        model = RobotModel.load()
+        self.page = ViewModel(
+            arm=arm,
+            gripper=context.rig.gripper,
+            load_solver=TargetSolver.load,
+            submit=context.beside,
+            now=context.rig.clock.now,
+            welcome=f"{title}. Drag the arrows, then press Plan.",
+        )
+        if plan is not None:
+            self.page.show(plan)
+        self._stage = Stage(context, model=model, on_drag=self._dragged)
+        self._arm_panel = ArmPanel(context.gui, title=title, stops=stops)
+        self._plan_panel = PlanPanel(context, self.page, PoseList(PoseBook(), self.page))
+        self._pictures = 0
+
+    def _dragged(self, p_base: Array) -> None:
+        self._stage.dragged_to(p_base)
+        self.page.set_target_point(p_base)
+
+    @property
+    def stop_widgets(self) -> tuple[viser.GuiButtonHandle | viser.CommandHandle, ...]:
+        """What stops the arm: a button and keys."""
+        return self._arm_panel.stop_widgets
+
+    @property
+    def arm_panel(self) -> viser.PanelHandle:
+        """The panel with Stop."""
+        return self._arm_panel.panel
+
+    def set_visible(self, visible: bool) -> None:
+        """Show the arm and its target, or nothing of them."""
+        self._stage.set_visible(visible)
+
+    def set_handles(self, shown: bool) -> None:
+        """Show the target's arrows, or none until the target changes."""
+        self._stage.set_handles(shown)
+
+    def fade(self, faded: bool) -> None:
+        """Show the arm in grey, or in its own colours."""
+        self._stage.fade(faded)
+
+    def refresh(self) -> bool:
+        """Look at the arm, the plan being made and the motion being carried out."""
+        return self.page.refresh()
+
+    def show(self) -> None:
+        """Draw the arm; tell its figures now and then."""
+        screen = self.page.screen()
+        self._pictures += 1
+        self._stage.show(screen)
+        if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:
+            lost = self._rig.connection.problem is not None
+            self._arm_panel.show(screen.state, screen.range, lost=lost)
+            self._plan_panel.show(screen)

@@ -1,0 +1,186 @@
+"""The Move tab: target, Plan, preview, Execute, gripper; and the plots of the newest plan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import viser
+
+from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.named_poses import POSES
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+
+from ..page import markup, texts
+from ..page.page_context import ArmContext
+from ..page.playback import RATES
+from ..page.screen_state import PlanView, Screen
+from ..page.shared_fields import SharedField, put, tenth, tenths
+from ..page.target_ik import FRAMES
+from ..page.tracking import Tracking
+from ..view_model import ViewModel
+from .plots import PlanPlots
+from .pose_folder import PoseFolder
+from .poses import PoseList
+
+_PLOT_SIZE = (520, 262)
+_MARGIN = 12
+
+_FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
+_RATE_NAMES = {f"{rate:g}×": rate for rate in RATES}
+_ROUNDING = 1e-6  # 110 degrees came in as a float in radians
+
+_HERE = "here"
+"""Among the named poses: where the arm is now."""
+
+
+class PlanPanel:
+    """The Move tab, and the panel with the plots of the newest plan."""
+
+    def __init__(self, context: ArmContext, page: ViewModel, poses: PoseList) -> None:
+        self._page, self._context = page, context
+        self._range: tuple[Array, Array] | None = None
+        gui = context.gui
+        with context.tabs.add_tab("Move", viser.Icon.ROUTE):
+            self._sentence = gui.add_html("")
+            self._add_target(gui)
+            self._own_poses = PoseFolder(context, poses)
+            self._add_plan(gui)
+            self._add_jaw(gui)
+        self._plots_panel = gui.add_panel()
+        self._plots = PlanPlots(gui, self._plots_panel)
+        width, height = _PLOT_SIZE
+        self._plots_panel.float(x=_MARGIN, y=-_MARGIN, width=width, height=height)
+        self._plots_panel.minimize()
+        self._shown: PlanView | None = None
+        self._tracking: Tracking | None = None
+
+    def _add_target(self, gui: viser.GuiApi) -> None:
+        target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
+        target.precision = 1
+        self._target_mm = SharedField(
+            target,
+            lambda value: self._page.set_target_point(to_m(np.array(value))),
+            self._context,
+            shown=tenths,
+        )
+        self._frame = SharedField(
+            gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
+            lambda name: self._page.set_target_frame(name.replace(" ", "_")),
+            self._context,
+            shown=str,
+        )
+        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
+        self._context.on_choice(poses, self._choose)
+        with gui.add_folder("Joints (°)", expand_by_default=False):
+            self._sliders = [gui.add_slider(name, -1.0, 1.0, 0.1, 0.0) for name in ARM_JOINTS]
+        self._joints_deg = [
+            SharedField(slider, partial(self._turn, i), self._context, shown=tenth)
+            for i, slider in enumerate(self._sliders)
+        ]
+
+    def _turn(self, i: int, angle_deg: float) -> None:
+        self._page.set_target_joint(i, to_rad(angle_deg))
+
+    def _add_plan(self, gui: viser.GuiApi) -> None:
+        self._speed_deg = self._add_cap(gui, "Speed (°/s)", SPEED_RANGE_DEG, self._page.set_speed)
+        self._acceleration_deg = self._add_cap(
+            gui, "Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration
+        )
+        self._plan = gui.add_button("Plan", icon=viser.Icon.ROUTE)
+        self._context.on_press(self._plan, self._page.plan)
+        # No key executes: what moves the arm is pressed after looking at it.
+        key = gui.add_command("Plan (P)", hotkey="P", icon=viser.Icon.ROUTE)
+        self._context.on_press(key, self._page.plan)
+        self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, visible=False)
+        self._preview_time = SharedField(
+            self._preview, self._page.preview, self._context, shown=lambda t: round(t, 2)
+        )
+        self._play = gui.add_button_group(
+            "Play",
+            tuple(_RATE_NAMES),
+            visible=False,
+            hint="Plays only the ghost, at this fraction of the arm's speed; press again to pause",
+        )
+        self._context.on_choice(self._play, lambda name: self._page.play(_RATE_NAMES[name]))
+        self._execute = gui.add_button(
+            "Execute", icon=viser.Icon.PLAYER_PLAY, color="green", disabled=True
+        )
+        self._context.on_press(self._execute, self._page.execute)
+        self._progress = gui.add_progress_bar(0.0, color="green")
+        self._facts = gui.add_html("", visible=False)
+        self._sweep = gui.add_checkbox("Swept motion", True, visible=False)
+        self._sweeps = SharedField(self._sweep, self._page.show_sweep, self._context, shown=bool)
+
+    def _add_cap(
+        self,
+        gui: viser.GuiApi,
+        label: str,
+        range_deg: tuple[float, float],
+        command: Callable[[float], None],
+    ) -> SharedField:
+        slowest, fastest = (round(end) for end in range_deg)
+        return SharedField(
+            gui.add_slider(label, slowest, fastest, 1, slowest),
+            lambda value: command(to_rad(value)),
+            self._context,
+            shown=round,
+        )
+
+    def _add_jaw(self, gui: viser.GuiApi) -> None:
+        self._jaw = gui.add_button_group(
+            "Gripper", ("open", "close"), hint="Moves at once, without a plan"
+        )
+        self._context.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
+
+    def show(self, screen: Screen) -> None:
+        """Show ``screen``; viser sends only what differs."""
+        self._sentence.content = markup.sentence(screen.sentence)
+        self._jaw.visible = screen.state.mode not in (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
+        self._show_target(screen)
+        self._own_poses.show()
+        self._speed_deg.show(to_deg(screen.speed))
+        self._acceleration_deg.show(to_deg(screen.acceleration))
+        self._plan.disabled = not screen.can_plan
+        self._execute.disabled = not screen.can_execute
+        put(self._progress, round(100.0 * screen.progress, 1))
+        if screen.plan is not None and screen.plan is not self._shown:
+            self._show_plan(screen.plan, screen.range)
+        if screen.tracking is not None and screen.tracking is not self._tracking:
+            self._tracking = screen.tracking
+            self._plots.show_tracking(screen.tracking)
+        for widget in (self._preview, self._play, self._facts, self._sweep):
+            widget.visible = screen.plan_is_current
+        if screen.plan_is_current:
+            self._preview_time.show(screen.preview_time)
+        self._sweeps.show(screen.sweeps)
+
+    def _show_target(self, screen: Screen) -> None:
+        self._target_mm.show(to_mm(screen.target.p_base))
+        self._frame.show(_FRAME_NAMES[screen.target.frame])
+        if screen.range is not self._range:
+            self._range = screen.range
+            for slider, lower, upper in zip(self._sliders, *screen.range, strict=True):
+                slider.min = math.ceil(10.0 * to_deg(lower) - _ROUNDING) / 10.0
+                slider.max = math.floor(10.0 * to_deg(upper) + _ROUNDING) / 10.0
+        for field, angle in zip(self._joints_deg, screen.target.q, strict=True):
+            field.show(to_deg(float(angle)))
+
+    def _show_plan(self, view: PlanView, bounds: tuple[Array, Array]) -> None:
+        if self._shown is None:
+            self._plots_panel.expand()
+        self._shown = view
+        self._plots.show(view.plan, bounds)
+        self._facts.content = markup.facts(texts.plan_facts(view))
+        self._preview.max = math.ceil(100.0 * view.plan.duration) / 100.0
+
+    def _choose(self, name: str) -> None:
+        if name == _HERE:
+            self._page.set_target_here()
+        else:
+            self._page.set_target_joints(next(pose for pose in POSES if pose.name == name).q)

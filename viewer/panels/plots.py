@@ -1,0 +1,109 @@
+"""Plots of a plan against its limits, and of the tracking error of a run."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+from viser import uplot
+
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
+from so101_motion.planning.request import Plan
+
+from ..page import markup, texts
+from ..page.tracking import Tracking
+
+_COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
+_GRAY = "#868e96"
+_HEIGHT = 165
+_MOST_POINTS = 400
+"""More samples than the plot has pixels would be wasted on the wire."""
+
+_LEAST_ERROR_DEG = 0.1
+"""The plot of the tracking error shows at least so much to either side [deg]; chosen: else a
+perfect motion would look like a storm."""
+
+
+class PlanPlots:
+    """Four tabs of a panel, empty until there is something to show."""
+
+    def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle) -> None:
+        with panel.add_tab("Velocity"):
+            self._velocity = _add_plot(gui, "velocity (°/s)", ("limit", "−limit"))
+        with panel.add_tab("Acceleration"):
+            self._acceleration = _add_plot(gui, "acceleration (°/s²)", ("limit", "−limit"))
+        with panel.add_tab("Position"):
+            self._position = _add_plot(gui, "position (°)", ("nearest limit",))
+        with panel.add_tab("Tracking"):
+            self._facts = gui.add_html(markup.small("After a motion: measured minus planned."))
+            ends = (f"+{_LEAST_ERROR_DEG:g}°", f"−{_LEAST_ERROR_DEG:g}°")
+            self._error = _add_plot(gui, "error (°)", ends, height=_HEIGHT - 25)
+
+    def show(self, plan: Plan, bounds: tuple[Array, Array]) -> None:
+        """Draw ``plan``.
+
+        Args:
+            plan: The plan.
+            bounds: The smallest and the largest joint angles, shapes (5,), [rad].
+        """
+        trajectory, limits = plan.trajectory, plan.limits
+        keep = np.unique(np.linspace(0, len(trajectory) - 1, _MOST_POINTS).astype(int))
+        t = trajectory.t[keep]
+        speed, push = float(np.max(limits.velocity)), float(np.max(limits.acceleration))
+        q = trajectory.q[keep]
+        self._velocity.data = _columns(t, trajectory.qd[keep], speed, -speed)
+        self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
+        self._position.data = _columns(t, q, nearest_limit(q, bounds))
+
+    def show_tracking(self, tracking: Tracking) -> None:
+        """Draw how well the arm followed, and tell it in figures."""
+        keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
+        most = np.radians(_LEAST_ERROR_DEG)
+        self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
+        self._facts.content = markup.small(texts.followed(tracking))
+
+
+def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
+    """The joint limit that a motion comes nearest to [rad].
+
+    Args:
+        q: Joint angles along the path, shape (n, 5), [rad].
+        bounds: The smallest and the largest joint angles, shapes (5,), [rad].
+    """
+    limits = np.concatenate(bounds)
+    room = np.concatenate([q.min(axis=0) - bounds[0], bounds[1] - q.max(axis=0)])
+    return float(limits[int(np.argmin(room))])
+
+
+def _columns(t: Array, values: Array, *lines: float) -> tuple[Array, ...]:
+    """Time, one column a joint, and level lines; in degrees."""
+    level = tuple(np.full(len(t), to_deg(line)) for line in lines)
+    return (t, *to_deg(values).T.copy(), *level)
+
+
+def _add_plot(
+    gui: viser.GuiApi, label: str, lines: tuple[str, ...], *, height: int = _HEIGHT
+) -> viser.GuiUplotHandle:
+    joints = tuple(
+        uplot.Series(label=joint, stroke=color, width=2, points={"show": False})
+        for joint, color in zip(ARM_JOINTS, _COLORS, strict=True)
+    )
+    level = tuple(
+        uplot.Series(label=line, stroke=_GRAY, width=1, dash=(6, 4), points={"show": False})
+        for line in lines
+    )
+    axis = uplot.Axis(stroke=_GRAY, labelSize=18, size=34)
+    still = np.zeros((2, len(ARM_JOINTS)))
+    return gui.add_uplot(
+        _columns(np.array([0.0, 1.0]), still, *(0.1 * (-1) ** k for k in range(len(lines)))),
+        (uplot.Series(label="time (s)"), *joints, *level),
+        scales={"x": uplot.Scale(time=False)},
+        axes=(
+            uplot.Axis(**{**axis, "label": "time (s)"}),
+            uplot.Axis(**{**axis, "label": label, "size": 46, "space": 18}),
+        ),
+        legend=uplot.Legend(show=True, live=False),
+        height=height,
+        padding=(10, 16, 0, 0),
+    )

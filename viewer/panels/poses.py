@@ -1,0 +1,101 @@
+"""Save, choose, rename and delete the user's own poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.named_poses import NamedPose
+from so101_motion.files.saved_poses import PoseBook
+
+from ..page import texts
+from ..page.screen_state import Sentence
+from ..view_model import ViewModel
+
+
+class PoseList:
+    """Poses of the user's own, at hand. Belongs to the page's thread.
+
+    Args:
+        page: Has the arm and the target, and says what came of it.
+
+    Attributes:
+        poses: As they were read last; the file is read again with every change.
+        chosen: Name of the one to be used, or None.
+        name: What the next one is called.
+    """
+
+    def __init__(self, book: PoseBook, page: ViewModel) -> None:
+        self._book, self._page = book, page
+        self.poses: tuple[NamedPose, ...] = ()
+        self.chosen: str | None = None
+        self.name = ""
+        try:
+            self.poses = book.own()
+        except So101Error as error:
+            page.report(error)
+
+    def choose(self, name: str) -> None:
+        """Let the pose ``name`` be the one to be used."""
+        if any(pose.name == name for pose in self.poses):
+            self.chosen = self.name = name
+
+    def call(self, name: str) -> None:
+        """Note what the next pose, or a renamed one, shall be called."""
+        self.name = name
+
+    def save_arm(self) -> None:
+        """Keep where the arm is."""
+        self._save(self._page.q_arm)
+
+    def save_target(self) -> None:
+        """Keep where the ghost is."""
+        self._save(self._page.target.q)
+
+    def use(self) -> None:
+        """Make the chosen pose the target."""
+        chosen = self._chosen()
+        self._page.set_target_joints(next(pose.q for pose in self.poses if pose.name == chosen))
+
+    def rename(self) -> None:
+        """Call the chosen pose by the name that was typed."""
+        chosen = self._chosen()
+        self._book.rename(chosen, self.name)
+        self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
+
+    def delete(self) -> None:
+        """Forget the chosen pose."""
+        chosen = self._chosen()
+        self._book.delete(chosen)
+        self._changed(None, texts.deleted(chosen))
+
+    def _save(self, q: Array) -> None:
+        pose = self._book.save(self.name, q)
+        self._changed(pose.name, texts.saved(pose.name))
+
+    def _changed(self, chosen: str | None, said: Sentence) -> None:
+        self.poses = self._book.own()
+        first = self.poses[0].name if self.poses else None
+        self.chosen = first if chosen is None else chosen
+        self.name = self.chosen or ""
+        self._page.tell(said)
+
+    def _chosen(self) -> str:
+        if self.chosen is None:
+            raise ConfigError("pose", None, "save a pose first")
+        return self.chosen
+
+
+COMMANDS: dict[str, Callable[[PoseList], None]] = {
+    "set as target": PoseList.use,
+    "rename": PoseList.rename,
+    "delete": PoseList.delete,
+}
+"""What can be done with the chosen pose, by the names on the buttons."""
+
+SOURCES: dict[str, Callable[[PoseList], None]] = {
+    "current pose": PoseList.save_arm,
+    "target": PoseList.save_target,
+}
+"""What can be saved, likewise."""

@@ -1,0 +1,128 @@
+"""The Share tab: download the plan or the last run as a file."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+from datetime import datetime
+
+import viser
+
+from so101_motion.files.trajectory_export import Run
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.tasks.teleop.local_arms import lerobot_of
+
+from ..page import markup, texts
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.screen_state import PlanView, Sentence, Tone
+from ..view_model import ViewModel
+from .share import KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
+
+NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
+READY = Sentence(text="Choose a file type. The file goes to this browser's downloads.")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PendingFile:
+    """A file that is being made for a browser."""
+
+    client: viser.ClientHandle
+    name: str
+    file: Future[bytes]
+
+
+class SharePart(Part):
+    """Takes motions away.
+
+    Args:
+        page: Knows the newest plan and how the newest motion was followed.
+    """
+
+    def __init__(self, context: ArmContext, page: ViewModel, *, title: str) -> None:
+        self._context, self._page, self._title = context, page, title
+        self._plan = page.plan_view
+        self._tracking = page.tracking
+        self._ran: tuple[PlanView, Run] | None = None
+        self._orders: list[_PendingFile] = []
+        self._said: Sentence | None = None
+        gui = context.gui
+        with context.tabs.add_tab("Share", viser.Icon.SHARE):
+            self._sentence = gui.add_html("")
+            self._what = gui.add_dropdown("Motion", (PLAN, RUN), visible=False)
+            self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))
+            self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
+        context.on_asked(self._download, self._order)
+        context.leave_open(self._what, self._kind, self._download)
+
+    def refresh(self) -> bool:
+        """Note what there is to share, and hand over the files that are done."""
+        page = self._page
+        news = page.plan_view is not self._plan or page.tracking is not self._tracking
+        if page.tracking is not self._tracking and page.tracking and page.plan_view:
+            self._ran = page.plan_view, page.tracking.run
+        self._plan, self._tracking = page.plan_view, page.tracking
+        if news:
+            self._said = None
+        done = [order for order in self._orders if order.file.done()]
+        for order in done:
+            self._orders.remove(order)
+            self._hand_over(order)
+        return news or bool(done)
+
+    def show(self) -> None:
+        """Say what can be had."""
+        has_plan = self._plan is not None
+        self._download.disabled = not has_plan
+        self._what.visible = self._ran is not None
+        self._sentence.content = markup.sentence(self._said or (READY if has_plan else NOTHING))
+
+    def _order(self, client: viser.ClientHandle) -> None:
+        subject = self._subject()
+        if subject is None:
+            return
+        kind = kind_called(self._kind.value)
+        self._said = Sentence(text="Making the file …")
+        self._orders.append(
+            _PendingFile(
+                client=client,
+                name=file_name(subject, kind, datetime.now()),
+                file=self._context.beside(lambda: content(subject, kind)),
+            )
+        )
+
+    def _hand_over(self, order: _PendingFile) -> None:
+        error = order.file.exception()
+        if error is not None:
+            self._said = texts.ended(error)
+            return
+        data = order.file.result()
+        order.client.send_file_download(order.name, data, save_immediately=True)
+        self._said = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
+
+    def _subject(self) -> SharedMotion | None:
+        rig, run, view = self._context.rig, None, self._plan
+        if self._what.value == RUN and self._ran is not None:
+            view, run = self._ran
+        if view is None:
+            return None
+        scene, q_jaw = self._made_for(view)
+        return SharedMotion(
+            view=view,
+            run=run,
+            scene=scene,
+            q_jaw=q_jaw,
+            lerobot=lerobot_of(rig),
+            title=self._title,
+        )
+
+    def _made_for(self, view: PlanView) -> tuple[Scene, float]:
+        """What a plan was made for: surroundings and jaw angle."""
+        arm = self._context.rig.arm
+        if arm.newest is not None and arm.newest[1] is view.plan:
+            return arm.newest[0].scene, arm.newest[0].q_jaw
+        return arm.scene, arm.state.q_jaw_ref
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"

@@ -1,0 +1,392 @@
+"""What the buttons of the Program tab do and what it shows, without viser.
+
+A program is edited, planned as a whole and run. The plan is dropped when the waypoints, the arm's
+position, the gripper, the speed limits or the surroundings change. Nothing here waits: slow calls
+are futures that ``refresh`` collects. One thread owns a ``ProgramModel``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from itertools import count
+from string import ascii_uppercase
+from typing import Any
+
+import numpy as np
+
+from so101_motion.arm.arm import Arm
+from so101_motion.common.clock import Clock
+from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.rig.protocols import GripperLike
+from so101_motion.tasks.program import (
+    Program,
+    ProgramRun,
+    Rehearsal,
+    Waypoint,
+    files,
+    rehearse,
+    start_program,
+)
+from so101_motion.tasks.program.rehearsal import stands_at
+
+from ..page.guiding import Guiding
+from ..page.screen_state import Sentence
+from . import program_texts as words
+
+SAME_JAW = 0.05
+"""A jaw that moved by less than this since the program was planned makes no difference [rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProgramScreen:
+    """Everything the tab shows at one instant.
+
+    Attributes:
+        program: What is edited, or run.
+        chosen: Index of the waypoint that is edited; None without one.
+        name: What the program is called, when it is saved or was loaded.
+        saved: The user's programs, by name.
+        sentence: What to know or to do now.
+        rehearsal: The plan of all of it, as long as it holds; else None.
+        run: What is being run; else None.
+        guided: Whether the arm yields to a hand.
+        can_edit: Whether waypoints may be changed.
+        can_plan: Whether Plan may be pressed.
+        can_run: Whether Run may be pressed.
+        can_guide: Whether the arm may be guided now.
+    """
+
+    program: Program
+    chosen: int | None
+    name: str
+    saved: tuple[str, ...]
+    sentence: Sentence
+    rehearsal: Rehearsal | None
+    run: ProgramRun | None
+    guided: bool
+    can_edit: bool
+    can_plan: bool
+    can_run: bool
+    can_guide: bool
+
+
+class ProgramModel:
+    """State and commands of the Program tab.
+
+    Args:
+        q_arm: Where the arm is, as it can be gone to again, shape (5,), [rad].
+    """
+
+    def __init__(
+        self,
+        *,
+        arm: Arm,
+        gripper: GripperLike,
+        clock: Clock,
+        submit: Callable[[Callable[[], Any]], Future[Any]],
+        q_arm: Callable[[], Array],
+        q_target: Callable[[], Array],
+        set_target: Callable[[Array], None],
+    ) -> None:
+        self._arm, self._gripper, self._clock, self._submit = arm, gripper, clock, submit
+        self._q_arm, self._q_target, self._aim_at = q_arm, q_target, set_target
+        self._program = Program()
+        self._chosen: int | None = None
+        self._name = ""
+        self._saved = self._listed()
+        self._sentence = words.WELCOME
+        self._rehearsing: Future[Rehearsal] | None = None
+        self._rehearsal: Rehearsal | None = None
+        self._made_for: tuple[object, ...] = ()
+        self._run: ProgramRun | None = None
+        self._guiding = Guiding(arm, clock, submit)
+        self._shown: tuple[object, ...] = ()
+
+    # Waypoints
+
+    def record_arm(self) -> None:
+        """Add where the arm is, with its jaw as it is."""
+        self._record(self._q_arm())
+
+    def record_target(self) -> None:
+        """Add where the ghost is, with the jaw as it is."""
+        self._record(self._q_target())
+
+    def choose(self, index: int) -> None:
+        """Edit this waypoint from now on, and show the ghost there."""
+        if 0 <= index < len(self._program):
+            self._chosen = index
+            self._aim_at(self._program.waypoints[index].q)
+
+    def rename(self, name: str) -> None:
+        """Call the chosen waypoint ``name``."""
+        self._change(name=name)
+
+    def set_pause(self, seconds: float) -> None:
+        """Stay so long at the chosen waypoint [s]; it is then stopped at."""
+        passed = self._program.waypoints[self._chosen_index()].passes
+        self._change(pause=seconds, passes=passed and seconds == 0.0)
+        if passed and seconds > 0.0:
+            self._sentence = words.PAUSE_STOPS
+
+    def set_aperture(self, aperture: float | None) -> None:
+        """Open or close the jaw so far at the chosen waypoint, 0 to 1; None to leave it.
+
+        A waypoint with something to do for the jaw is stopped at.
+        """
+        passed = self._program.waypoints[self._chosen_index()].passes
+        self._change(aperture=aperture, passes=passed and aperture is None)
+        if passed and aperture is not None:
+            self._sentence = words.JAW_STOPS
+
+    def set_passes(self, passes: bool) -> None:
+        """Pass the chosen waypoint without stopping, so without pause and jaw; or stop there."""
+        index = self._chosen_index()
+        if not passes:
+            self._change(passes=False)
+            return
+        before = self._program.waypoints[index]
+        self._change(passes=True, pause=0.0, aperture=None)
+        self._sentence = words.passing(before, is_last=self._program.stops_at(index))
+
+    def move(self, by: int) -> None:
+        """Have the chosen waypoint earlier (-1) or later (1)."""
+        index = self._chosen_index()
+        to = index + by
+        if 0 <= to < len(self._program):
+            self._edit(self._program.moved(index, to))
+            self._chosen = to
+
+    def remove(self) -> None:
+        """Forget the chosen waypoint."""
+        index = self._chosen_index()
+        self._edit(self._program.without(index))
+        left = len(self._program)
+        self._chosen = min(index, left - 1) if left else None
+
+    def set_rounds(self, rounds: int | None) -> None:
+        """Go through it so often; None for until it is stopped."""
+        self._edit(self._program.with_rounds(rounds))
+
+    # Files
+
+    def call(self, name: str) -> None:
+        """Note what the program is called when it is saved."""
+        self._name = name
+
+    def save(self) -> None:
+        """Keep the program under its name; one of that name is replaced."""
+        if not self._program.waypoints:
+            raise ConfigError("program", None, "record a waypoint first")
+        file = files.file_of(self._name)
+        files.write(self._program, file)
+        self._name, self._saved = file.stem, self._listed()
+        self._sentence = words.saved(file)
+
+    def load(self, name: str) -> None:
+        """Take up the program ``name``; nothing moves."""
+        program = files.read(files.file_of(name))
+        self._edit(program)
+        self._name, self._chosen = name, 0 if program.waypoints else None
+        self._sentence = words.loaded(name, len(program))
+
+    def delete(self, name: str) -> None:
+        """Forget the file of the program ``name``; what is being edited stays."""
+        files.delete(name)
+        self._saved = self._listed()
+        self._sentence = words.deleted(name)
+
+    def clear(self) -> None:
+        """Begin a new program."""
+        self._edit(Program())
+        self._name, self._chosen = "", None
+        self._sentence = words.WELCOME
+
+    # Guiding, planning, running
+
+    def guide(self) -> None:
+        """Let the arm yield to a hand for a while. Hold and Stop end that as well."""
+        if self._can_guide():
+            self._guiding.start()
+
+    def plan(self) -> None:
+        """Plan all of it; nothing moves."""
+        if self._can_plan():
+            program, arm, gripper = self._program, self._arm, self._gripper
+            self._made_for = self._things()
+            self._rehearsing = self._submit(lambda: rehearse(arm, gripper, program))
+            self._sentence = words.PLANNING
+
+    def run(self) -> None:
+        """Move the arm through it, as it was planned."""
+        rehearsal = self._rehearsal
+        if rehearsal is not None and self._can_run():
+            self._run = start_program(self._arm, self._gripper, self._clock, rehearsal)
+
+    def report(self, error: BaseException) -> None:
+        """Say that a command failed."""
+        self._sentence = words.ended(error)
+
+    # What time brings
+
+    def refresh(self) -> bool:
+        """Take note of what happened since the last call; whether there is anything new to show."""
+        self._watch_hand()
+        self._collect_rehearsal()
+        self._watch_plan()
+        self._collect_run()
+        run = self._run
+        seen = (
+            self._said(),
+            self._arm.state.mode,
+            run and run.where,
+            self._rehearsal,
+            self._program,
+            self._saved,
+        )
+        if all(new is old or new == old for new, old in zip(seen, self._shown, strict=False)) and (
+            self._shown
+        ):
+            return False
+        self._shown = seen
+        return True
+
+    def screen(self) -> ProgramScreen:
+        """Everything to be shown now."""
+        return ProgramScreen(
+            program=self._program,
+            chosen=self._chosen,
+            name=self._name,
+            saved=self._saved,
+            sentence=self._said(),
+            rehearsal=self._rehearsal,
+            run=self._run,
+            guided=self._guiding.is_on,
+            can_edit=self._run is None,
+            can_plan=self._can_plan(),
+            can_run=self._can_run(),
+            can_guide=self._can_guide(),
+        )
+
+    # How
+
+    def _said(self) -> Sentence:
+        if self._run is not None:
+            return words.running(self._run)
+        if self._guiding.is_on:
+            return words.guided(self._guiding.left)
+        return self._sentence
+
+    def _listed(self) -> tuple[str, ...]:
+        try:
+            return files.names()
+        except So101Error:
+            return ()
+
+    def _record(self, q: Array) -> None:
+        aperture = round(float(np.clip(self._gripper.aperture, 0.0, 1.0)), 2)
+        number = len(self._program) + 1
+        waypoint = Waypoint(name=_next_letter(self._program), q=q, aperture=aperture)
+        self._edit(self._program.with_waypoint(waypoint))
+        self._chosen = number - 1
+        self._sentence = words.recorded(number)
+
+    def _chosen_index(self) -> int:
+        if self._chosen is None:
+            raise ConfigError("waypoint", None, "record a waypoint first")
+        return self._chosen
+
+    def _change(self, **to: Any) -> None:
+        index = self._chosen_index()
+        changed = replace(self._program.waypoints[index], **to)
+        self._edit(self._program.with_changed(index, changed))
+
+    def _edit(self, program: Program) -> None:
+        if self._run is not None:
+            raise ConfigError("program", None, "stop the program before you change it")
+        self._program = program
+        self._drop_plan(words.PRESS_PLAN if program.waypoints else words.WELCOME)
+
+    def _drop_plan(self, sentence: Sentence) -> None:
+        self._rehearsal = self._rehearsing = None
+        self._sentence = sentence
+
+    def _things(self) -> tuple[object, ...]:
+        """What a plan depends on beside the program and the arm's place."""
+        arm = self._arm
+        return (arm.scene, arm.range, arm.speed, arm.acceleration)
+
+    def _can_plan(self) -> bool:
+        return (
+            bool(self._program.waypoints)
+            and self._run is None
+            and self._rehearsing is None
+            and self._arm.state.mode is Mode.HOLDING
+        )
+
+    def _can_run(self) -> bool:
+        return (
+            self._rehearsal is not None
+            and self._run is None
+            and self._arm.state.mode is Mode.HOLDING
+            and _same(self._things(), self._made_for)
+        )
+
+    def _can_guide(self) -> bool:
+        return self._run is None and self._guiding.can_start
+
+    def _watch_hand(self) -> None:
+        try:
+            if self._guiding.refresh():
+                self._sentence = words.HELD_AGAIN
+        except Exception as error:  # in other words: what was submitted failed
+            self.report(error)
+
+    def _collect_rehearsal(self) -> None:
+        if self._rehearsing is None or not self._rehearsing.done():
+            return
+        rehearsing, self._rehearsing = self._rehearsing, None
+        error = rehearsing.exception()
+        if error is not None:
+            self.report(error)
+            return
+        self._rehearsal = rehearsing.result()
+        self._sentence = words.PLANNED
+
+    def _watch_plan(self) -> None:
+        rehearsal = self._rehearsal
+        if rehearsal is None or self._run is not None:
+            return
+        state = self._arm.state
+        if not stands_at(rehearsal.q_start, state.q_ref):
+            self._drop_plan(words.ARM_MOVED)
+        elif abs(rehearsal.q_jaw_start - state.q_jaw_ref) > SAME_JAW:
+            self._drop_plan(words.JAW_MOVED)
+        elif not _same(self._things(), self._made_for):
+            self._drop_plan(words.THINGS_CHANGED)
+
+    def _collect_run(self) -> None:
+        if self._run is None or not self._run.future.done():
+            return
+        run, self._run = self._run, None
+        error = run.future.exception()
+        self._drop_plan(words.done(run) if error is None else words.ended(error))
+
+
+def _next_letter(program: Program) -> str:
+    """A first name for a waypoint, which it keeps when the order changes: A to Z, then A2."""
+    taken = {waypoint.name for waypoint in program.waypoints}
+    names = (f"{letter}{lap if lap > 1 else ''}" for lap in count(1) for letter in ascii_uppercase)
+    return next(name for name in names if name not in taken)
+
+
+def _same(things: tuple[object, ...], others: tuple[object, ...]) -> bool:
+    """Whether scenes and ranges are the very same, and figures equal."""
+    return len(things) == len(others) and all(
+        one is other or (isinstance(one, float) and one == other)
+        for one, other in zip(things, others, strict=True)
+    )

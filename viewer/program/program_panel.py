@@ -1,0 +1,199 @@
+"""The Program tab: record waypoints, order them, plan all of them, run them, keep them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+import viser
+
+from so101_motion.common.units import to_deg
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.program import Waypoint
+from so101_motion.tasks.program.rehearsal import PASSING
+from so101_motion.tasks.program.waypoints import LONGEST_PAUSE, MOST_ROUNDS
+
+from ..page import markup
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.shared_fields import SharedField, put
+from ..view_model import ViewModel
+from . import program_texts as words
+from .program_model import ProgramModel, ProgramScreen
+from .program_view import ProgramView
+
+_NONE = "none"
+_QUIET: Final = "gray"
+
+
+class ProgramPart(Part):
+    """Waypoints, one after the other."""
+
+    def __init__(self, context: ArmContext, page: ViewModel) -> None:
+        rig = context.rig
+        self.model = ProgramModel(
+            arm=rig.arm,
+            gripper=rig.gripper,
+            clock=rig.clock,
+            submit=context.beside,
+            q_arm=lambda: page.q_arm,
+            q_target=lambda: page.target.q,
+            set_target=page.set_target_joints,
+        )
+        self._context = context.reporting(self.model.report)
+        self._view = ProgramView(context.server.scene, RobotModel.load())
+        with context.tabs.add_tab("Program", viser.Icon.LIST_NUMBERS):
+            self._add_recording(context.gui)
+            self._add_waypoint(context.gui)
+            self._add_run(context.gui)
+            self._add_files(context.gui)
+
+    # Widgets
+
+    def _add_recording(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._sentence = gui.add_html("")
+        self._waypoints = gui.add_html("")
+        record = gui.add_button_group(
+            "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
+        )
+        self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
+        self._guide = gui.add_button("Guide by hand", icon=viser.Icon.HAND_MOVE, color=_QUIET)
+        self._context.on_press(self._guide, model.guide)
+
+    def _add_waypoint(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._list = gui.add_dropdown("Waypoint", (_NONE,), visible=False)
+        self._chosen = self._field(self._list, lambda name: model.choose(_index(name)), str)
+        self._name_text = gui.add_text("Name", "", visible=False)
+        self._name = self._field(self._name_text, model.rename, str)
+        self._pass_box = gui.add_checkbox(
+            "Pass through",
+            False,
+            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
+            visible=False,
+        )
+        self._pass = self._field(self._pass_box, model.set_passes, bool)
+        self._pause_box = gui.add_number(
+            "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
+        )
+        self._pause = self._field(self._pause_box, model.set_pause, lambda s: round(s, 1))
+        self._jaw_box = gui.add_checkbox("Set gripper", False, visible=False)
+        self._jaw = self._field(
+            self._jaw_box, lambda on: model.set_aperture(1.0 if on else None), bool
+        )
+        self._opening_slider = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
+        self._opening = self._field(
+            self._opening_slider, lambda percent: model.set_aperture(percent / 100.0), round
+        )
+        self._order = gui.add_button_group("Order", ("up", "down", "delete"), visible=False)
+        self._on_choice(
+            self._order,
+            {
+                "up": partial(model.move, -1),
+                "down": partial(model.move, 1),
+                "delete": model.remove,
+            },
+        )
+
+    def _add_run(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_ROUNDS, step=1)
+        self._rounds = self._field(self._rounds_box, lambda n: model.set_rounds(int(n)), int)
+        self._endless = self._field(
+            gui.add_checkbox("Until stopped", False),
+            lambda on: model.set_rounds(None if on else int(self._rounds_box.value)),
+            bool,
+        )
+        self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
+        self._context.on_press(self._plan, model.plan)
+        self._facts = gui.add_html("", visible=False)
+        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._context.on_press(self._run, model.run)
+        self._progress = gui.add_progress_bar(0.0, color="green")
+
+    def _add_files(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        with gui.add_folder("Save and load", expand_by_default=False):
+            self._called = self._field(gui.add_text("Program name", ""), model.call, str)
+            write = gui.add_button_group("Program", ("save", "new"))
+            self._saved = gui.add_dropdown("Saved", (_NONE,))
+            self._use = gui.add_button_group("Saved one", ("load", "delete"))
+        self._on_choice(write, {"save": model.save, "new": model.clear})
+        self._on_choice(
+            self._use,
+            {
+                "load": lambda: model.load(self._saved.value),
+                "delete": lambda: model.delete(self._saved.value),
+            },
+        )
+
+    def _field(self, widget: Any, command: Callable[[Any], None], shown: Any) -> SharedField:
+        return SharedField(widget, command, self._context, shown=shown)
+
+    def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
+        self._context.on_choice(group, lambda name: commands[name]())
+
+    # The page
+
+    def refresh(self) -> bool:
+        """Look at the arm, the plan being made and the program being run."""
+        return self.model.refresh()
+
+    def show(self) -> None:
+        """Bring tab and stage up to date; viser sends only what differs."""
+        screen = self.model.screen()
+        program, run = screen.program, screen.run
+        self._view.show(program, screen.rehearsal)
+        self._sentence.content = markup.sentence(screen.sentence)
+        active = None if run is None else run.where.index
+        rows = [(waypoint.name, words.line(waypoint)) for waypoint in program.waypoints]
+        self._waypoints.content = markup.steps(rows, chosen=screen.chosen, active=active)
+        self._guide.disabled = not screen.can_guide
+        self._show_waypoint(screen)
+        self._rounds_box.visible = program.rounds is not None
+        if program.rounds is not None:
+            self._rounds.show(program.rounds)
+        self._endless.show(program.rounds is None)
+        self._plan.disabled = not screen.can_plan
+        self._run.disabled = not screen.can_run
+        self._facts.visible = screen.rehearsal is not None
+        if screen.rehearsal is not None:
+            self._facts.content = markup.facts(words.facts(screen.rehearsal))
+        put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
+        self._called.show(screen.name)
+        if self._saved.options != (screen.saved or (_NONE,)):
+            self._saved.options = screen.saved or (_NONE,)
+        self._use.visible = bool(screen.saved)
+
+    def _show_waypoint(self, screen: ProgramScreen) -> None:
+        waypoints = screen.program.waypoints
+        chosen = None if screen.chosen is None else waypoints[screen.chosen]
+        edits = chosen is not None and screen.can_edit
+        for widget in (self._list, self._name_text, self._pass_box, self._order):
+            widget.visible = edits
+        stops = edits and chosen is not None and not chosen.passes
+        self._pause_box.visible = self._jaw_box.visible = stops
+        self._opening_slider.visible = edits and _moves_jaw(chosen)
+        if chosen is None or screen.chosen is None:
+            return
+        labels = tuple(f"{k}  {each.name}" for k, each in enumerate(waypoints, 1))
+        if self._list.options != labels:
+            self._list.options = labels
+        self._chosen.show(labels[screen.chosen])
+        self._name.show(chosen.name)
+        self._pass.show(chosen.passes)
+        self._pause.show(chosen.pause)
+        self._jaw.show(chosen.aperture is not None)
+        if chosen.aperture is not None:
+            self._opening.show(100.0 * chosen.aperture)
+
+
+def _moves_jaw(waypoint: Waypoint | None) -> bool:
+    return waypoint is not None and waypoint.aperture is not None
+
+
+def _index(label: str) -> int:
+    """Which waypoint is meant by its line in the list, which begins with its number."""
+    return int(label.split()[0]) - 1

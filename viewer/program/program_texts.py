@@ -1,0 +1,114 @@
+"""Sentences and figures of the Program tab, in degrees, percent and seconds."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from so101_motion.common.errors import Interrupted
+from so101_motion.tasks.program import Program, ProgramRun, Rehearsal, Waypoint
+
+from ..page import texts
+from ..page.screen_state import Sentence, Tone
+
+WELCOME = Sentence(text="Record the arm or the target as the first waypoint.")
+PRESS_PLAN = Sentence(text="Press Plan program to check all of it; nothing moves.")
+PLANNING = Sentence(text="Planning all waypoints …")
+PLANNED = Sentence(
+    text="Planned, no collisions. Press Run program to move the arm.", tone=Tone.GOOD
+)
+ARM_MOVED = Sentence(text="The arm has moved. Press Plan program again.")
+JAW_MOVED = Sentence(text="The gripper has moved. Press Plan program again.")
+THINGS_CHANGED = Sentence(
+    text="Speed limits or surroundings have changed. Press Plan program again."
+)
+PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer passed.")
+JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
+HELD_AGAIN = Sentence(text="Hand guiding has timed out. The arm holds where it is.")
+
+deleted = texts.deleted
+
+
+def recorded(number: int) -> Sentence:
+    """A waypoint was added."""
+    return Sentence(text=f"Recorded waypoint {number}. Record more, or press Plan program.")
+
+
+def passing(before: Waypoint, *, is_last: bool) -> Sentence:
+    """A waypoint is passed from now on."""
+    if is_last:
+        return Sentence(text="The arm stops at the last waypoint; this is passed when one follows.")
+    if before.pause > 0.0 or before.aperture is not None:
+        text = "Passed without stopping, so without a pause, and the gripper stays as it is."
+        return Sentence(text=text)
+    return Sentence(text="Passed without stopping.")
+
+
+def saved(file: Path) -> Sentence:
+    """The program was written."""
+    return Sentence(text=f"Saved as {file.stem}: {file}", tone=Tone.GOOD)
+
+
+def loaded(name: str, count: int) -> Sentence:
+    """A program was taken up."""
+    return Sentence(text=f"Loaded {name}, {_waypoints(count)}. Press Plan program.")
+
+
+def guided(left: float | None) -> Sentence:
+    """The arm yields to a hand, for ``left`` more seconds if that is limited."""
+    end = "" if left is None else f" It holds again in {max(math.ceil(left), 0)} s."
+    return Sentence(text=f"Move the arm by hand and record.{end}", tone=Tone.WARM)
+
+
+def running(run: ProgramRun) -> Sentence:
+    """How far a run is."""
+    where, program = run.where, run.program
+    index = min(where.index, len(program) - 1)
+    doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
+    rounds = "" if program.rounds == 1 else f" Round {where.round + 1}{_of(program)}."
+    return Sentence(text=f"{doing} {program.called(index)}.{rounds} Press Space or Stop to stop.")
+
+
+def done(run: ProgramRun) -> Sentence:
+    """A run has come to its end."""
+    rounds = run.program.rounds
+    times = "" if rounds == 1 else f" {rounds} times"
+    return Sentence(text=f"Done{times}. Press Plan program to run it again.", tone=Tone.GOOD)
+
+
+def ended(error: BaseException) -> Sentence:
+    """Why a plan or a run came to nothing."""
+    if isinstance(error, Interrupted) and error.by == "stop":
+        return Sentence(text="Stopped. The arm holds where it is; the rest was not run.")
+    return texts.ended(error)
+
+
+def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
+    """The figures of a planned program as pairs of name and value."""
+    round_ = f"{rehearsal.duration:.1f} s plus gripper time"
+    count = len(rehearsal.program)
+    passed = count - len(rehearsal.legs)
+    waypoints = f"{count}, {passed} of them passed" if passed else f"{count}"
+    pairs = [("One round", round_), ("Waypoints", waypoints)]
+    if rehearsal.program.rounds != 1:
+        rounds = rehearsal.program.rounds
+        pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
+    return tuple(pairs)
+
+
+def line(waypoint: Waypoint) -> str:
+    """What happens at a waypoint beside going there."""
+    told = ["passed"] if waypoint.passes else []
+    if waypoint.aperture is not None:
+        told.append(f"gripper {100.0 * waypoint.aperture:.0f} %")
+    if waypoint.pause > 0.0:
+        told.append(f"{waypoint.pause:g} s")
+    return ", ".join(told)
+
+
+def _of(program: Program) -> str:
+    return "" if program.rounds is None else f" of {program.rounds}"
+
+
+def _waypoints(count: int) -> str:
+    return f"{count} waypoint{'' if count == 1 else 's'}"

@@ -1,0 +1,67 @@
+"""Camera and lights, for the page and for a recording."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+
+_CAMERA = (0.78, -1.14, 0.62)
+_LOOK_AT = (0.17, -0.02, 0.05)
+_FIELD_OF_VIEW = math.radians(36.0)
+"""Chosen: the whole workspace in the picture, the arm a little above the middle."""
+
+
+_TALL_CAMERA = (0.93, -1.42, 0.56)
+_TALL_LOOK_AT = (0.17, -0.02, -0.15)
+"""On a phone held upright, where the panels cover the lower part of the picture."""
+
+_GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
+"""Chosen by comparing pictures with those in viser's ``studio`` surroundings."""
+
+_TALL = 0.7
+"""A picture is tall if its width is less than this share of its height."""
+
+
+def set_up_view(server: viser.ViserServer) -> None:
+    """Set the camera up and switch the lights on.
+
+    A sky and a light over the viewer's left shoulder stand in for viser's surroundings, which every
+    browser would have to filter before its first picture: without a GPU that takes seconds of all
+    cores, and the page hears no click meanwhile.
+    """
+    _set_up(server)
+    server.on_client_connect(_step_back_if_tall)
+    scene = server.scene
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere(
+        "/sky", ground_color=_GROUND, intensity=1.4, position=(0.0, 0.0, 1.0)
+    )
+    scene.add_light_directional("/key", intensity=1.6, position=_KEY_LIGHT)
+
+
+def set_up_recording(server: viser.ViserServer) -> None:
+    """The same for a recording: players take surroundings away and fade them in at each round."""
+    _set_up(server)
+    server.scene.add_light_ambient("/light", intensity=0.8)
+
+
+async def _step_back_if_tall(client: viser.ClientHandle) -> None:
+    """Have the picture of a phone begin, and begin again after viser's reset, further away."""
+
+    async def look(camera: viser.CameraHandle) -> None:
+        if camera.aspect < _TALL and np.allclose(camera.position, _CAMERA):
+            with client.atomic():
+                camera.position = _TALL_CAMERA  # takes along what is looked at, so that is next
+                camera.look_at = _TALL_LOOK_AT
+
+    client.camera.on_update(look)
+
+
+def _set_up(server: viser.ViserServer) -> None:
+    server.scene.set_up_direction("+z")
+    server.initial_camera.position = _CAMERA
+    server.initial_camera.look_at = _LOOK_AT
+    server.initial_camera.fov = _FIELD_OF_VIEW
+    server.scene.configure_default_lights(cast_shadow=True)

@@ -1,0 +1,131 @@
+"""Draw the arm: one frame per link, with the link's meshes under it.
+
+The frames are siblings with absolute poses, so moving the arm takes seven small messages and no
+kinematics in the browser.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Mapping
+from functools import cache
+
+import numpy as np
+import viser
+from so101_description import PARTS, Surface, load_visual
+
+from so101_motion.common.geometry import SE3, Array, rotation_angle
+
+Color = tuple[int, int, int]
+
+
+class RobotView:
+    """One arm in the scene.
+
+    A link's meshes are sent when it is to be seen for the first time: widgets made meanwhile come
+    first in the browser, and an arm that nobody looks at costs nothing.
+
+    Args:
+        root: Name of its root node, e.g. ``"/live"``.
+        color: One colour for all parts; None for their own.
+        opacity: 0 to 1 for a see-through ghost without shadows; None for a solid arm.
+    """
+
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        root: str,
+        *,
+        color: Color | None = None,
+        opacity: float | None = None,
+    ) -> None:
+        self._scene, self._name, self._color, self._opacity = scene, root, color, opacity
+        self._root = scene.add_frame(root, show_axes=False)
+        self._frames = {link: scene.add_frame(f"{root}/{link}", show_axes=False) for link in PARTS}
+        self._meshes: dict[str, list[viser.MeshHandle]] = {}
+        self._painted: dict[str, Color] = {}
+        self._shown = frozenset(PARTS)
+        self._is_placed = False
+
+    def move(self, T_base: Mapping[str, SE3]) -> None:
+        """Put every link where ``T_base`` says; keys are link names."""
+        for link, frame in self._frames.items():
+            T_base_link = T_base[link]
+            frame.position = T_base_link.p
+            frame.wxyz = T_base_link.quaternion_wxyz()
+        self._is_placed = True
+        self._draw()
+
+    def show(self, links: Container[str]) -> None:
+        """Show these links and hide the others."""
+        self._shown = frozenset(link for link in PARTS if link in links)
+        for link, frame in self._frames.items():
+            frame.visible = link in self._shown
+        self._draw()
+
+    def set_visible(self, visible: bool) -> None:
+        """Show it, as far as its links are shown, or hide it as a whole."""
+        self._root.visible = visible
+        self._draw()
+
+    def paint(self, color: Color, links: Container[str] = PARTS) -> None:
+        """Give all its parts one colour, or those of these links."""
+        for link in PARTS:
+            if link in links:
+                self._painted[link] = color
+                for mesh in self._meshes.get(link, ()):
+                    mesh.color = color
+
+    def repaint(self) -> None:
+        """Give all its parts the colours they had at first."""
+        self._painted.clear()
+        for link, meshes in self._meshes.items():
+            for mesh, (own, _) in zip(meshes, self._looks(link), strict=True):
+                mesh.color = own
+
+    def _draw(self) -> None:
+        """Send the meshes of the links that are to be seen and never were."""
+        if not self._is_placed or not self._root.visible:
+            return
+        for link in PARTS:
+            if link not in self._shown or link in self._meshes:
+                continue
+            self._meshes[link] = [
+                self._scene.add_mesh_simple(
+                    f"{self._name}/{link}/{surface.name}_{k}",
+                    surface.mesh.vertices,
+                    surface.mesh.faces,
+                    color=self._painted.get(link, own),
+                    opacity=self._opacity,
+                    cast_shadow=self._opacity is None,
+                    receive_shadow=self._opacity is None,
+                )
+                for k, (own, surface) in enumerate(self._looks(link))
+            ]
+
+    def _looks(self, link: str) -> list[tuple[Color, Surface]]:
+        """The colour that each surface of a link has of its own, and the surface."""
+        surfaces = _surfaces(PARTS[link])
+        return [(self._color or _bytes(surface.color), surface) for surface in surfaces]
+
+
+def looks_different(T: SE3, other: SE3) -> bool:
+    """Whether two placements differ visibly; surfaces in the same place would flicker."""
+    turned = rotation_angle(T.R.T @ other.R)
+    return bool(np.linalg.norm(T.p - other.p) > 0.002 or turned > math.radians(1.0))
+
+
+def segments(points: Array) -> Array:
+    """A line through ``points``, shape (n, 3), as pieces, shape (n - 1, 2, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+@cache
+def _surfaces(part: str) -> tuple[Surface, ...]:
+    surfaces: tuple[Surface, ...] = load_visual(part)
+    return surfaces
+
+
+def _bytes(color: tuple[float, float, float]) -> Color:
+    red, green, blue = (int(x) for x in np.round(255.0 * np.array(color)))
+    return red, green, blue

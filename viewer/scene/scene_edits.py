@@ -1,0 +1,222 @@
+"""Edit scenes: each function takes a scene and returns the next.
+
+References to a thing by name (``may_touch``) follow when it is renamed and go when it is removed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import count
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.files.user_storage import LONGEST_NAME, checked_name
+from so101_motion.planning.collision.scene import (
+    FLOOR,
+    FLOOR_Z,
+    LINKS,
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    Shape,
+    Sphere,
+)
+
+Thing = Obstacle | Attached
+
+NEW_SHAPES: dict[str, Shape] = {
+    "box": Box(size=np.full(3, 0.06)),
+    "sphere": Sphere(radius=0.03),
+    "capsule": Capsule(radius=0.015, length=0.12),
+}
+"""What is added at a press, by its name; chosen: about what a hand takes."""
+
+_DISTANCE, _APART = 0.26, 0.10
+_ASIDE = tuple(math.radians(a) for a in (-35, 35, -60, 60, -85, 85, -110, 110, -10, 10))
+"""Where a new thing goes: on an arc around the base [rad], beside where the arm mostly is."""
+
+
+def things(scene: Scene) -> tuple[Thing, ...]:
+    """Everything in a scene that can be edited, in its order."""
+    return (*scene.obstacles, *scene.attached)
+
+
+def thing_named(scene: Scene, name: str) -> Thing:
+    """The thing of that name; ``ConfigError`` if it is not there."""
+    for thing in things(scene):
+        if thing.name == name:
+            return thing
+    raise ConfigError("name", name, "is not in the scene any more")
+
+
+def pose_of(thing: Thing) -> SE3:
+    """Where a thing is: in the base frame, or in the tool's if it is held."""
+    return thing.T_base_obstacle if isinstance(thing, Obstacle) else thing.T_tool_object
+
+
+def moved(thing: Thing, pose: SE3) -> Thing:
+    """A thing elsewhere; the frame is as for ``pose_of``."""
+    if isinstance(thing, Obstacle):
+        return replace(thing, T_base_obstacle=pose)
+    return replace(thing, T_tool_object=pose)
+
+
+def with_thing(scene: Scene, changed: Thing) -> Scene:
+    """``scene`` with ``changed``, which keeps its name and its kind, in place of what it was."""
+    name = changed.name
+    if isinstance(changed, Obstacle):
+        obstacles = (changed if each.name == name else each for each in scene.obstacles)
+        return replace(scene, obstacles=tuple(obstacles))
+    attached = (changed if each.name == name else each for each in scene.attached)
+    return replace(scene, attached=tuple(attached))
+
+
+def resized(
+    shape: Shape,
+    *,
+    size: Array | None = None,
+    radius: float | None = None,
+    length: float | None = None,
+) -> Shape:
+    """A shape of the same kind with the figures that are given, [m]; meshes and clouds have none.
+
+    Raises:
+        ConfigError: No such body can be.
+    """
+    if isinstance(shape, Box) and size is not None:
+        return Box(size=size)
+    if isinstance(shape, Sphere) and radius is not None:
+        return Sphere(radius=radius)
+    if isinstance(shape, Capsule):
+        return Capsule(
+            radius=shape.radius if radius is None else radius,
+            length=shape.length if length is None else length,
+        )
+    return shape
+
+
+def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
+    """``scene`` with one obstacle more, under such a name, where there is room on the floor."""
+    floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
+    low, high = _extent(shape)
+    z = floor + 0.001 - low  # a hair above, or it would flicker
+    spots = [
+        np.array([_DISTANCE * math.cos(a), _DISTANCE * math.sin(a), z + level * (high - low)])
+        for level in range(3)
+        for a in _ASIDE
+    ]
+    taken = [each.T_base_obstacle.p for each in scene.obstacles]
+    room = (p for p in spots if all(np.linalg.norm(p - other) > _APART for other in taken))
+    place = SE3.from_translation(np.round(next(room, spots[0]), 3))
+    return scene.with_obstacles(
+        [Obstacle(name=free_name(scene, name), shape=shape, T_base_obstacle=place)]
+    )
+
+
+def free_name(scene: Scene, wanted: str) -> str:
+    """``wanted`` with the first number behind it that makes it new."""
+    taken = {FLOOR, *LINKS, *(each.name for each in things(scene))}
+    stem = tidy(wanted)[: LONGEST_NAME - 4] or "thing"
+    return next(name for k in count(1) if (name := f"{stem} {k}") not in taken)
+
+
+def tidy(name: str) -> str:
+    """A name without line breaks and spaces that nobody sees."""
+    return " ".join(name.split())
+
+
+def renamed(scene: Scene, name: str, new: str) -> Scene:
+    """``scene`` with a thing renamed; ``ConfigError`` if the name cannot be used."""
+    new = checked_name(tidy(new), what="obstacle")
+    thing_named(scene, name)
+    if new != name and new in (FLOOR, *LINKS, *(each.name for each in things(scene))):
+        raise ConfigError("name", new, "is taken; each thing needs its own name")
+    return _called(scene, lambda each: new if each == name else each)
+
+
+def without(scene: Scene, name: str) -> Scene:
+    """``scene`` without one thing."""
+    thing_named(scene, name)
+    return _called(scene, lambda each: None if each == name else each)
+
+
+def held(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
+    """``scene`` with an obstacle attached where it is; ``ConfigError`` for a zone or a held one."""
+    thing = thing_named(scene, name)
+    if not isinstance(thing, Obstacle):
+        raise ConfigError("name", name, "is in the gripper already")
+    if thing.keep_out:
+        raise ConfigError("name", name, "is a zone to keep out of; air cannot be held")
+    T_tool_object = T_base_tool.inverse @ thing.T_base_obstacle
+    return replace(
+        scene,
+        obstacles=tuple(each for each in scene.obstacles if each is not thing),
+        attached=(
+            *scene.attached,
+            Attached(name=name, shape=thing.shape, T_tool_object=T_tool_object),
+        ),
+    )
+
+
+def let_go(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
+    """``scene`` with a held thing detached where it is; ``ConfigError`` if it is not held."""
+    thing = thing_named(scene, name)
+    if not isinstance(thing, Attached):
+        raise ConfigError("name", name, "is not in the gripper")
+    T_base_obstacle = T_base_tool @ thing.T_tool_object
+    return replace(
+        scene,
+        attached=tuple(each for each in scene.attached if each is not thing),
+        obstacles=(
+            *scene.obstacles,
+            Obstacle(name=name, shape=thing.shape, T_base_obstacle=T_base_obstacle),
+        ),
+    )
+
+
+def _called(scene: Scene, call: Callable[[str], str | None]) -> Scene:
+    """``scene`` with what ``call`` makes of each name, everywhere; None for what is gone."""
+
+    def those(names: frozenset[str]) -> frozenset[str]:
+        return frozenset(new for each in names if (new := call(each)) is not None)
+
+    return replace(
+        scene,
+        obstacles=tuple(
+            replace(each, name=new)
+            for each in scene.obstacles
+            if (new := call(each.name)) is not None
+        ),
+        attached=tuple(
+            replace(each, name=new, may_touch=those(each.may_touch))
+            for each in scene.attached
+            if (new := call(each.name)) is not None
+        ),
+        may_touch=frozenset(pair for pair in map(those, scene.may_touch) if len(pair) == 2),
+    )
+
+
+def _extent(shape: Shape) -> tuple[float, float]:
+    """The lowest and the highest z of a shape in its own frame [m]."""
+    if isinstance(shape, Box):
+        half = float(shape.size[2]) / 2.0
+    elif isinstance(shape, Sphere):
+        half = shape.radius
+    elif isinstance(shape, Capsule):
+        half = shape.length / 2.0
+    else:
+        z = _points(shape)[:, 2]
+        return float(z.min()), float(z.max())
+    return -half, half
+
+
+def _points(shape: Mesh | PointCloud) -> Array:
+    return shape.vertices if isinstance(shape, Mesh) else shape.points

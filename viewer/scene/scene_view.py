@@ -1,0 +1,191 @@
+"""Draw obstacles and held objects.
+
+Nodes are numbered, so a name that a user typed never becomes part of a node's path. A shape is sent
+once; later only its pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from typing import Any
+
+import numpy as np
+import trimesh
+import viser
+
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import (
+    Attached,
+    Box,
+    Capsule,
+    Mesh,
+    PointCloud,
+    Scene,
+    Shape,
+    Sphere,
+)
+from so101_motion.planning.collision.shape_files import read_shape
+
+from .scene_edits import Thing, pose_of, things
+
+_OBSTACLE = (134, 142, 150)
+_KEEP_OUT = (224, 49, 49)
+_HELD = (240, 165, 0)
+_CHOSEN = (12, 166, 120)
+_AIR, _CHOSEN_AIR = 0.25, 0.5
+
+FLOOR_SIZE = 1.2
+"""Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
+
+
+@dataclass(slots=True)
+class _Drawn:
+    """A thing and its node."""
+
+    thing: Thing
+    chosen: bool
+    pose: SE3 | None
+    node: Any
+
+
+class SceneView:
+    """Draws a scene and keeps the picture true.
+
+    Args:
+        on_pick: Makes a node call something when it is clicked on, by the thing's name.
+    """
+
+    def __init__(
+        self,
+        stage: viser.SceneApi,
+        root: str = "/world",
+        *,
+        on_pick: Callable[[Any, str], None] | None = None,
+    ) -> None:
+        self._stage, self._root, self._on_pick = stage, root, on_pick
+        self._drawn: dict[str, _Drawn] = {}
+        self._numbers = count()
+        self._floor: viser.GridHandle | None = None
+
+    def show(self, scene: Scene, T_base_tool: SE3, *, chosen: str | None = None) -> None:
+        """Draw ``scene``; only what differs is sent.
+
+        Args:
+            scene: What there is.
+            T_base_tool: Where what is held is carried.
+            chosen: Name of the thing to set off from the others.
+        """
+        self._show_floor(scene.floor_z)
+        there = {thing.name: thing for thing in things(scene)}
+        for name in [name for name, drawn in self._drawn.items() if not _still(drawn, there)]:
+            self._drawn.pop(name).node.remove()
+        for name, thing in there.items():
+            is_chosen = name == chosen
+            drawn = self._drawn.get(name)
+            if drawn is None:
+                drawn = self._drawn[name] = self._draw(thing, is_chosen)
+            elif drawn.chosen is not is_chosen:
+                drawn.chosen = is_chosen
+                _paint(drawn.node, *_look(thing, is_chosen))
+            drawn.thing = thing
+            pose = pose_of(thing)
+            if isinstance(thing, Attached):
+                pose = T_base_tool @ pose
+            if pose is not drawn.pose:
+                drawn.pose = pose
+                drawn.node.wxyz, drawn.node.position = pose.quaternion_wxyz(), pose.p
+
+    def _draw(self, thing: Thing, chosen: bool) -> _Drawn:
+        path = f"{self._root}/{next(self._numbers)}"
+        node = _node(self._stage, path, read_shape(thing.shape), *_look(thing, chosen))
+        if self._on_pick is not None:
+            self._on_pick(node, thing.name)
+        return _Drawn(thing=thing, chosen=chosen, pose=None, node=node)
+
+    def _show_floor(self, floor_z: float | None) -> None:
+        if self._floor is None:
+            self._floor = _floor(self._stage, f"{self._root}/floor")
+        self._floor.visible = floor_z is not None
+        if floor_z is not None:
+            self._floor.position = (0.0, 0.0, floor_z)
+
+
+def _still(drawn: _Drawn, there: dict[str, Thing]) -> bool:
+    """Whether a node can stay for the thing that now has its name."""
+    old, new = drawn.thing, there.get(drawn.thing.name)
+    return new is not None and new.shape is old.shape and _kind(new) == _kind(old)
+
+
+def _kind(thing: Thing) -> str:
+    if isinstance(thing, Attached):
+        return "held"
+    return "zone" if thing.keep_out else "obstacle"
+
+
+def _look(thing: Thing, chosen: bool) -> tuple[tuple[int, int, int], float | None]:
+    """Colour, and opacity or None for a solid body; a zone stays a red one when chosen."""
+    if _kind(thing) == "zone":
+        return _KEEP_OUT, _CHOSEN_AIR if chosen else _AIR
+    if chosen:
+        return _CHOSEN, None
+    return (_HELD if _kind(thing) == "held" else _OBSTACLE), None
+
+
+def _paint(node: Any, color: tuple[int, int, int], opacity: float | None) -> None:
+    if isinstance(node, viser.PointCloudHandle):
+        node.colors = np.tile(np.array(color, dtype=np.uint8), (len(node.points), 1))
+    else:
+        node.color, node.opacity = color, opacity
+
+
+def _node(
+    stage: viser.SceneApi,
+    path: str,
+    shape: Shape,
+    color: tuple[int, int, int],
+    opacity: float | None,
+) -> Any:
+    if isinstance(shape, PointCloud):
+        colors = np.tile(np.array(color, dtype=np.uint8), (len(shape.points), 1))
+        return stage.add_point_cloud(path, shape.points, colors, point_size=shape.resolution)
+    vertices, triangles = _surface(shape)
+    return stage.add_mesh_simple(
+        path,
+        vertices,
+        triangles,
+        color=color,
+        opacity=opacity,
+        flat_shading=not isinstance(shape, Sphere | Capsule),
+        side="double" if isinstance(shape, Mesh) else "front",  # which way they face is open
+        cast_shadow=opacity is None,
+        receive_shadow=opacity is None,
+    )
+
+
+def _surface(shape: Box | Sphere | Capsule | Mesh) -> tuple[np.ndarray, np.ndarray]:
+    if isinstance(shape, Mesh):
+        return shape.vertices, shape.triangles
+    if isinstance(shape, Box):
+        body = trimesh.creation.box(shape.size)
+    elif isinstance(shape, Sphere):
+        body = trimesh.creation.icosphere(3, shape.radius)
+    else:
+        body = trimesh.creation.capsule(shape.length - 2.0 * shape.radius, shape.radius)
+        body.apply_translation(-body.bounds.mean(axis=0))
+    return np.asarray(body.vertices), np.asarray(body.faces)
+
+
+def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
+    return stage.add_grid(
+        path,
+        width=FLOOR_SIZE,
+        height=FLOOR_SIZE,
+        cell_size=0.05,
+        section_size=0.25,
+        cell_color=(160, 165, 170),  # between light and dark, so legible on both
+        section_color=(134, 142, 150),
+        cell_thickness=0.5,
+        shadow_opacity=0.25,
+    )

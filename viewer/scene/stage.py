@@ -1,0 +1,125 @@
+"""Draw the arm, its ghost, the target handles and the path to the target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import viser
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.kinematics.model import RobotModel
+
+from ..page.page_context import ArmContext
+from ..page.screen_state import PathLine, Screen
+from .lighting import set_up_view
+from .robot_view import RobotView, looks_different, segments
+from .sweep_view import SweepView
+
+_GHOST = (60, 130, 246)
+_GHOST_BAD = (224, 49, 49)
+_FADED = (150, 155, 160)
+_PATH = (240, 140, 0)
+_HINT = (120, 150, 190)
+
+
+class Stage:
+    """What there is to see.
+
+    Args:
+        model: Kinematics; used by the thread that calls ``show`` alone.
+        on_drag: Called with the new target point, shape (3,), [m].
+    """
+
+    def __init__(
+        self,
+        context: ArmContext,
+        *,
+        model: RobotModel,
+        on_drag: Callable[[Array], None],
+    ) -> None:
+        self._scene, self._model = context.server.scene, model
+        set_up_view(context.server)
+        self._live = RobotView(self._scene, "/live")
+        self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
+        self._target = self._scene.add_transform_controls(
+            "/target", scale=0.11, disable_rotations=True, depth_test=False
+        )
+        context.on_drag(self._target, lambda handle: on_drag(np.array(handle.position)))
+        self._sweep = SweepView(self._scene, "/sweep", color=_GHOST)
+        self._p_target = np.full(3, np.nan)
+        self._path: PathLine | None = None
+        self._path_node: viser.LineSegmentsHandle | None = None
+        self._visible = self._has_handles = True
+
+    def set_visible(self, visible: bool) -> None:
+        """Show all this, or make room for something else; takes effect at once."""
+        self._visible = visible
+        self._live.set_visible(visible)
+        self._ghost.set_visible(visible)
+        self._sweep.set_visible(visible)
+        self._target.visible = visible and self._has_handles
+        if self._path_node is not None:
+            self._path_node.visible = visible
+
+    def set_handles(self, shown: bool) -> None:
+        """Show the target's arrows, or leave the stage to the handles of something else.
+
+        They come back by themselves when the target changes.
+        """
+        self._has_handles = shown
+        self._target.visible = self._visible and shown
+
+    def dragged_to(self, p_base: Array) -> None:
+        """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""
+        self._p_target = p_base
+
+    def fade(self, faded: bool) -> None:
+        """Show the arm in grey because it may be elsewhere by now, or in its own colours."""
+        if faded:
+            self._live.paint(_FADED)
+        else:
+            self._live.repaint()
+
+    def show(self, screen: Screen) -> None:
+        """Draw ``screen``; only what differs is sent."""
+        state = screen.state
+        T_live = self._model.link_placements(state.q, state.q_jaw)
+        self._live.move(T_live)
+        self._show_ghost(screen, T_live)
+        if not np.array_equal(screen.target.p_base, self._p_target):
+            self._p_target = screen.target.p_base
+            self._target.position = screen.target.p_base
+            self.set_handles(True)
+        self._sweep.show(screen.sweep, state.q_jaw, self._model)
+        if screen.path is not self._path:
+            self._path = screen.path
+            self._draw_path()
+
+    def _show_ghost(self, screen: Screen, T_live: dict[str, SE3]) -> None:
+        if screen.q_ghost is None:
+            self._ghost.show(())
+            return
+        T_ghost = self._model.link_placements(screen.q_ghost, screen.state.q_jaw)
+        self._ghost.show({link for link in T_ghost if looks_different(T_ghost[link], T_live[link])})
+        self._ghost.move(T_ghost)
+        self._ghost.paint(_GHOST if screen.target.problem is None else _GHOST_BAD)
+
+    def _draw_path(self) -> None:
+        if self._path_node is not None:
+            self._path_node.remove()
+            self._path_node = None
+        if self._path is None:
+            return
+        points = self._path.points
+        pieces = segments(points)
+        if not self._path.planned:
+            pieces = pieces[::2]  # dashes: a guess shall not look like a plan
+        self._path_node = self._scene.add_line_segments(
+            "/path",
+            pieces,
+            _PATH if self._path.planned else _HINT,
+            thickness=4.0 if self._path.planned else 2.0,
+            thickness_units="screen",
+            visible=self._visible,
+        )

@@ -1,0 +1,102 @@
+"""Draw the swept motion: the arm at a few configurations of the plan, nearly transparent.
+
+Each link's mesh is sent once and drawn as often as there are configurations. The base is left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+from so101_description import PARTS, load_visual
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.kinematics.model import RobotModel
+
+from .robot_view import Color
+
+_OPACITY = 0.10
+
+_CELL = 0.006
+"""Edge of the grid that the meshes are thinned with [m]; chosen: a tenth of the triangles, and thin
+as air nobody sees the difference. Without a GPU all of them would treble the time of a picture."""
+
+_LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
+
+
+class SweepView:
+    """Postures of one arm in the scene."""
+
+    def __init__(self, scene: viser.SceneApi, root: str, *, color: Color) -> None:
+        self._scene, self._color = scene, color
+        self._root = scene.add_frame(root, show_axes=False)
+        self._name = root
+        self._links: dict[str, viser.BatchedMeshHandle] = {}
+        self._shown: Array | None = None
+
+    def set_visible(self, visible: bool) -> None:
+        """Show it, or hide it as a whole."""
+        self._root.visible = visible
+
+    def show(self, configurations: Array | None, q_jaw: float, model: RobotModel) -> None:
+        """Draw the arm at these configurations, shape (k, 5), [rad]; None hides it.
+
+        Args:
+            configurations: What to draw; nothing is done when they are those drawn last.
+            q_jaw: Jaw angle [rad].
+            model: Where the links are.
+        """
+        if configurations is self._shown:
+            return
+        self._shown = configurations
+        if configurations is None:
+            for node in self._links.values():
+                node.visible = False
+            return
+        placed = [model.link_placements(q, q_jaw) for q in configurations]
+        for link in _LINKS:
+            wxyzs = np.array([T_base[link].quaternion_wxyz() for T_base in placed])
+            positions = np.array([T_base[link].p for T_base in placed])
+            self._put(link, wxyzs, positions)
+
+    def _put(self, link: str, wxyzs: Array, positions: Array) -> None:
+        node = self._links.get(link)
+        if node is not None:
+            node.batched_wxyzs = wxyzs.astype(np.float32)
+            node.batched_positions = positions.astype(np.float32)
+            node.visible = True
+            return
+        vertices, faces = _coarse(_LINKS[link])
+        self._links[link] = self._scene.add_batched_meshes_simple(
+            f"{self._name}/{link}",
+            vertices,
+            faces,
+            wxyzs,
+            positions,
+            batched_colors=self._color,
+            opacity=_OPACITY,
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+
+def _coarse(part: str) -> tuple[Array, NDArray[np.intp]]:
+    """All surfaces of a part as one mesh of few triangles: vertices and faces.
+
+    Corners that share a cell of a coarse grid become one; what collapses is left out.
+    """
+    vertices: list[Array] = []
+    faces: list[NDArray[np.intp]] = []
+    count = 0
+    for surface in load_visual(part):
+        vertices.append(surface.mesh.vertices)
+        faces.append(surface.mesh.faces.astype(np.intp) + count)
+        count += len(surface.mesh.vertices)
+    cells = np.round(np.concatenate(vertices) / _CELL).astype(np.int64)
+    kept, cell_of = np.unique(cells, axis=0, return_inverse=True)
+    found = cell_of.reshape(-1)[np.concatenate(faces)]
+    a, b, c = found.T
+    found = found[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(found, axis=1), axis=0, return_index=True)
+    return np.asarray(kept * _CELL, dtype=np.float64), found[first]

@@ -1,0 +1,136 @@
+"""Decide which of several browser windows is in control.
+
+The first window has control. Another may ask for it: the window in control hands it over or keeps
+it, and after ``PATIENCE`` without an answer it is handed over. Control that nobody has goes to
+whoever asks already, else to the next window that opens or presses something. Stop needs no
+control. Any thread may call.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+
+PATIENCE = 15.0
+"""How long the window in control has to answer [s]; chosen: time to read a sentence and decide."""
+
+
+class Role(Enum):
+    """What a window is, seen from itself."""
+
+    IN_CONTROL = auto()
+    ASKED = auto()  # in control, and somebody else wants to be
+    WATCHING = auto()
+    ASKING = auto()
+    FREE = auto()  # nobody is in control; the next press takes it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WindowStatus:
+    """How a window stands.
+
+    Attributes:
+        role: What it is.
+        other: The number of the window that matters to it: who has control, or who asks; else None.
+        seconds: How long the window in control may still think, rounded up; 0 if nobody asks.
+    """
+
+    role: Role
+    other: int | None = None
+    seconds: int = 0
+
+
+class WindowControl:
+    """Knows the windows, who has control, and who asks.
+
+    Args:
+        now: What time it is [s].
+        tell: Told in a sentence what changed; called in order, from the thread that changed it.
+    """
+
+    def __init__(self, now: Callable[[], float], tell: Callable[[str], None]) -> None:
+        self._now, self._tell = now, tell
+        self._lock = threading.RLock()
+        self._windows: list[int] = []
+        self._holder: int | None = None
+        self._asking: int | None = None
+        self._due = 0.0
+
+    @property
+    def windows(self) -> tuple[int, ...]:
+        """The numbers of all windows, the oldest first."""
+        return tuple(self._windows)
+
+    def join(self, window: int) -> None:
+        """A window has opened."""
+        with self._lock:
+            self._windows.append(window)
+            if self._holder is None:
+                self._holder = window
+                if len(self._windows) > 1:
+                    self._tell(f"Window {window} has control")
+
+    def leave(self, window: int) -> None:
+        """A window is gone."""
+        with self._lock:
+            if window not in self._windows:
+                return
+            self._windows.remove(window)
+            if self._asking == window:
+                self._asking = None
+            if self._holder == window:
+                self._holder = None
+                if self._asking is not None:
+                    self._give(self._asking)
+
+    def may_act(self, window: int) -> bool:
+        """Whether what ``window`` wants to do now may be done; takes control that nobody has."""
+        with self._lock:
+            if self._holder is None and window in self._windows:
+                self._give(window)
+            return self._holder == window
+
+    def ask(self, window: int) -> None:
+        """A window wants control."""
+        with self._lock:
+            if self.may_act(window) or window not in self._windows or self._asking is not None:
+                return
+            self._asking, self._due = window, self._now() + PATIENCE
+            self._tell(f"Window {window} asked for control")
+
+    def answer(self, window: int, *, allow: bool) -> None:
+        """The window in control lets go, or does not."""
+        with self._lock:
+            if self._holder != window or self._asking is None:
+                return
+            asking, self._asking = self._asking, None
+            if allow:
+                self._give(asking)
+            else:
+                self._tell(f"Window {window} kept control")
+
+    def tick(self) -> None:
+        """Take silence for consent once it has lasted long enough."""
+        with self._lock:
+            if self._asking is not None and self._now() >= self._due:
+                self._give(self._asking)
+
+    def status(self, window: int) -> WindowStatus:
+        """How ``window`` stands now."""
+        with self._lock:
+            left = math.ceil(max(self._due - self._now(), 0.0)) if self._asking is not None else 0
+            if self._holder == window:
+                if self._asking is None:
+                    return WindowStatus(role=Role.IN_CONTROL)
+                return WindowStatus(role=Role.ASKED, other=self._asking, seconds=left)
+            if self._holder is None:
+                return WindowStatus(role=Role.FREE)
+            role = Role.ASKING if self._asking == window else Role.WATCHING
+            return WindowStatus(role=role, other=self._holder, seconds=left)
+
+    def _give(self, window: int) -> None:
+        self._holder, self._asking = window, None
+        self._tell(f"Window {window} has control")

@@ -1,0 +1,165 @@
+"""Run the parts of a page on one thread.
+
+Forty times a second the thread ``so101-viewer`` runs the commands that browsers sent, lets each
+part look at the arm, and shows what changed. Slow calls run on a worker. Stop does not wait for
+this thread: viser's own thread drops every waiting command and stops the arm.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Self
+
+import viser
+
+from so101_motion.common.errors import So101Error
+from so101_motion.rig.protocols import RigLike
+
+from ..page.commands import Commands
+from ..page.events import EventLog
+from ..page.page_context import ArmContext, PageContext
+from ..page.part import Part
+from ..page.screen_state import Tone
+from .guarded_server import GuardedServer
+from .windows import Windows
+
+log = logging.getLogger(__name__)
+
+_PERIOD = 0.025
+"""Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
+
+_AMBER = (240, 165, 0)
+_RIGHT_WIDTH = 400
+
+
+class Host:
+    """Runs parts on a server. Close it after use.
+
+    Attributes:
+        gui: Where widgets are made.
+        windows: The browsers on the page.
+        events: What happened, for people.
+        say: Told what a command raised; a part with a better place for it may take this over.
+    """
+
+    def __init__(self, server: GuardedServer) -> None:
+        self._server = server
+        self.events = EventLog()
+        self.say: Callable[[Exception], None] = self._note
+        self.windows = Windows(server.viser, self.events.add)
+        self._commands = Commands(self._failed)
+        self._closing = threading.Event()
+        self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
+        self._parts: tuple[Part, ...] = ()
+        self.gui = server.viser.gui
+        self.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
+        self.gui.main_panel.dock_right()
+        self.gui.main_panel.set_width(_RIGHT_WIDTH)
+        self._tabs: viser.GuiTabGroupHandle | None = None
+        self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
+
+    def start(self) -> None:
+        """Begin to run."""
+        self._thread.start()
+
+    def page_context(self) -> PageContext:
+        """For parts that need no arm."""
+        return PageContext(**self._shared())
+
+    def arm_context(self, rig: RigLike) -> ArmContext:
+        """A context for parts that work on ``rig``."""
+        return ArmContext(rig=rig, **self._shared())
+
+    def _shared(self) -> dict[str, Any]:
+        if self._tabs is None:  # empty, it would be an ugly thing to look at
+            self._tabs = self.gui.add_tab_group()
+        return {
+            "server": self._server.viser,
+            "tabs": self._tabs,
+            "post": self._commands.post,
+            "workers": self._workers,
+            "leave_open": self.windows.leave_open,
+            "events": self.events,
+        }
+
+    def add_parts(self, *parts: Part) -> None:
+        """Have ``parts`` on the page from now on; called before ``start`` or by a command."""
+        self._parts = (*self._parts, *parts)
+        self._show(parts)
+
+    def post(self, command: Callable[[], None]) -> None:
+        """Have the page's thread run ``command``."""
+        self._commands.post(command)
+
+    def drop_commands(self) -> None:
+        """Forget every command still waiting; none has an effect after this."""
+        self._commands.drop()
+
+    def close(self) -> None:
+        """Stop serving; may be called twice."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for part in self._parts:
+            part.close()
+        self._workers.shutdown(wait=True)
+        self._server.close()
+
+    def _note(self, error: Exception) -> None:
+        self.events.add(str(error), Tone.BAD)
+
+    def _failed(self, error: Exception) -> None:
+        if not isinstance(error, So101Error):
+            log.error("a command of the page failed", exc_info=error)
+        self.say(error)
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._closing.wait(max(due - time.monotonic(), 0.0)):
+            due = max(due + _PERIOD, time.monotonic())
+            try:
+                self.windows.refresh()
+                acted = self._commands.run()
+                news = [part for part in self._parts if part.refresh() or acted]
+                if news:
+                    self._show(news)
+            except Exception:  # the page must outlive any one picture
+                log.exception("the page could not be brought up to date")
+
+    def _show(self, parts: Iterable[Part]) -> None:
+        with self._server.viser.atomic():
+            for part in parts:
+                part.show()
+
+
+class ServedPage:
+    """A page that is being served. Use it in a ``with`` block or call ``close``.
+
+    Attributes:
+        host: Runs the page's parts.
+        url: The link that opens it.
+    """
+
+    def __init__(self, server: GuardedServer) -> None:
+        self.url, self._server = server.url, server
+        self.host = Host(server)
+
+    def url_for_once(self) -> str:
+        """A link that opens the page once; see ``GuardedServer.url_for_once``."""
+        return self._server.url_for_once()
+
+    def close(self) -> None:
+        """Stop serving; may be called twice."""
+        self.host.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

@@ -1,0 +1,190 @@
+"""Keep track of the open browser windows and tell each whether it is in control.
+
+Each window gets a line above the tabs, with buttons to ask for control or to answer. viser
+ignores a window until it has drawn its first picture, but its buttons, Stop among them, are there
+before; so a window counts from its connection on.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+from viser import _messages
+from viser.infra import ClientId, WebsockClientConnection
+
+from ..page import markup
+from ..page.screen_state import Sentence, Tone
+from .control import PATIENCE, Role, WindowControl, WindowStatus
+from .control_filter import ControlFilter
+
+_QUIET = 3.0
+"""A window that is refused again within this time is not notified again [s]."""
+
+_LET_GO, _KEEP = "Hand over", "Keep"
+
+
+@dataclass(slots=True, kw_only=True)
+class _Window:
+    """One window and the widgets that it alone sees."""
+
+    number: int
+    client: viser.ClientHandle
+    line: viser.GuiHtmlHandle
+    ask: viser.GuiButtonHandle
+    answer: viser.GuiButtonGroupHandle
+    shown: WindowStatus | None = None
+    refused_at: float = -_QUIET
+
+
+class Windows:
+    """Lets the window in control through, and tells all how they stand."""
+
+    def __init__(self, server: viser.ViserServer, tell: Callable[[str], None]) -> None:
+        self._tell = tell
+        self._lock = threading.Lock()
+        self._by_client: dict[int, _Window] = {}
+        self._control = WindowControl(time.monotonic, tell)
+        self._filter = ControlFilter(
+            server, may_act=self._may_act, refused=self._refused, passed=self._passed
+        )
+        self._stops: set[str] = set()
+        server.on_client_connect(self._came)
+        server.on_client_disconnect(self._went)
+        server._websock_server.on_client_connect(_count)
+
+    def leave_open(self, *widgets: Any) -> None:
+        """Let every window press ``widgets``."""
+        self._filter.leave_open(*widgets)
+
+    def leave_open_as_stop(self, *widgets: Any) -> None:
+        """The same for what stops the arm; the log says who pressed it."""
+        self.leave_open(*widgets)
+        self._stops.update(widget._impl.uuid for widget in widgets)
+
+    def all(self) -> tuple[_Window, ...]:
+        """Every open window with its own widgets, the oldest first."""
+        with self._lock:
+            return tuple(self._by_client.values())
+
+    def refresh(self) -> None:
+        """Bring each window's line up to date; called now and then by the page's thread."""
+        self._control.tick()
+        for window in self.all():
+            standing = self._control.status(window.number)
+            if standing != window.shown:
+                was = window.shown.role if window.shown is not None else None
+                window.shown = standing
+                _show(window, standing)
+                if standing.role is Role.ASKED and was is not Role.ASKED:
+                    asking = f"Window {standing.other} asks for control"
+                    _notify(
+                        window, asking, "Answer at the top of the panel with the tabs.", PATIENCE
+                    )
+
+    # The event loop's thread
+
+    async def _came(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            taken = {window.number for window in self._by_client.values()}
+            number = next(n for n in range(1, len(taken) + 2) if n not in taken)
+            window = _made_for(client, number)
+            self._by_client[client.client_id] = window
+
+            async def ask(_event: object) -> None:
+                self._control.ask(number)
+
+            async def answer(event: viser.GuiEvent[Any]) -> None:
+                self._control.answer(number, allow=event.target.value == _LET_GO)
+
+            window.ask.on_click(ask)
+            window.answer.on_click(answer)
+        self._tell(f"Window {number} opened")
+        self._control.join(number)
+
+    async def _went(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            window = self._by_client.pop(client.client_id, None)
+        if window is not None:
+            self._tell(f"Window {window.number} closed")
+            self._control.leave(window.number)
+
+    def _may_act(self, client_id: int) -> bool:
+        window = self._by_client.get(client_id)
+        return window is not None and self._control.may_act(window.number)
+
+    def _passed(self, client_id: int, uuid: str) -> None:
+        window = self._by_client.get(client_id)
+        if uuid in self._stops and window is not None:
+            self._tell(f"Stop pressed in window {window.number}")
+
+    def _refused(self, client_id: int) -> None:
+        window = self._by_client.get(client_id)
+        now = time.monotonic()
+        if window is None or now - window.refused_at < _QUIET:
+            return
+        window.refused_at = now
+        other = self._control.status(window.number).other
+        _notify(
+            window,
+            f"Window {other} has control",
+            "Nothing was changed. You can ask for control at the top of the panel with the tabs.",
+            4.0,
+        )
+
+
+async def _count(connection: WebsockClientConnection) -> None:
+    """Have viser take the window for connected: what tells it is where the picture is seen from."""
+    camera = _messages.ViewerCameraMessage(
+        wxyz=(1.0, 0.0, 0.0, 0.0),
+        position=(1.0, 1.0, 1.0),
+        fov=1.0,
+        near=0.01,
+        far=1000.0,
+        image_height=1,
+        image_width=1,
+        look_at=(0.0, 0.0, 0.0),
+        up_direction=(0.0, 0.0, 1.0),
+    )  # any will do, the window tells its own with each picture
+    await connection._handle_incoming_message(ClientId(connection.client_id), camera)
+
+
+def _made_for(client: viser.ClientHandle, number: int) -> _Window:
+    gui = client.gui
+    return _Window(
+        number=number,
+        client=client,
+        line=gui.add_html("", order=-3.0, visible=False),
+        ask=gui.add_button("Ask for control", order=-2.0, icon=viser.Icon.HAND_GRAB, visible=False),
+        answer=gui.add_button_group("Control", (_LET_GO, _KEEP), order=-1.0, visible=False),
+    )
+
+
+def _show(window: _Window, standing: WindowStatus) -> None:
+    said = words(standing)
+    with window.client.atomic():
+        window.line.content = "" if said is None else markup.banner(said)
+        window.line.visible = said is not None
+        window.ask.visible = standing.role is Role.WATCHING
+        window.answer.visible = standing.role is Role.ASKED
+
+
+def words(standing: WindowStatus) -> Sentence | None:
+    """The line of a window; None when it simply has control."""
+    other, seconds = standing.other, standing.seconds
+    text = {
+        Role.IN_CONTROL: None,
+        Role.WATCHING: f"Window {other} has control. You see everything, and Stop works here too.",
+        Role.ASKING: f"Asked window {other}; without an answer you get control in {seconds} s.",
+        Role.ASKED: f"Window {other} will get control in {seconds} s.",
+        Role.FREE: "No window has control; the next press takes it.",
+    }[standing.role]
+    return None if text is None else Sentence(text=text, tone=Tone.WARM)
+
+
+def _notify(window: _Window, title: str, body: str, seconds: float) -> None:
+    window.client.add_notification(title, body, color="orange", auto_close_seconds=seconds)

@@ -1,0 +1,300 @@
+"""The page of the final test: small slow motions, agreed to beforehand and measured.
+
+It says what will move how far, and moves nothing until a person has agreed. The test runs in its
+own thread, so Stop, Back and Abort work all the time; each ends it with the arm held. At the end a
+person is asked whether the arm moved as its picture did, which no encoder can tell.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import viser
+
+from so101_motion import __version__
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.setup.accuracy import MoveReport
+from so101_motion.setup.checkup import Check
+from so101_motion.setup.move_test import MoveTest, MoveTestProgress, Outline
+from so101_motion.setup.setup_steps import TEST
+
+from ..page.shared_fields import SharedField, put
+from . import calibration_cards, cards
+from .calibration_target import SetupTarget
+from .page import StepPage
+from .setup_context import SetupContext
+
+_STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
+_LIMP = "The joints are limp. Bring the arm to a pose that is free all around, and have it held."
+_MENDED = "Once that is mended, have the joints held again. Keep a hand on the arm."
+_CLEAR = "Tick the box when nothing is in its way and no hand is near it."
+_SEEN = "Did the arm do what its picture did, the same joints to the same sides?"
+_AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
+
+
+class FinalTest:
+    """One test, from its outline to its report. Its thread ends with it."""
+
+    def __init__(self, target: SetupTarget) -> None:
+        assert target.rig is not None  # there is no trial without
+        rig = target.rig
+        self._test = MoveTest(
+            arm=rig.arm, gripper=rig.gripper, clock=rig.clock, name=f"arm on {target.where}"
+        )
+        self._thread: threading.Thread | None = None
+        self.outline: Outline | None = None
+        self.progress: MoveTestProgress | None = None
+        self.report: MoveReport | None = None
+        self.trouble: BaseException | None = None
+
+    def plan(self) -> FinalTest:
+        """Find out what will be moved; takes a moment."""
+        self.outline = self._test.outline()
+        return self
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the arm is being moved."""
+        return self._thread is not None and self._thread.is_alive()
+
+    def start(self) -> None:
+        """Begin to move."""
+        self._thread = threading.Thread(target=self._run, name="so101-setup-test", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Stop if it is running; returns when the arm is at rest."""
+        self._test.cancel()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _run(self) -> None:
+        assert self.outline is not None  # it is what was agreed to
+        try:
+            self.report = self._test.move_and_measure(self.outline, self._tell)
+        except BaseException as error:  # shown on the page
+            self.trouble = error
+
+    def _tell(self, progress: MoveTestProgress) -> None:
+        self.progress = progress
+
+
+class FinalTestPage(StepPage):
+    """The page of the final test."""
+
+    def __init__(self, setup: SetupContext) -> None:
+        super().__init__(setup, TEST)
+        self._trial: FinalTest | None = None
+        self._is_agreed = False
+        self._shown: tuple[object, ...] = ()
+
+    def build(self, gui: viser.GuiApi) -> None:
+        """Make the widgets."""
+        self._todo = gui.add_html("")
+        self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
+        self._agree = gui.add_checkbox("PathLine is clear", False, visible=False)
+        self._start = gui.add_button(
+            "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
+        )
+        self._stop = gui.add_button(
+            "Stop the test", icon=viser.Icon.HAND_STOP, color="red", visible=False
+        )
+        self._bar = gui.add_progress_bar(0.0, color="green", visible=False)
+        self._table = gui.add_html("")
+        self._asked = gui.add_html("", visible=False)
+        self._seen = gui.add_button_group("", (_AS_SHOWN, _NOT_AS_SHOWN), visible=False)
+        self._again = gui.add_button(
+            "Test again", icon=viser.Icon.REPEAT, color="gray", visible=False
+        )
+        self._keep = gui.add_button(
+            "Save the report", icon=viser.Icon.DOWNLOAD, color="gray", visible=False
+        )
+        context = self._setup.context
+        context.on_press(self._hold, self._take_in_hand)
+        context.on_press(self._start, self._move)
+        context.on_press(self._stop, self._end)
+        context.on_press(self._again, self._plan)
+        context.on_choice(self._seen, self._answer)
+        context.on_asked(self._keep, self._hand_over)
+        self._agreed = SharedField(self._agree, self._agree_to, context, shown=bool)
+
+    def enter(self) -> None:
+        """Find out what will be moved, if the arm holds."""
+        self._is_agreed = False
+        target = self._setup.target
+        if target is None or target.rig is None:
+            return
+        if self._setup.tested is None:  # what was tested before, if anything, is another state
+            self._trial = None
+            self._plan()
+
+    def leave(self) -> None:
+        """A test that runs is ended; the arm holds."""
+        if self._trial is not None:
+            self._trial.end()
+
+    def refresh(self) -> bool:
+        """Look at the arm and at the test."""
+        state, trial = self._state(), self._trial
+        found = None if trial is None else (trial.is_running, trial.progress, trial.report)
+        seen = None if state is None else (state.mode, *np.round(state.q, 4), round(state.q_jaw, 3))
+        before, self._shown = self._shown, (seen, trial, found, self._is_agreed)
+        self._conclude()
+        return self._shown != before
+
+    def show(self) -> None:
+        """Tell what will be moved, what is, and what came of it."""
+        state, trial, busy = self._state(), self._trial, bool(self._setup.doing)
+        holds = state is not None and state.mode in _STANDS
+        runs = trial is not None and trial.is_running
+        report = None if trial is None else trial.report
+        outline = None if trial is None else trial.outline
+        if state is not None:
+            self._setup.picture.move(state.q, state.q_jaw)
+        self._todo.content = self._words(holds=holds)
+        self._hold.visible = state is not None and not holds
+        self._hold.disabled = busy
+        can_begin = holds and not runs and outline is not None and report is None
+        self._agree.visible = self._start.visible = can_begin
+        self._agreed.show(self._is_agreed)
+        self._start.disabled = not self._is_agreed or busy
+        self._stop.visible = self._bar.visible = runs
+        progress = None if trial is None else trial.progress
+        put(self._bar, 0.0 if progress is None else round(100.0 * progress.share, 1))
+        self._show_results(report, progress if runs else None)
+
+    def _show_results(self, report: MoveReport | None, progress: MoveTestProgress | None) -> None:
+        lit = () if progress is None or not progress.joint else (progress.joint,)
+        self._setup.picture.light(lit)
+        if progress is not None:
+            self._table.content = calibration_cards.report(progress.results)
+        elif report is not None:
+            self._table.content = calibration_cards.result(report) + calibration_cards.report(
+                report.joints
+            )
+        else:
+            self._table.content = ""
+        is_over = progress is None and report is not None
+        asks = is_over and report is not None and report.as_shown is None and not report.ended_by
+        self._asked.visible = self._seen.visible = asks
+        self._asked.content = cards.instruction("", _SEEN) if asks else ""
+        self._again.visible = self._keep.visible = is_over
+        self._again.disabled = bool(self._setup.doing)
+
+    def _words(self, *, holds: bool) -> str:
+        target, trial = self._setup.target, self._trial
+        if target is None or target.rig is None:
+            return cards.instruction(
+                TEST.title, "This arm cannot be moved from here. You may go on."
+            )
+        if not holds:
+            return self._about_hold()
+        if trial is None or trial.outline is None:
+            return cards.instruction(TEST.title, TEST.instruction)
+        if trial.is_running:
+            joint = "" if trial.progress is None else trial.progress.joint
+            doing = f"moving {joint}; Space or Stop ends it" if joint else "it begins"
+            return cards.instruction(TEST.title, "") + cards.going_on(doing)
+        if trial.report is not None:
+            return cards.instruction(TEST.title, "")
+        said = cards.instruction("This will move:", trial.outline.sentence)
+        said += "".join(
+            cards.note(f"{joint} is left out: {reason}")
+            for joint, reason in trial.outline.obstacles
+        )
+        if trial.trouble is not None:
+            said += cards.failed(str(trial.trouble))
+        return said + cards.note(_CLEAR)
+
+    def _about_hold(self) -> str:
+        """Why the arm does not hold, and what to do."""
+        state = self._state()
+        if state is None or state.mode is not Mode.FAULT:
+            return cards.instruction(TEST.title, _LIMP)
+        trouble = cards.failed(state.fault or "the arm has ended its motion by itself")
+        return cards.instruction(TEST.title, "") + trouble + cards.note(_MENDED)
+
+    def can_go_on(self) -> str | None:
+        """That the arm still moves; an arm need not be tested, nor pass."""
+        is_running = self._trial is not None and self._trial.is_running
+        return "the test is running" if is_running else None
+
+    def abort(self) -> str:
+        """End the test; the arm holds where it is."""
+        if self._trial is not None:
+            self._trial.end()
+        return super().abort()
+
+    def _as_it_was(self) -> str:
+        state = self._state()
+        holds = state is not None and state.mode in _STANDS
+        where = "the arm is held where it stands" if holds else "the arm is limp, so support it"
+        return f"what was saved stays, and {where}"
+
+    # What the widgets do
+
+    def _plan(self) -> None:
+        target, state = self._setup.target, self._state()
+        if target is None or state is None or state.mode not in _STANDS:
+            return
+        trial = FinalTest(target)
+        self._setup.do("planning the test", trial.plan, self._take)
+
+    def _take(self, trial: FinalTest) -> None:
+        self._trial = trial
+
+    def _take_in_hand(self) -> None:
+        self._do(
+            "holding the joints", lambda target: target.calibrator.hold(), lambda _: self._plan()
+        )
+
+    def _agree_to(self, is_clear: bool) -> None:
+        self._is_agreed = is_clear
+
+    def _move(self) -> None:
+        trial = self._trial
+        if trial is None or trial.report is not None or trial.is_running or self._setup.doing:
+            return
+        if self._is_agreed:
+            self._is_agreed, self._setup.tested = False, None
+            trial.start()
+
+    def _end(self) -> None:
+        if self._trial is not None:
+            self._trial.end()
+
+    def _answer(self, name: str) -> None:
+        trial = self._trial
+        if trial is not None and trial.report is not None:
+            trial.report = replace(trial.report, as_shown=name == _AS_SHOWN)
+            self._setup.tested = None
+
+    def _hand_over(self, client: viser.ClientHandle) -> None:
+        trial = self._trial
+        if trial is None or trial.report is None:
+            return
+        name = f"so101-move-test-{trial.report.began_at[:19].replace(':', '')}.json"
+        client.send_file_download(
+            name, trial.report.file({"version": __version__}), save_immediately=True
+        )
+
+    # How
+
+    def _state(self) -> JointState | None:
+        target = self._setup.target
+        return None if target is None or target.rig is None else target.rig.arm.state
+
+    def _conclude(self) -> None:
+        """Let the other pages know what the test has found."""
+        report = None if self._trial is None else self._trial.report
+        if report is not None and self._setup.tested is None:
+            warned = any(joint.verdict == "warn" for joint in report.joints)
+            self._setup.tested = Check(
+                name="test",
+                verdict="fail" if not report.passed else "warn" if warned else "ok",
+                sentence=report.sentence,
+                fix="" if report.passed else "see what each joint says, then test again",
+            )

@@ -1,0 +1,194 @@
+"""What all pages of the setup share: the arm, what is known of it, and one worker thread.
+
+A page never waits: what talks to motors runs in the worker (``SetupContext.do``), one thing at a
+time, and the page's own thread collects the result.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from so101_motion.calib.motors.progress import SetupProgress
+from so101_motion.calib.record.record import Calibration
+from so101_motion.common.errors import So101Error
+from so101_motion.rig.protocols import RigLike
+from so101_motion.setup.checkup import Check
+from so101_motion.setup.findings import Findings
+from so101_motion.setup.setup_steps import SetupState
+
+from ..page.page_context import PageContext
+from .calibration_target import FixedArm, SetupTarget
+from .picture import Picture
+from .torque import TorqueWatch
+
+T = TypeVar("T")
+
+log = logging.getLogger(__name__)
+
+
+class Closable(Protocol):
+    """Something that was opened."""
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class ServedPreview(Closable, Protocol):
+    """A preview that is being served."""
+
+    def url_for_once(self) -> str:
+        """A link that opens it once."""
+        ...
+
+
+class ServesPreview(Protocol):
+    """Serves a preview of an arm; ``so101_viewer.serve`` does."""
+
+    def __call__(self, rig: RigLike, *, port: int, title: str) -> ServedPreview:
+        """Serve it; ``port`` 0 is any free one."""
+        ...
+
+
+@dataclass(slots=True)
+class SetupContext:
+    """What all pages share. Its fields belong to the page's thread.
+
+    Attributes:
+        context: The page; presses go through it.
+        fixed: The arm, where that is not to be chosen; None where it is.
+        preview: Serves a preview of the arm; None where the page shows the arm already.
+        make: Makes the target, in a worker's thread; set by the step that knows where it is.
+        target: What is worked on; None until the connection is made.
+        seen: What was looked at: the port, and the motors of the finished chain.
+        before: The calibration that counted before the one under way, as far as it is known.
+        saved: Where this setup has saved a calibration; None before.
+        tested: What the final test has found; None before.
+        opened: What was opened beside the setup, to be closed with it.
+        doing: What runs beside the page now, in words; empty when nothing does.
+        trouble: Why what ran last has failed; None if it has not.
+    """
+
+    context: PageContext
+    picture: Picture
+    progress: SetupProgress
+    fixed: FixedArm | None = None
+    preview: ServesPreview | None = None
+    make: Callable[[], SetupTarget] | None = None
+    target: SetupTarget | None = None
+    seen: Findings = field(default_factory=Findings)
+    before: Calibration = field(default_factory=dict)
+    saved: Path | None = None
+    tested: Check | None = None
+    opened: list[Closable] = field(default_factory=list)
+    doing: str = ""
+    trouble: Exception | None = None
+    torque: TorqueWatch = field(default_factory=TorqueWatch)
+    _workers: ThreadPoolExecutor = field(
+        default_factory=lambda: ThreadPoolExecutor(1, thread_name_prefix="so101-setup")
+    )
+    _job: tuple[Future[Any], Callable[[Any], None]] | None = None
+    _look: tuple[Future[object], Callable[[], None]] | None = None
+
+    @property
+    def known(self) -> SetupState:
+        """What the steps are judged by."""
+        if self.target is None:
+            return SetupState(seen=self.seen, saved=self.saved, tested=self.tested)
+        calibrator = self.target.calibrator
+        return SetupState(
+            seen=self.seen,
+            setup=calibrator.motor_setup.view,
+            view=calibrator.situation.view,
+            saved=self.saved,
+            tested=self.tested,
+        )
+
+    def do(
+        self,
+        doing: str,
+        call: Callable[[], T],
+        then: Callable[[T], None] = lambda _result: None,
+    ) -> bool:
+        """Run ``call`` beside the page, unless something else runs there already.
+
+        Args:
+            doing: What that is, for people, such as ``"looking for the motor"``.
+            call: What to run.
+            then: FixedArm the result, on the page's thread. After an error there is none; the error
+                is in ``trouble``.
+
+        Returns:
+            Whether it runs.
+        """
+        if self._job is not None:
+            return False
+        self.doing, self.trouble = doing, None
+        self._job = (self._workers.submit(call), then)
+        return True
+
+    def watch(self, look: Callable[[], object], then: Callable[[], None]) -> None:
+        """Look at something beside the page, unless anything runs there already.
+
+        Nobody waits for it, and what it fails with is no trouble: it is looked at again.
+
+        Args:
+            look: What looks.
+            then: Called on the page's thread when it has looked, or failed.
+        """
+        if self._job is None and self._look is None:
+            self._look = (self._workers.submit(look), then)
+
+    @property
+    def is_looking(self) -> bool:
+        """Whether the cable is being looked at, see ``watch``."""
+        return self._look is not None
+
+    def collect(self) -> bool:
+        """Take what has come of what ran beside the page; whether anything has."""
+        if self._look is not None and self._look[0].done():
+            (looked, then_look), self._look = self._look, None
+            error = looked.exception()
+            if error is not None and not isinstance(error, So101Error):
+                log.error("the setup could not look", exc_info=error)
+            then_look()
+        return self._collect_job()
+
+    def _collect_job(self) -> bool:
+        if self._job is None or not self._job[0].done():
+            return False
+        (future, then), self._job, self.doing = self._job, None, ""
+        error = future.exception()
+        if error is None:
+            then(future.result())
+            return True
+        if not isinstance(error, So101Error):
+            log.error("a step of the setup failed", exc_info=error)
+        assert isinstance(error, Exception)
+        self.trouble = error
+        return True
+
+    def work_on(self, target: SetupTarget) -> None:
+        """Take a target that was made; what is known of another arm is forgotten."""
+        self.target = target
+        self.progress.work_on(target.where)
+        target.calibrator.motor_setup.recall(self.progress.done)
+
+    def put_away(self) -> None:
+        """Let go of the target, when no step needs it any more."""
+        target, self.target = self.target, None
+        self.seen, self.saved, self.tested = Findings(), None, None
+        if target is not None:
+            self._workers.submit(target.calibrator.close)
+
+    def close(self) -> None:
+        """Let go of the target, and wait for whatever runs."""
+        for opened in self.opened:
+            opened.close()
+        self.put_away()
+        self._workers.shutdown(wait=True)

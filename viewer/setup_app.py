@@ -1,0 +1,81 @@
+"""The setup on a page of its own: ``so101 setup --web``. No arm need be there yet."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from so101_motion.calib.motors.progress import NAME, SetupProgress
+from so101_motion.setup.port_selection import PATIENCE, own_folder
+from so101_motion.viam.client import MachineSensor
+
+from .app import serve
+from .scene.lighting import set_up_view
+from .server.guarded_server import GuardedServer, start_guarded
+from .server.host import ServedPage
+from .setup.calibration_target import FixedArm, Ports, fixed_machine
+from .setup.part import SetupPart
+from .setup.stop import StopPanel
+
+
+class SetupApp(ServedPage):
+    """A setup that is being served; closing it puts a calibration under way back."""
+
+    def __init__(
+        self,
+        server: GuardedServer,
+        *,
+        ports: Ports,
+        fixed: FixedArm | None,
+        progress: SetupProgress,
+    ) -> None:
+        super().__init__(server)
+        context = self.host.page_context()
+        set_up_view(context.server)
+        setup = SetupPart(
+            context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
+        )
+        stop = StopPanel(context, setup.setup, drop=self.host.drop_commands)
+        self.host.windows.leave_open_as_stop(*stop.widgets)
+        self.host.add_parts(setup, stop)
+        self.host.start()
+
+
+def serve_setup(
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    *,
+    allow_remote: bool = False,
+    ports: Collection[str] = (),
+    patience: float = PATIENCE,
+    sensor: MachineSensor | None = None,
+    progress_file: Path | None = None,
+) -> SetupApp:
+    """Serve the setup app.
+
+    Args:
+        host: Address to listen on.
+        port: Port to listen on; 0 for any free one; None for 8080 or the next free one after it.
+        allow_remote: Whether ``host`` may be more than this machine's loopback.
+        ports: Serial ports to look at instead of all there are.
+        patience: How long a motor may take to answer beyond the time on the wire [s].
+        sensor: The calibration sensor of a machine whose motors are meant; closed by its owner.
+        progress_file: Where it is kept how far the setup is; the terminal's file by default.
+
+    Returns:
+        The running app; its ``url`` is the link that opens it.
+
+    Raises:
+        CalibrationError: This user has no place for files.
+        ConfigError: The host or port cannot be used.
+        GuardError: The server let a stranger in; it is stopped again.
+    """
+    fixed = None if sensor is None else fixed_machine(sensor)
+    kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)
+    server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 setup")
+    try:
+        where = Ports(named=tuple(ports), patience=patience)
+        return SetupApp(server, ports=where, fixed=fixed, progress=kept)
+    except BaseException:
+        server.close()
+        raise

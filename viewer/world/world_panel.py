@@ -1,0 +1,355 @@
+"""The World tab: widgets and handles for the obstacles around the arm.
+
+``world_model.py`` decides what an edit means. An edit never moves the arm; it changes the scene for
+later plans.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.files import user_storage
+from so101_motion.planning.collision.scene import (
+    FLOOR_Z,
+    Attached,
+    Box,
+    Capsule,
+    Obstacle,
+    Scene,
+    Sphere,
+)
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.viam.client import MachineRig
+
+from ..page import markup, texts
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.screen_state import Tone
+from ..page.shared_fields import SharedField, tenth, tenths
+from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
+from ..scene.scene_view import SceneView
+from .world_model import OverlapCheck, WorldModel, in_each_other
+
+_GIZMO = "/world-handles"
+
+_MOVED = 1e-4
+"""A joint that turned less than this leaves everything where it is drawn [rad]; chosen."""
+
+_TURNED = 0.01
+"""A joint that turned less than this touches what it touched before [rad]; chosen: a real arm at
+rest flickers by a tick or two."""
+
+_SAME = 1e-5
+
+_FOR_VIAM = (
+    "world_state of a Move request, seen from an arm of the name “{arm}”; if yours has another, put"
+    " that there. The floor is no part of it."
+)
+
+
+class WorldPart(Part):
+    """Add, drag, resize, name, delete, attach; save and load.
+
+    Args:
+        context: Where it works; its arm's scene is the one that is edited.
+        file: Where Save writes; among the user's own files if not given.
+        on_handles: Told whether something has handles now, each time another thing is selected.
+    """
+
+    def __init__(
+        self,
+        context: ArmContext,
+        *,
+        file: Path | None = None,
+        on_handles: Callable[[bool], None] = lambda _shown: None,
+    ) -> None:
+        self._context, self._arm = context.reporting(self._report), context.rig.arm
+        self._known: Scene = self._arm.scene
+        self.world = WorldModel(self._known, file=file or user_storage.folder() / "scene.json")
+        self._contacts = OverlapCheck(RobotModel.load())
+        self._inside: tuple[str, str] | None = None
+        self._checked: tuple[Scene, Array] | None = None
+        self._q = self._arm.state.q
+        self._T_tool = self._arm.T_base()
+        self._view = SceneView(context.server.scene, on_pick=self._pickable)
+        self._gizmo = context.server.scene.add_transform_controls(
+            _GIZMO, scale=0.09, depth_test=False, visible=False
+        )
+        self._gizmo_at = SE3.identity()
+        self._on_handles = on_handles
+        self._handled: str | None = None
+        self._context.on_drag(self._gizmo, self._dragged)
+        self._context.on_release(self._gizmo, lambda _handle: self.world.drop())
+        with context.tabs.add_tab("World", viser.Icon.CUBE):
+            self._add_widgets(context.gui)
+
+    # Widgets
+
+    def _add_widgets(self, gui: viser.GuiApi) -> None:
+        context, world = self._context, self.world
+        self._sentence = gui.add_html("")
+        kinds = gui.add_button_group("Add", tuple(NEW_SHAPES))
+        context.on_choice(kinds, world.add)
+        self._list = gui.add_dropdown("Selected", (_nothing(()),))
+        self._selected = self._field(self._list, self._choose, shown=str)
+        self._add_thing(gui)
+        self._acts = gui.add_button_group(
+            "Change", ("undo",), hint="attach: the gripper holds it from now on", visible=False
+        )
+        context.on_choice(self._acts, self._act)
+        gui.add_divider()
+        floor = gui.add_checkbox("Floor", initial_value=True)
+        self._floor = self._field(
+            floor, lambda on: world.set_floor(self._floor_z if on else None), shown=bool
+        )
+        self._floor_height = gui.add_number("Floor height (mm)", 0.0, step=0.1)
+        self._floor_z_mm = self._field(
+            self._floor_height, lambda z_mm: world.set_floor(to_m(z_mm)), shown=tenth
+        )
+        self._floor_z = FLOOR_Z
+        gui.add_divider()
+        self._add_files(gui)
+
+    def _add_thing(self, gui: viser.GuiApi) -> None:
+        world = self.world
+        self._name_text = gui.add_text("Name", "")
+        self._name = self._field(self._name_text, world.rename, shown=str)
+        self._size_box = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
+        self._radius_number = gui.add_number("Radius (mm)", 1.0, step=1.0)
+        self._length_number = gui.add_number("Length (mm)", 1.0, step=1.0)
+        self._position_box = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
+        self._turn_box = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
+        for box in (self._size_box, self._position_box, self._turn_box):
+            box.precision = 1
+        self._size = self._field(
+            self._size_box, lambda v: world.resize(size=to_m(np.array(v))), shown=tenths
+        )
+        self._radius = self._field(
+            self._radius_number, lambda v: world.resize(radius=to_m(v)), shown=tenth
+        )
+        self._length = self._field(
+            self._length_number, lambda v: world.resize(length=to_m(v)), shown=tenth
+        )
+        self._position = self._field(
+            self._position_box, lambda v: world.move_to(to_m(np.array(v))), shown=tenths
+        )
+        self._turn = self._field(
+            self._turn_box, lambda v: world.turn_to(to_rad(np.array(v))), shown=tenths
+        )
+        self._mass_number = gui.add_number("Mass (g)", 0.0, step=1.0)
+        self._mass = self._field(
+            self._mass_number, lambda grams: world.set_mass(grams / 1000.0), shown=tenth
+        )
+        self._zone_box = gui.add_checkbox("Keep-out zone", initial_value=False)
+        self._zone = self._field(self._zone_box, world.set_keep_out, shown=bool)
+
+    def _add_files(self, gui: viser.GuiApi) -> None:
+        self._files = gui.add_button_group(
+            "Scene file",
+            ("save", "download", "for Viam"),
+            hint="What save writes, so101 plan --scene reads; for Viam: a WorldState, to copy",
+        )
+        self._context.on_choice(self._files, self._keep)
+        self._context.on_asked(self._files, self._download)
+        self._for_viam = gui.add_html("", visible=False)
+        self._told_viam: Scene | None = None
+        bring = gui.add_upload_button(
+            "Load",
+            icon=viser.Icon.UPLOAD,
+            hint="A scene (.json), or a mesh in mm (.stl, .ply)",
+            mime_type=".json,.stl,.ply",
+        )
+        self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
+
+    def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> SharedField:
+        return SharedField(widget, (command), self._context, shown=shown)
+
+    # Commands
+
+    def _report(self, error: So101Error) -> None:
+        self.world.sentence = texts.ended(error)
+
+    def _act(self, name: str) -> None:
+        world = self.world
+        if name == "attach":
+            world.hold(self._arm.T_base())
+        elif name == "detach":
+            world.let_go(self._arm.T_base())
+        elif name == "delete":
+            world.remove()
+        else:
+            world.undo()
+
+    def _keep(self, name: str) -> None:
+        if name == "save":
+            self.world.save()
+        elif name == "for Viam":
+            self._show_for_viam()
+
+    def _show_for_viam(self) -> None:
+        """Show the scene as Viam says it, until it changes or the button is pressed again."""
+        world, rig = self.world, self._context.rig
+        if self._told_viam is world.scene:
+            self._told_viam = None
+            return
+        self._told_viam = world.scene
+        arm = rig.arm_name if isinstance(rig, MachineRig) else "arm"
+        self._for_viam.content = markup.to_copy(_FOR_VIAM.format(arm=arm), world.for_viam(arm=arm))
+
+    def _download(self, client: viser.ClientHandle) -> None:
+        if self._files.value == "download":
+            client.send_file_download("scene.json", self.world.as_file(), save_immediately=True)
+
+    def _pickable(self, node: Any, name: str) -> None:
+        def pick() -> None:
+            self.world.select(None if self.world.selected == name else name)
+
+        self._context.on_pick(node, pick)
+
+    def _choose(self, name: str) -> None:
+        self.world.select(None if name == _nothing(self.world.names) else name)
+
+    def _dragged(self, handle: viser.TransformControlsHandle) -> None:
+        self._gizmo_at = SE3.from_quaternion(handle.wxyz, handle.position)
+        self.world.drag(self._gizmo_at, self._T_tool)
+
+    # The page
+
+    def refresh(self) -> bool:
+        """Hand over what was edited, and see what became of the arm and its scene meanwhile."""
+        adopted = self._arm.scene is not self._known
+        if adopted:
+            self._known = self._arm.scene
+            self.world.adopt(self._known)
+        due = self.world.due(time.monotonic())
+        if due is not None:
+            self._arm.scene = self._known = due
+        state = self._arm.state
+        moved = float(np.max(np.abs(state.q - self._q))) > _MOVED
+        if moved:
+            self._q, self._T_tool = state.q, self._arm.T_base()
+        inside = self._inside
+        if self._is_stale(state):
+            self._checked = self._known, state.q
+            inside = self._contacts.overlap(self._known, state.q, state.q_jaw)
+        changed, self._inside = inside != self._inside, inside
+        return adopted or changed or (moved and bool(self.world.scene.attached))
+
+    def _is_stale(self, state: JointState) -> bool:
+        """Whether it has to be looked again what is in what; not before all is at rest."""
+        if self.world.dragging or state.arm_moving:
+            return False
+        if self._checked is None or self._checked[0] is not self._known:
+            return True
+        return bool(np.max(np.abs(state.q - self._checked[1])) > _TURNED)
+
+    def show(self) -> None:
+        """Draw the scene and fill the tab; viser sends only what differs."""
+        world = self.world
+        self._view.show(world.scene, self._T_tool, chosen=world.selected)
+        said = world.sentence
+        if self._inside is not None and said.tone is not Tone.BAD:
+            said = in_each_other(self._inside)
+        self._sentence.content = markup.sentence(said)
+        self._show_list()
+        floor_z = world.scene.floor_z
+        self._floor.show(floor_z is not None)
+        self._floor_height.visible = floor_z is not None
+        if floor_z is not None:
+            self._floor_z = floor_z
+            self._floor_z_mm.show(to_mm(floor_z))
+        self._for_viam.visible = self._told_viam is world.scene
+        thing = world.thing
+        self._show_widgets(thing)
+        self._tell_of_handles()
+        if thing is not None:
+            self._show_thing(thing)
+
+    def _tell_of_handles(self) -> None:
+        if self.world.selected != self._handled:
+            self._handled = self.world.selected
+            self._on_handles(self._handled is not None)
+
+    def _show_list(self) -> None:
+        names = self.world.names
+        nothing = _nothing(names)
+        if self._list.options != (nothing, *names):
+            self._list.options = (nothing, *names)
+        self._selected.show(self.world.selected or nothing)
+
+    def _show_widgets(self, thing: Thing | None) -> None:
+        """Only what can be said of the thing that is selected."""
+        shape = None if thing is None else thing.shape
+        for widget, shown in (
+            (self._name_text, thing is not None),
+            (self._size_box, isinstance(shape, Box)),
+            (self._radius_number, isinstance(shape, Sphere | Capsule)),
+            (self._length_number, isinstance(shape, Capsule)),
+            (self._position_box, thing is not None),
+            (self._turn_box, thing is not None and not isinstance(shape, Sphere)),
+            (self._mass_number, isinstance(thing, Attached)),
+            (self._zone_box, isinstance(thing, Obstacle)),
+            (self._gizmo, thing is not None),
+        ):
+            widget.visible = shown
+        acts = _acts(thing, can_undo=self.world.can_undo)
+        self._acts.visible = bool(acts)
+        if acts and acts != self._acts.options:
+            self._acts.options = acts
+
+    def _show_thing(self, thing: Thing) -> None:
+        shape, pose = thing.shape, pose_of(thing)
+        self._name.show(thing.name)
+        if isinstance(shape, Box):
+            self._size.show(to_mm(shape.size))
+        if isinstance(shape, Sphere | Capsule):
+            self._radius.show(to_mm(shape.radius))
+        if isinstance(shape, Capsule):
+            self._length.show(to_mm(shape.length))
+        self._position.show(to_mm(pose.p))
+        self._turn.show(to_deg(pose.rpy))
+        if isinstance(thing, Attached):
+            self._mass.show(1000.0 * thing.mass)
+            pose = self._T_tool @ pose
+        else:
+            self._zone.show(thing.keep_out)
+        self._position_box.label = (
+            "Position in gripper (mm)" if isinstance(thing, Attached) else "Position (mm)"
+        )
+        self._gizmo.disable_rotations = isinstance(shape, Sphere)
+        if not self.world.dragging and not _same(pose, self._gizmo_at):
+            self._gizmo_at = pose
+            self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
+
+
+def _acts(thing: Thing | None, *, can_undo: bool) -> tuple[str, ...]:
+    """What can be done besides giving figures."""
+    if thing is None:
+        return ("undo",) if can_undo else ()
+    if isinstance(thing, Attached):
+        first: tuple[str, ...] = ("detach", "delete")
+    else:
+        first = ("delete",) if thing.keep_out else ("attach", "delete")
+    return (*first, "undo") if can_undo else first
+
+
+def _same(pose: SE3, other: SE3) -> bool:
+    return bool(np.allclose(pose.matrix, other.matrix, rtol=0.0, atol=_SAME))
+
+
+def _nothing(names: tuple[str, ...]) -> str:
+    """What the list calls no selection; never the name of a thing."""
+    word = "–"
+    while word in names:
+        word += "–"
+    return word
