@@ -30,11 +30,13 @@ PLANS = 50
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 _following: Any = importlib.import_module("harness.path_following")
 _harness: Any = importlib.import_module("harness.emulated_rig")
+_referee: Any = importlib.import_module("referee")
 
 
 def followed(speed: float, acceleration: float) -> list[Any]:
     """What became of each plan at these caps."""
     with (
+        _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(Path(folder), patience=2.0) as bench,
     ):

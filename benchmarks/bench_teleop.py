@@ -61,6 +61,7 @@ PERIOD = 0.01
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 _bench: Any = importlib.import_module("harness.emulated_pair")
+_referee: Any = importlib.import_module("referee")
 
 
 # On one clock
@@ -75,6 +76,7 @@ something else to do meanwhile needs more."""
 def session(*, patience: float = 2.0, **options: Any) -> Iterator[Any]:
     """Two arms, started, in the middle of mirroring."""
     with (
+        _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
         _bench.teleop_bench(Path(folder), patience=patience) as bench,
     ):
@@ -189,6 +191,7 @@ def lasting(minutes: float) -> dict[str, Any]:
     """A long run with one reply in a hundred lost on both wires."""
     gc.collect()
     with (
+        _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
         _bench.teleop_bench(Path(folder), patience=IMPATIENT) as bench,
     ):

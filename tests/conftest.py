@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from hypothesis import settings
-from referee import Referee
+from referee import refereed
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.drivers.emulator.emulator import Emulator
 from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -105,13 +104,9 @@ def referee(request):
 
     A test that breaks one on purpose says so: ``@pytest.mark.breaks("motion", reason="...")``.
     """
-    referee = Referee()
-    Emulator.on_open.append(referee.attend)
-    yield referee
-    Emulator.on_open.remove(referee.attend)
     meant = {rule for mark in request.node.iter_markers("breaks") for rule in mark.args}
-    broken = referee.broken(but=meant)
-    assert not broken, "the referee objects:\n" + "\n".join(map(str, broken))
+    with refereed(meant) as referee:
+        yield referee
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -10,6 +10,15 @@ All angles in here are degrees, as in the rules.
 """
 
 from referee.command import STOP_JERK, CommandCaps
-from referee.official import RULES, Caps, Finding, Referee, match_of
+from referee.official import RULES, Caps, Finding, Referee, match_of, refereed
 
-__all__ = ["RULES", "STOP_JERK", "Caps", "CommandCaps", "Finding", "Referee", "match_of"]
+__all__ = [
+    "RULES",
+    "STOP_JERK",
+    "Caps",
+    "CommandCaps",
+    "Finding",
+    "Referee",
+    "match_of",
+    "refereed",
+]

@@ -3,12 +3,14 @@
 import math
 import time
 import weakref
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from referee.command import Command
 from referee.joint_motion import JointMotion
 from referee.packets import EVERYBODY, Writes
 from referee.wire import TICK, ServoOnWire
+from so101_motion.drivers.emulator.emulator import Emulator
 
 RULES = ("travel", "limits", "distance", "seed", "stop", "motion", "command")
 MOST_FINDINGS = 50
@@ -71,6 +73,23 @@ class Referee:
     def broken(self, but=()):
         """The findings that no rule in ``but`` excuses."""
         return [finding for finding in self.findings if finding.rule not in but]
+
+
+@contextmanager
+def refereed(breaks=()):
+    """Watch every emulated arm that is opened in here; what breaks a rule is raised at the end.
+
+    Args:
+        breaks: Rules that are broken on purpose.
+    """
+    referee = Referee()
+    Emulator.on_open.append(referee.attend)
+    try:
+        yield referee
+    finally:
+        Emulator.on_open.remove(referee.attend)
+    broken = referee.broken(but=breaks)
+    assert not broken, "the referee objects:\n" + "\n".join(map(str, broken))
 
 
 class Match:
