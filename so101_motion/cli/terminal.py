@@ -22,7 +22,6 @@ import tty
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from datetime import UTC, datetime
-from types import TracebackType
 from typing import Any, Self, TextIO, TypeVar
 
 import click
@@ -69,12 +68,7 @@ class Terminal:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._is_drawn:
             self._live.update(Text(""))
             self._live.stop()

@@ -43,7 +43,6 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
-from types import TracebackType
 from typing import Any, TypeVar
 
 from so101_motion.common.clock import Clock, Metronome
@@ -84,6 +83,9 @@ class Executor:
             simulated arm.
         jaw_tolerances: The same for the jaw; by default as for the arm.
         name: Name of the thread.
+
+    Attributes:
+        requests: What is to be done between two ticks.
     """
 
     def __init__(
@@ -113,7 +115,7 @@ class Executor:
         self._ready: Future[None] = Future()
         self._holding = True
         self._thread = threading.Thread(target=self._live, name=name, daemon=True)
-        self._requests = RequestQueue(self._wake)
+        self.requests = RequestQueue(self._wake)
         self._lock = threading.Lock()  # guards what follows, for moments only
         self._listeners: tuple[Callable[[JointState], None], ...] = ()
 
@@ -123,7 +125,7 @@ class Executor:
         Raises:
             Exception: What the driver raised; it has been closed.
         """
-        self._requests.open()
+        self.requests.open()
         self._thread.start()
         self._ready.result()
 
@@ -137,7 +139,7 @@ class Executor:
 
         What is under way ends with ``Interrupted("shutdown")``. The servos go on holding.
         """
-        first = self._requests.close(self._stop_of(tuple(Channel), "shutdown"))
+        first = self.requests.close(self._stop_of(tuple(Channel), "shutdown"))
         if self._thread.ident is not None:
             self._clock.join(self._thread)
         elif first:
@@ -147,12 +149,7 @@ class Executor:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
@@ -189,8 +186,7 @@ class Executor:
             raise ValueError(f"the trajectory's period is {trajectory.dt} s, not {self.dt} s")
         motion = PlannedMotion(trajectory)
         begin = partial(self._control.play, motion, channel)
-        self._requests.ask(Request(motion.future, channel, begin))
-        return motion.future
+        return self.requests.ask(begin, motion.future, channel)
 
     def retarget(
         self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
@@ -208,8 +204,7 @@ class Executor:
             raise ValueError(f"no goal and limits for the {channel.value}: {q_goal}, {limits}")
         future = running_future()
         turn = partial(self._control.retarget, q_goal, limits, channel, future)
-        self._requests.ask(Request(future, channel, turn))
-        return future
+        return self.requests.ask(turn, future, channel)
 
     def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
         """Move the joints as ``source`` says; they count as moving until its future is done.
@@ -220,7 +215,7 @@ class Executor:
             ``source``.
         """
         begin = partial(self._control.play, source, channel)
-        self._requests.ask(Request(source.future, channel, begin))
+        self.requests.ask(begin, source.future, channel)
         return source
 
     def on_failure(self, listener: Callable[[Exception, tuple[JointState, ...]], None]) -> None:
@@ -246,7 +241,7 @@ class Executor:
         """
         channels = tuple(Channel) if channel is None else (channel,)
         stop = self._stop_of(channels, by)
-        self._requests.stop(stop, channels, by)
+        self.requests.stop(stop, channels, by)
         return stop.future
 
     def interrupt(self, motion: Future[Any], by: str) -> Future[None]:
@@ -260,7 +255,7 @@ class Executor:
             future.set_result(None)
         else:
             end = partial(self._control.interrupt, motion, by, future)
-            self._requests.ask(Request(future, None, end))
+            self.requests.ask(end, future)
         return future
 
     def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
@@ -312,9 +307,7 @@ class Executor:
 
     def ask(self, job: Callable[[JointController], T]) -> Future[T]:
         """Run ``job`` on the I/O thread between two ticks; what it returns or raises."""
-        future: Future[T] = running_future()
-        self._requests.ask(Request(future, None, partial(job, self._control), is_job=True))
-        return future
+        return self.requests.ask(partial(job, self._control))
 
     def _stop_of(self, channels: tuple[Channel, ...], by: str) -> Request:
         future = running_future()
@@ -331,7 +324,7 @@ class Executor:
                 self._ready.set_exception(error)
                 return
             self._ready.set_result(None)
-            while not self._requests.is_over(moving=self._control.is_moving):
+            while not self.requests.is_over(moving=self._control.is_moving):
                 self._clock.wait(self._turn(), self._wake)
             self._leave()
 
@@ -344,7 +337,7 @@ class Executor:
             return self._beat.deadline
         try:
             self._control.k = self._beat.k
-            for request in self._requests.take():
+            for request in self.requests.take():
                 try:
                     result = request.run()
                 except Exception as error:
@@ -372,7 +365,7 @@ class Executor:
                 _log.exception("a listener failed; the joints are not affected")
 
     def _leave(self) -> None:
-        self._requests.leave()
+        self.requests.leave()
         try:
             self._control.close()
         except Exception:

@@ -59,14 +59,28 @@ class RequestQueue:
         """Take requests from now on: there is a thread to serve them."""
         self._is_open = True
 
-    def ask(self, request: Request) -> None:
+    def ask(
+        self,
+        run: Callable[[], object],
+        future: Future[Any] | None = None,
+        channel: Channel | None = None,
+    ) -> Future[Any]:
         """Queue a request; it fails with ``Interrupted("shutdown")`` when the queue is closed.
 
+        Args:
+            run: Does it.
+            future: What comes of it, if ``run`` sees to that; otherwise what ``run`` returns.
+            channel: The channel whose stop throws it out; None if no stop does.
+
+        Returns:
+            What comes of it.
+
         Raises:
-            RuntimeError: It has not been opened.
+            RuntimeError: The queue has not been opened.
         """
         if not self._is_open:
             raise RuntimeError("start the executor first")
+        request = Request(future or running_future(), channel, run, is_job=future is None)
         with self._lock:
             closing = self._closing
             if not closing:
@@ -74,6 +88,7 @@ class RequestQueue:
         if closing:
             request.future.set_exception(Interrupted("shutdown"))
         self._wake.set()
+        return request.future
 
     def stop(self, stop: Request, channels: Collection[Channel], by: str) -> None:
         """Serve ``stop`` next, and end the waiting requests of ``channels``.

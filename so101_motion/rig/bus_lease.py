@@ -13,7 +13,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Future
-from types import TracebackType
 from typing import TypeVar
 
 from so101_motion.common.clock import Clock
@@ -83,14 +82,15 @@ class BusLease:
             Exception: What ``job`` raised, or the watching job before it.
         """
 
-        def run(_: JointController) -> T:
+        def run() -> T:
             self._refuse_over()
             trouble, self._trouble = self._trouble, None
             if trouble is not None:
                 raise trouble
             return self._servos.lent.on_bus(job)
 
-        return self._result(self._executor.ask(run))
+        done: Future[T] = self._executor.requests.ask(run)
+        return self._result(done)
 
     def watch(self, job: Callable[[Bus], None] | None) -> None:
         """Run ``job`` on the port's thread at every tick, 100 times a second; None ends it.
@@ -116,11 +116,11 @@ class BusLease:
             MotionError: The bus has been given back, or the port was closed.
         """
 
-        def change(_: JointController) -> None:
+        def change() -> None:
             self._refuse_over()
             self._servos.lent.at_baud(baud)
 
-        self._result(self._executor.ask(change))
+        self._result(self._executor.requests.ask(change))
 
     def give_back(self, *, hold: bool = False) -> None:
         """Set the servos up anew, as they and the calibration are now. May be called twice.
@@ -144,12 +144,7 @@ class BusLease:
     def __enter__(self) -> BusLease:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         if error is None:
             self.give_back()
         else:

@@ -315,7 +315,9 @@ class Bus:
                 asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
             )
             skip = start - begin
-            for servo_id, answer in self._sync_read_once(asked, begin, length, attempt).items():
+            self.port.discard()
+            self.port.write(sync_read_packet(tuple(asked), begin, length))
+            for servo_id, answer in self._answers(asked, length, attempt).items():
                 found[servo_id] = (
                     answer
                     if length == count
@@ -383,12 +385,9 @@ class Bus:
         room = (patience - min(_REST, 0.5 * patience)) * self.port.baud / 10.0
         return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
 
-    def _sync_read_once(
-        self, asked: list[int], start: int, count: int, tried: int
-    ) -> dict[int, Answer]:
+    def _answers(self, asked: list[int], count: int, tried: int) -> dict[int, Answer]:
+        """The answers to a question that was just sent to many, ``count`` bytes each."""
         answers, patience = Answers(asked, count), self._patience_for(tried)
-        self.port.discard()
-        self.port.write(sync_read_packet(tuple(asked), start, count))
         wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
         rest = min(_REST, 0.5 * patience)
         until = time.monotonic() + max(patience, wire + rest)
