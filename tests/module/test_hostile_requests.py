@@ -16,7 +16,8 @@ from viam.proto.common import DoCommandRequest
 from viam.resource.manager import ResourceManager
 from viam.rpc.server import _patch_mappings
 
-from so101_motion.viam.requests.request_guard import DEEPEST, LARGEST_STRUCT, MOST_VALUES, guard
+from so101_motion.viam.requests.large_messages import LARGEST_REST, LargeCodec
+from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES, guard
 
 LONGEST_GAP = 0.5
 """Of the processor [s]; what is sent here held the loop for 0.7 to 25 s."""
@@ -40,7 +41,8 @@ class _Channel(ChannelFor):
 async def guarded_arm():
     arm = new_arm()
     try:
-        async with _Channel(_patch_mappings([ArmRPCService(ResourceManager([arm]))])) as channel:
+        services = _patch_mappings([ArmRPCService(ResourceManager([arm]))])
+        async with _Channel(services, codec=LargeCodec()) as channel:
             yield ArmClient(arm.name, channel)
     finally:
         await arm.close()
@@ -140,10 +142,10 @@ def struct_of(value):
 
 async def test_a_struct_of_too_many_values_or_bytes_is_refused_with_the_limit():
     many = struct_of({"command": "x", "v": [0.0] * (MOST_VALUES + 1)})
-    large = struct_of({"command": "x" * (LARGEST_STRUCT + 1)})
+    large = struct_of({"command": "x" * (LARGEST_REST + 1)})
     async with guarded_arm() as arm:
         stub = ArmServiceStub(arm.channel)
-        for struct, limit in ((many, f"{MOST_VALUES} values"), (large, f"{LARGEST_STRUCT}")):
+        for struct, limit in ((many, f"{MOST_VALUES} values"), (large, f"{LARGEST_REST}")):
             error = await refusal(stub.DoCommand(DoCommandRequest(name="arm", command=struct)))
             assert error.status is Status.INVALID_ARGUMENT
             assert limit in error.message

@@ -36,14 +36,16 @@ _HEAD = 65_536
 """The head of a file ends within so many bytes. Chosen; heads have some hundred."""
 
 
-def shape_file(kind: str, data: bytes, *, name: str, centre: Array | None = None) -> ShapeFile:
+def shape_file(
+    kind: str, data: bytes | memoryview, *, name: str, centre: Array | None = None
+) -> ShapeFile:
     """A file for the planner, of which only the head has been read; lengths in it are metres.
 
     Raises:
         ConfigError: It is too large, or its head cannot be read.
     """
     try:
-        _refuse_large(kind, data)
+        _refuse_large(kind, bytes(data[:_HEAD]), len(data))
     except ConfigError as error:
         raise ConfigError(error.key, error.value, f"(of {name}) {error.reason}") from error
     return ShapeFile(kind=kind, data=np.frombuffer(data, np.uint8), name=name, centre=centre)
@@ -67,7 +69,7 @@ def read_shape(shape: Shape | ShapeFile) -> Shape:
         raise ConfigError(error.key, error.value, f"(of {shape.name}) {error.reason}") from error
 
 
-def mesh_kind(data: bytes) -> str:
+def mesh_kind(data: bytes | memoryview) -> str:
     """What kind of mesh file it is, by its content: ``"ply"`` or ``"stl"``.
 
     A binary STL file has any 80 bytes, the number of its triangles, and 50 bytes for each.
@@ -75,10 +77,11 @@ def mesh_kind(data: bytes) -> str:
     Raises:
         ConfigError: It is neither.
     """
-    words = data[:_HEAD].split(maxsplit=1)[:1]
+    head = bytes(data[:_HEAD])
+    words = head.split(maxsplit=1)[:1]
     if words == [b"ply"]:
         return "ply"
-    if _is_binary_stl(data) or [word.lower() for word in words] == [b"solid"]:
+    if _is_binary_stl(head, len(data)) or [word.lower() for word in words] == [b"solid"]:
         return "stl"
     raise ConfigError("mesh", f"{len(data)} bytes", "must be a PLY or STL file")
 
@@ -89,7 +92,7 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
     Raises:
         ConfigError: It is too large, or no such file.
     """
-    _refuse_large(kind, data, most)
+    _refuse_large(kind, data, len(data), most)
     try:
         found = _binary_stl(data) if kind == "stl" else _binary_ply(data)
         if found is None:
@@ -119,21 +122,25 @@ def read_points(data: bytes) -> Array:
     Raises:
         ConfigError: It is too large, or no such file.
     """
-    _refuse_large("pcd", data)
+    _refuse_large("pcd", data, len(data))
     try:
         return _pcd(data)
     except (KeyError, ValueError, IndexError, OverflowError) as error:
         raise _no_cloud(data, error) from error
 
 
-def _refuse_large(kind: str, data: bytes, most_triangles: int = MOST_TRIANGLES) -> None:
+def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_TRIANGLES) -> None:
+    """Refuse a file of ``size`` bytes that holds too much.
+
+    ``data`` is all of it or its head; STL text has no head, and only what is there is counted.
+    """
     what = "point_cloud" if kind == "pcd" else "mesh"
-    if len(data) > LARGEST_FILE:
+    if size > LARGEST_FILE:
         raise ConfigError(
-            what, f"{len(data)} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
+            what, f"{size} bytes", f"is larger than the {LARGEST_FILE} bytes that are read"
         )
     if kind == "stl":
-        counts = {"triangles": (_stl_count(data), most_triangles)}
+        counts = {"triangles": (_stl_count(data, size), most_triangles)}
     elif kind == "ply":
         head, _ = _ply_head(data)
         counts = {
@@ -149,7 +156,7 @@ def _refuse_large(kind: str, data: bytes, most_triangles: int = MOST_TRIANGLES) 
         if count > most:
             raise ConfigError(
                 what,
-                f"{len(data)} bytes",
+                f"{size} bytes",
                 f"has {count:.7g} {unit}, {most} are read; send it simplified or cut to what the"
                 " arm can reach",
             )
@@ -158,18 +165,18 @@ def _refuse_large(kind: str, data: bytes, most_triangles: int = MOST_TRIANGLES) 
 # Meshes
 
 
-def _is_binary_stl(data: bytes) -> bool:
-    return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+def _is_binary_stl(head: bytes, size: int) -> bool:
+    return size >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little")
 
 
-def _stl_count(data: bytes) -> int:
-    if _is_binary_stl(data):
+def _stl_count(data: bytes, size: int) -> int:
+    if _is_binary_stl(data, size):
         return int.from_bytes(data[80:84], "little")
     return data.count(b"endfacet") + data.count(b"ENDFACET")
 
 
 def _binary_stl(data: bytes) -> tuple[Array, Any] | None:
-    if not _is_binary_stl(data):
+    if not _is_binary_stl(data, len(data)):
         return None
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     corners = np.frombuffer(data, record, offset=84)["corners"]

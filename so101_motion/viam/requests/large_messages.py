@@ -1,0 +1,180 @@
+"""Read large messages without holding up the event loop.
+
+Protobuf decodes a message in one piece and holds the interpreter lock meanwhile: 15 ms for a mesh
+of 31 MiB or for 100,000 boxes, and whoever takes the mesh out copies it once more. So
+``LargeCodec`` looks through a large message before it is decoded. Large contents (meshes, point
+clouds) are taken out without a copy; a short reference is decoded in their place, and
+``content_of`` finds the content again. What then remains is bounded in bytes and in fields, and is
+refused before it is decoded if it exceeds them.
+
+The wire format: https://protobuf.dev/programming-guides/encoding
+"""
+
+from __future__ import annotations
+
+import os
+from contextvars import ContextVar
+from typing import Any
+
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.message import DecodeError
+from grpclib.encoding.proto import ProtoCodec
+
+from so101_motion.common.errors import ConfigError
+
+LARGE = 1 << 16
+"""Messages and contents of fewer bytes are decoded as they are [byte]. Chosen."""
+
+LARGEST_REST = 1 << 20
+"""Most bytes of a message besides large contents. Chosen: a plan of a thousand steps has a tenth of
+that, and protobuf takes a millisecond to decode it."""
+
+MOST_FIELDS = 5_000
+"""Most fields of a large message. Chosen: they take 4 ms to look through; 1,000 geometries have
+fewer."""
+
+_REFERENCE = os.urandom(16)
+"""What references begin with; no client can know it."""
+
+_contents: ContextVar[list[memoryview]] = ContextVar("contents")
+"""The large contents of the message that the current task has received."""
+
+_STRUCT = "google.protobuf.Struct"
+"""Is one field to us: ``request_guard`` counts the values in it."""
+
+_VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
+
+
+class LargeCodec(ProtoCodec):
+    """Protobuf as gRPC carries it, with large contents taken out of messages that are received."""
+
+    def decode(self, data: bytes, message_type: Any) -> Any:
+        """The message in ``data``.
+
+        Raises:
+            DecodeError: It is garbled.
+            ConfigError: It has too many bytes or fields.
+        """
+        if len(data) <= LARGE:
+            return message_type.FromString(data)
+        contents: list[memoryview] = []
+        count = _Count()
+        slim = _without_contents(memoryview(data), message_type.DESCRIPTOR, contents, count)
+        _contents.set(contents)
+        return message_type.FromString(slim)
+
+
+def content_of(value: bytes) -> bytes | memoryview:
+    """The content of a field of the message that the current task has received.
+
+    Args:
+        value: The field's value: the content itself, or what refers to it.
+    """
+    if not value.startswith(_REFERENCE):
+        return value
+    return _contents.get()[int.from_bytes(value[len(_REFERENCE) :], "big")]
+
+
+class _Count:
+    """Counts what remains of one message against its bounds."""
+
+    def __init__(self) -> None:
+        self._fields = self._bytes = 0
+
+    def add(self, size: int) -> None:
+        """Count a field of ``size`` bytes."""
+        self._fields += 1
+        self._bytes += size
+        if self._fields > MOST_FIELDS:
+            raise ConfigError(
+                "request", f"over {MOST_FIELDS} fields", "is more than is read; send fewer"
+            )
+        if self._bytes > LARGEST_REST:
+            raise ConfigError(
+                "request",
+                f"over {LARGEST_REST} bytes besides meshes and point clouds",
+                "is more than is read; send less",
+            )
+
+
+def _without_contents(
+    data: memoryview, kind: Descriptor, contents: list[memoryview], count: _Count
+) -> bytes:
+    """A message of a kind with references in place of its large contents, which are appended."""
+    fields = kind.fields_by_number
+    kept = bytearray()
+    at, end = 0, len(data)
+    while at < end:
+        begin = at
+        tag, at = _varint(data, at)
+        wire = tag & 7
+        if wire != _BYTES:
+            at = _after_number(data, at, wire)
+            value = None
+        else:
+            size, at = _varint(data, at)
+            value = data[at : at + size]
+            at += size
+        if at > end:
+            raise DecodeError("a field ends behind its message")
+        field = fields.get(tag >> 3)
+        if value is None or len(value) <= LARGE or field is None:
+            count.add(at - begin)
+            kept += data[begin:at]
+            continue
+        kept += _encoded(tag) + _slim(value, field, contents, count)
+    return bytes(kept)
+
+
+def _slim(
+    value: memoryview, field: FieldDescriptor, contents: list[memoryview], count: _Count
+) -> bytes:
+    """What stands for a large value: its length and bytes."""
+    slim: bytes | memoryview = value
+    if field.type == FieldDescriptor.TYPE_BYTES:
+        slim = _REFERENCE + len(contents).to_bytes(4, "big")
+        contents.append(value)
+        count.add(len(slim))
+    elif field.message_type is None or field.message_type.full_name == _STRUCT:
+        count.add(len(value))
+    else:
+        slim = _without_contents(value, field.message_type, contents, count)
+    return _encoded(len(slim)) + bytes(slim)
+
+
+def _after_number(data: memoryview, at: int, wire: int) -> int:
+    """Where the number ends that begins ``at``."""
+    if wire == _VARINT:
+        return _varint(data, at)[1]
+    if wire == _FIXED64:
+        return at + 8
+    if wire == _FIXED32:
+        return at + 4
+    raise DecodeError(f"no field has the wire type {wire}")
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    """The number that begins ``at``, and where it ends."""
+    value = shift = 0
+    try:
+        while True:
+            byte = data[at]
+            at += 1
+            value |= (byte & 0x7F) << shift
+            if byte < 0x80:
+                return value, at
+            shift += 7
+            if shift > 63:
+                raise DecodeError("a number is longer than 10 bytes")
+    except IndexError:
+        raise DecodeError("a number ends behind its message") from None
+
+
+def _encoded(number: int) -> bytes:
+    """A number as a varint."""
+    parts = bytearray()
+    while number > 0x7F:
+        parts.append(number & 0x7F | 0x80)
+        number >>= 7
+    parts.append(number)
+    return bytes(parts)
