@@ -5,6 +5,8 @@ import signal
 import sys
 from contextlib import asynccontextmanager
 
+from grpclib import GRPCError, Status
+
 from harness.fake_parent import ROOT
 
 EMULATE = "from so101_motion.cli import main; main()"
@@ -28,6 +30,28 @@ class HardwarePort:
         """Let something happen to the emulated servos, e.g. ``unplug`` or ``end unplug``."""
         self.process.stdin.write(f"{line}\n".encode())
         await self.process.stdin.drain()
+
+
+async def patiently(call, tries=5):
+    """The outcome of ``call()``, which is asked for again when the servos came too late.
+
+    A busy machine may keep emulated servos from answering, or from moving, in time. What a real
+    servo would never do is no finding; anything else that goes wrong is raised at once.
+    """
+    for left in reversed(range(tries)):
+        try:
+            return await call()
+        except GRPCError as error:
+            if not left or not _came_late(error):
+                raise
+            await asyncio.sleep(0.5)
+
+
+def _came_late(error):
+    if error.status is Status.ABORTED:
+        return "from where it should be" in error.message
+    lost = (Status.UNAVAILABLE, Status.FAILED_PRECONDITION)  # an answer, and the fault it makes
+    return error.status in lost and "not ready" not in error.message
 
 
 @asynccontextmanager

@@ -303,6 +303,14 @@ class ModelBench(HardwareBench):
             await asyncio.sleep(0.001)
         raise AssertionError("it never began")
 
+    async def until_it_rests(self, client, at_most=10.0):
+        """Let time pass until a component says that nothing is under way any more."""
+        for _ in range(round(at_most / 0.02)):
+            if not await client.is_moving():
+                return
+            await self.pass_time(0.02)
+        raise AssertionError("it never came to rest")
+
     async def end(self):
         for component in self._built:
             await self.in_time(component.close())

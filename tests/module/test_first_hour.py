@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 import pytest
-from grpclib import GRPCError, Status
+from harness.emulated_port import patiently
 from harness.fake_parent import ARM, GRIPPER, ROOT, running_module
 from viam.proto.common import Pose
 
@@ -112,20 +112,6 @@ def added(module, api, configured):
     return module.add(api, one["model"], one["attributes"], one["name"])
 
 
-_NOT_NOW = (Status.UNAVAILABLE, Status.FAILED_PRECONDITION)  # no answer, and the fault it makes
-
-
-async def until_available(call, tries=5):
-    """Ask again, as people do: a busy machine may keep emulated servos from answering in time."""
-    for left in reversed(range(tries)):
-        try:
-            return await call()
-        except GRPCError as error:
-            if error.status not in _NOT_NOW or not left:
-                raise
-            await asyncio.sleep(0.5)
-
-
 @pytest.mark.slow
 async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     told = await person.runs(
@@ -148,11 +134,11 @@ async def test_a_newcomer_gets_from_a_box_of_parts_to_a_moving_arm(person):
     configured = {one["api"]: one for one in told["configuration"]["components"]}
     assert configured[ARM]["attributes"] == {"port": person.kit.port, "calibration_file": file}
     async with running_module() as (module, _, _):
-        arm = await until_available(lambda: added(module, ARM, configured))
-        gripper = await until_available(lambda: added(module, GRIPPER, configured))
+        arm = await patiently(lambda: added(module, ARM, configured))
+        gripper = await patiently(lambda: added(module, GRIPPER, configured))
         goal = Pose(x=250.0, y=80.0, z=150.0, o_z=1.0)
-        await until_available(lambda: arm.move_to_position(goal))
+        await patiently(lambda: arm.move_to_position(goal))
         with person.kit.world.lock:
             p = RobotModel.load().frame(person.kit.world.q[:5], "tool").p
         assert 1000.0 * p == pytest.approx((250.0, 80.0, 150.0), abs=5.0), "where it truly is"
-        await gripper.open()
+        await patiently(gripper.open)

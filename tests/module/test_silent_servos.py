@@ -10,7 +10,7 @@ import tty
 
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_port import emulated_port
+from harness.emulated_port import emulated_port, patiently
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -109,7 +109,7 @@ async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated
         assert status["state"] == "holding"
         start = list((await arm.get_joint_positions()).values)
         goal = [start[0] + 5.0, *start[1:]]
-        await arm.move_to_joint_positions(JointPositions(values=goal))
+        await patiently(lambda: arm.move_to_joint_positions(JointPositions(values=goal)))
         assert list((await arm.get_joint_positions()).values) == pytest.approx(goal, abs=0.5)
         assert await arm.get_kinematics() == before
 
@@ -162,11 +162,15 @@ async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(
         sensor = await within(
             AT_ONCE, module.add(SENSOR, CALIBRATION, {"port": emulated.port}, "sensor")
         )
-        assert (await sensor.get_status())["connected"] is True, "the port is there"
+
+        async def has_port():
+            return (await sensor.get_status())["connected"]
+
+        await until(has_port)  # the port is there, though one of its servos is not
         assert "elbow_flex" in await refused(gripper.open())
         await emulated.fault("end dead:3")
         await until(lambda: works(arm.get_geometries))
-        await gripper.open()
+        await patiently(gripper.open)
         for component in (arm, gripper):
             status = await component.do_command({"command": "controller_status"})
             assert status["ref_count"] == 3
@@ -182,6 +186,7 @@ async def test_a_silent_gripper_does_not_keep_its_arm_from_working(tmp_path):
         assert "gripper" in await refused(gripper.open())
         assert "gripper" in (await gripper.get_status())["not_ready"]
         await bench.fault("end dead:6")
-        await until(lambda: works(gripper.open))
+        await until(lambda: works(gripper.get_geometries))
+        await patiently(gripper.open)
         assert (await gripper.get_status())["position_percentage"] > 90.0
         assert (await arm.get_status())["state"] == "holding"
