@@ -44,7 +44,7 @@ stand, but nobody expects that any more; chosen, rides out a busy machine."""
 
 _LOOKS = 12
 """How often joints are looked at before they are held. Chosen: with 7 % of the answers spoiled, one
-of six has not given three that agree, or one that agrees with the past, once in a million times."""
+of six has not given four that agree, or one that agrees with the past, once in a million times."""
 
 
 class JointController:

@@ -52,9 +52,10 @@ CLOSE = SCATTER + 0.5 * PUSH * 0.01**2
 """Two readings agree if they are no farther apart than this [tick]: what physics lets happen in one
 period of 10 ms, 1.3 deg. Chosen."""
 
-ENOUGH = 3
-"""So many readings in a row that agree are sure without the past. Two forged ones agree by chance
-once in a hundred times: with half of all answers spoiled, joints were thrown by such pairs."""
+ENOUGH = 4
+"""So many readings in a row that agree are sure without the past. Forged ones agree by chance: with
+half of all answers spoiled, joints were thrown by pairs, and by three of them three times in two
+million answers; by four not once in 1.4 million."""
 
 _HANDS = 0.5 * FASTEST  # readings that agree with each other show no joint faster than that
 _RECENT = 0.1  # a velocity says nothing of a joint that was last surely seen longer ago [s]

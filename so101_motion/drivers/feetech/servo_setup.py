@@ -133,7 +133,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
 
 
 def read_position(bus: Bus, servo_id: int) -> int:
-    """Where a servo is [tick], as three answers in a row have it.
+    """Where a servo is [tick], as four answers in a row have it.
 
     Raises:
         BusError: It cannot be reached, or its answers do not agree.
