@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from so101_motion.planning.goals import ArcTo as ArcTo
     from so101_motion.planning.goals import GoalMetric as GoalMetric
     from so101_motion.planning.goals import JointGoal as JointGoal
+    from so101_motion.planning.goals import LeaveContactGoal as LeaveContactGoal
     from so101_motion.planning.goals import LineGoal as LineGoal
     from so101_motion.planning.goals import LineTo as LineTo
     from so101_motion.planning.goals import PathGoal as PathGoal
@@ -45,6 +46,7 @@ _HOMES = {
     "Capsule": "planning.collision.scene",
     "GoalMetric": "planning.goals",
     "JointGoal": "planning.goals",
+    "LeaveContactGoal": "planning.goals",
     "LineGoal": "planning.goals",
     "LineTo": "planning.goals",
     "Mesh": "planning.collision.scene",

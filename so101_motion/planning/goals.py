@@ -262,4 +262,23 @@ class ApproachGoal:
 ToolGoal = LineGoal | ToolPathGoal
 """Goals that prescribe the path of the tool."""
 
-Goal = PoseGoal | JointGoal | PathGoal | ToolGoal | ApproachGoal
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeaveContactGoal:
+    """Leave contact by a slow straight joint motion, and stop as soon as the arm is free.
+
+    For an arm that hangs below its table or in an obstacle that is not there. Every other goal is
+    refused if more than a small motion is needed to get free.
+
+    Attributes:
+        farthest: Longest motion of any point of the arm [m].
+    """
+
+    farthest: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.farthest <= 2.0:
+            raise ConfigError("farthest", self.farthest, "must be more than 0 and at most 2 m")
+
+
+Goal = PoseGoal | JointGoal | PathGoal | ToolGoal | ApproachGoal | LeaveContactGoal

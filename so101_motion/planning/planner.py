@@ -32,6 +32,7 @@ from so101_motion.planning.goal_configurations import configurations_above, free
 from so101_motion.planning.goals import (
     ApproachGoal,
     JointGoal,
+    LeaveContactGoal,
     LineGoal,
     PathGoal,
     PoseGoal,
@@ -41,7 +42,7 @@ from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
 from so101_motion.planning.paths.path import PathFinder
-from so101_motion.planning.paths.start_recovery import find_departure, needs_departure
+from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure, needs_departure
 from so101_motion.planning.planning_context import Job
 from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
@@ -221,6 +222,7 @@ class Planner:
                 q_jaw=request.q_jaw,
                 towards=_towards(job),
                 seed=request.seed,
+                farthest=_farthest(job),
             )
             return [moves.departing(q_start, q_exit)], q_exit
 
@@ -229,6 +231,8 @@ class Planner:
         goal = job.request.goal
         if isinstance(goal, PoseGoal):
             return self._to_any(job, q_from, free_configurations(job, goal, q_from))
+        if isinstance(goal, LeaveContactGoal):
+            return self._to_any(job, q_from, iter([q_from]))
         if isinstance(goal, JointGoal):
             job.model.check_limits(goal.q)
             if not job.is_free(goal.q):
@@ -309,6 +313,12 @@ class Planner:
     def _tool_path(self, q: Array) -> Array:
         chosen = np.unique(np.linspace(0, len(q) - 1, _PICTURE_POINTS).astype(int))
         return np.array([self._model.rotation_and_position(q[k])[1].copy() for k in chosen])
+
+
+def _farthest(job: Job) -> float:
+    """How far any point of the arm may move to leave a bad start [m]."""
+    goal = job.request.goal
+    return goal.farthest if isinstance(goal, LeaveContactGoal) else FARTHEST
 
 
 def _towards(job: Job) -> list[Array]:

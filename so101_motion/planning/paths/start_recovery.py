@@ -28,13 +28,21 @@ OUTSIDE = 2.0 * math.pi / 4096.0
 """A start so little outside its limits counts as inside [rad]: one tick of the servo's encoder."""
 
 FARTHEST = 0.12
-"""Longest way out, as motion of any point of the arm [m]. Chosen: a folded arm needs half of it."""
+"""Longest way out, as motion of any point of the arm [m], unless more is asked for. Chosen: a
+folded arm needs half of it."""
 
 CLOSER = 5e-4
 """A pair that is too close may come so much closer than it was [m], because parts that slide
 along each other do, and the depth of an overlap is known no better. Chosen."""
 
 _RANDOM_DIRECTIONS = 60
+
+_MOTION = {
+    False: "small motion frees it; move the arm by hand (manual mode), or send it the command"
+    " leave_contact",
+    True: "straight motion frees it; move the arm by hand (manual mode)",
+}
+"""How the error ends, for a small motion and for a longer one."""
 
 
 def needs_departure(
@@ -52,6 +60,7 @@ def find_departure(
     q_jaw: float,
     towards: Sequence[Array],
     seed: int,
+    farthest: float = FARTHEST,
 ) -> Array:
     """A free configuration inside the limits that a start can be left to on a straight joint line.
 
@@ -66,7 +75,7 @@ def find_departure(
             q
             for direction in directions
             if np.any(direction)
-            for q in _along(collision, model, inside, direction)
+            for q in _along(collision, model, inside, direction, farthest)
         ]
         free = [q for q in (inside, *exits) if collision.is_free(q, q_jaw)]
         free.sort(key=lambda q: float(np.abs(q - q_start) @ collision.reach))
@@ -75,8 +84,7 @@ def find_departure(
                 return q_exit
     closest = collision.clearance(q_start, q_jaw)
     raise InCollision(
-        f"at the start {closest.message('is')}, and no small motion frees it; move the arm by hand"
-        " (manual mode) and try again",
+        f"at the start {closest.message('is')}, and no {_MOTION[farthest > FARTHEST]}",
         first=closest.first,
         second=closest.second,
         where="start",
@@ -100,9 +108,9 @@ def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
 
 
 def _along(
-    collision: CollisionModel, model: RobotModel, inside: Array, direction: Array
+    collision: CollisionModel, model: RobotModel, inside: Array, direction: Array, farthest: float
 ) -> list[Array]:
     """Configurations along a path at growing distances, cut off at the limits."""
     unit = direction / float(np.abs(direction) @ collision.reach)
-    distances = FARTHEST * np.array([0.04, 0.08, 0.16, 0.32, 0.6, 1.0])
+    distances = farthest * np.array([0.04, 0.08, 0.16, 0.32, 0.6, 1.0])
     return [np.clip(inside + d * unit, model.lower, model.upper) for d in distances]

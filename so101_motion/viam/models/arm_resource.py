@@ -29,7 +29,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files.scene_file import obstacles_from, scene_to
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import JointGoal, PathGoal, PoseGoal
+from so101_motion.planning.goals import JointGoal, LeaveContactGoal, PathGoal, PoseGoal
 from so101_motion.rig.hardware_rig import Rig
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
@@ -146,6 +146,7 @@ class ArmResource(Arm):
             "enter_manual_mode": self._enter_manual_mode,
             "exit_manual_mode": self._exit_manual_mode,
             "get_planning_setup": self._get_planning_setup,
+            "leave_contact": self._leave_contact,
             **self.paths.commands,
         }
 
@@ -401,6 +402,12 @@ class ArmResource(Arm):
 
     async def _motion_params(self, request: Request) -> dict[str, Any]:
         return motion_params(self._arm, request)
+
+    async def _leave_contact(self, request: Request) -> dict[str, Any]:
+        arguments(request)
+        await self.ready()
+        await self.arrived(self._arm.start_move(LeaveContactGoal()))
+        return {"success": True}
 
     async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
         given = arguments(request, "enabled_for", *MANUAL_RANGES)
