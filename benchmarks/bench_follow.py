@@ -38,7 +38,7 @@ def followed(speed: float, acceleration: float) -> list[Any]:
     with (
         _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
-        _harness.hardware_bench(Path(folder), patience=2.0) as bench,
+        _harness.hardware_bench(Path(folder), reply_timeout=2.0) as bench,
     ):
         rig = bench.open()
         bench.advance(1.0)

@@ -59,10 +59,10 @@ _parent: Any = importlib.import_module("harness.fake_parent")
 def module() -> None:
     """Be the module, note when each setpoint is written, and keep the planner busy."""
     from so101_motion.__main__ import main as serve
-    from so101_motion.common.realtime import steady_interpreter
+    from so101_motion.common.realtime import reduce_jitter
     from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 
-    steady_interpreter()  # as the module is about to do, so that the thread below is one of its own
+    reduce_jitter()  # as the module is about to do, so that the thread below is one of its own
     times: list[float] = []
     write = FeetechArm.write
 

@@ -73,12 +73,12 @@ something else to do meanwhile needs more."""
 
 
 @contextmanager
-def session(*, patience: float = 2.0, **options: Any) -> Iterator[Any]:
+def session(*, reply_timeout: float = 2.0, **options: Any) -> Iterator[Any]:
     """Two arms, started, in the middle of mirroring."""
     with (
         _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
-        _bench.teleop_bench(Path(folder), patience=patience) as bench,
+        _bench.teleop_bench(Path(folder), reply_timeout=reply_timeout) as bench,
     ):
         bench.start(**options)
         bench.advance(0.5)
@@ -138,7 +138,7 @@ def losing() -> Iterator[dict[str, Any]]:
     }
     t = np.arange(0.0, 4.0, PERIOD)
     for name, lose in cases.items():
-        with session(patience=IMPATIENT) as bench:
+        with session(reply_timeout=IMPATIENT) as bench:
             way = np.tile(np.degrees(bench.leader.world.q), (len(t), 1))
             way[:, 0] += 40.0 * np.sin(0.5 * np.pi * t)  # 63 deg/s in the middle
             bench.leader.lead(way)
@@ -193,7 +193,7 @@ def lasting(minutes: float) -> dict[str, Any]:
     with (
         _referee.refereed(),
         tempfile.TemporaryDirectory() as folder,
-        _bench.teleop_bench(Path(folder), patience=IMPATIENT) as bench,
+        _bench.teleop_bench(Path(folder), reply_timeout=IMPATIENT) as bench,
     ):
         recorder = Recorder(Path(folder) / "long.mcap", fps=30.0)
         bench.start(recorder=recorder)

@@ -96,7 +96,7 @@ def setup(browser: Browser, file: Path) -> None:
         put(0.5, (*done, "wrist_flex", "wrist_roll"))
         kept = Path(folder) / "setup.json"
         with (
-            serve_setup(port=0, ports=[str(link)], patience=0.5, progress_file=kept) as app,
+            serve_setup(port=0, ports=[str(link)], reply_timeout=0.5, progress_file=kept) as app,
             _window(browser, app.url, DESK, "light") as page,
         ):
             for name in ("Calibration Only", "Next", "Next", "Let go of the joints"):

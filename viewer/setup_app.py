@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from so101_motion.calib.motors.progress import NAME, SetupProgress
-from so101_motion.setup.port_selection import PATIENCE, own_folder
+from so101_motion.setup.port_selection import REPLY_TIMEOUT, own_folder
 from so101_motion.viam.client import MachineSensor
 
 from .app import serve
@@ -47,7 +47,7 @@ def serve_setup(
     *,
     allow_remote: bool = False,
     ports: Collection[str] = (),
-    patience: float = PATIENCE,
+    reply_timeout: float = REPLY_TIMEOUT,
     sensor: MachineSensor | None = None,
     progress_file: Path | None = None,
 ) -> SetupApp:
@@ -58,7 +58,7 @@ def serve_setup(
         port: Port to listen on; 0 for any free one; None for 8080 or the next free one after it.
         allow_remote: Whether ``host`` may be more than this machine's loopback.
         ports: Serial ports to look at instead of all there are.
-        patience: How long a motor may take to answer beyond the time on the wire [s].
+        reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
         sensor: The calibration sensor of a machine whose motors are meant; closed by its owner.
         progress_file: Where it is kept how far the setup is; the terminal's file by default.
 
@@ -74,7 +74,7 @@ def serve_setup(
     kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)
     server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 setup")
     try:
-        where = Ports(named=tuple(ports), patience=patience)
+        where = Ports(named=tuple(ports), reply_timeout=reply_timeout)
         return SetupApp(server, ports=where, fixed=fixed, progress=kept)
     except BaseException:
         server.close()

@@ -160,7 +160,7 @@ class Arm:
         """The caps of a motion that names none of its own; see also ``slowdown``."""
         return self._caps.limits
 
-    def granted(self, limits: MotionLimits | None) -> MotionLimits:
+    def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
         """The caps that a motion gets which asks for ``limits``; None for the arm's own."""
         wanted = limits or self.limits
         most = wanted.scaled_to(self._ceiling.speed, self._ceiling.acceleration)
@@ -272,7 +272,7 @@ class Arm:
         q_goal = frozen_array(q_goal, (5,))
         self.model.check_limits(q_goal)
         self._range.check(q_goal)
-        caps, executor = self.granted(limits), self._executor
+        caps, executor = self.effective_limits(limits), self._executor
 
         def begin(motion: Motion) -> Future[None]:
             if self._must_hold():
@@ -285,7 +285,7 @@ class Arm:
 
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
         """Take time-stamped points once the arm rests; supersedes what is under way."""
-        caps, dt = self.granted(limits), self._executor.dt
+        caps, dt = self.effective_limits(limits), self._executor.dt
         return self._lead(lambda: Stream(q_start=self.state.q_ref, limits=caps, dt=dt))
 
     def open_stream(self, *, limits: MotionLimits | None = None) -> Stream:
@@ -314,7 +314,7 @@ class Arm:
             servo = Servo(
                 model,
                 CollisionModel(model, scene),
-                self.granted(limits),
+                self.effective_limits(limits),
                 executor.dt,
                 q,
                 frame=frame,
@@ -348,14 +348,14 @@ class Arm:
         self._motions.current.give_up(by)  # the executor's stop ends what moves
         return self._executor.stop(Channel.ARM, by=by)
 
-    def set_manual(self, enabled: bool, how: Compliance | None = None) -> None:
-        """Let the arm yield to a hand, as ``compliance`` or ``how`` says, or hold it where it is.
+    def set_manual(self, enabled: bool, compliance: Compliance | None = None) -> None:
+        """Let a hand guide the arm (``compliance``: the arm's own by default), or hold it again.
 
         A motion, a stop and letting go end manual mode as well.
         """
         if enabled:
             self.stop()
-            self._executor.guide(how or self.compliance).result()
+            self._executor.guide(compliance or self.compliance).result()
         else:
             self._executor.hold().result()
 
@@ -386,7 +386,7 @@ class Arm:
         request = PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,
             goal=goal,
-            limits=self.granted(limits),
+            limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
             scene=search.scene or self.scene,
             payload=self._payload,

@@ -132,7 +132,7 @@ Wait = Callable[[bool], None]
 """Waits until the other end takes more (True) or sends more (False); raises to end that."""
 
 
-class Line:
+class MessageSocket:
     """One end of the socket.
 
     Args:

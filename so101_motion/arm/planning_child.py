@@ -18,9 +18,9 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from so101_motion.arm.plan_messages import Kind, Line, Scenes, packed, unpacked
+from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
 from so101_motion.common.errors import So101Error, WorkerError
-from so101_motion.common.realtime import be_ordinary
+from so101_motion.common.realtime import restore_normal_priority
 from so101_motion.planning.checkpoint import Abandoned
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Child:
         line: To the parent.
     """
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: MessageSocket) -> None:
         self._line = line
         self._scenes = Scenes()
         self._next_look = self._next_sign = 0.0
@@ -116,9 +116,9 @@ class Child:
 
 def main() -> None:
     """Serve the parent at the other end of the socket whose number is the argument."""
-    be_ordinary()  # whoever streams goes before whoever plans
+    restore_normal_priority()  # whoever streams goes before whoever plans
     os.dup2(2, 1)  # what a library prints is for the log
-    line = Line(socket.socket(fileno=int(sys.argv[1])))
+    line = MessageSocket(socket.socket(fileno=int(sys.argv[1])))
     try:
         Child(line).run()
     except (EOFError, OSError):

@@ -23,13 +23,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from so101_motion.arm.plan_messages import Kind, Line, Scenes, packed, unpacked
+from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
 from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
     from so101_motion.planning.request import Plan, PlanRequest
 
-QUIET = 3.0
+HANG_TIMEOUT = 3.0
 """A child that has work, shows no sign of life for so long and uses no processor hangs [s]. Chosen:
 it shows one four times a second."""
 
@@ -46,7 +46,7 @@ main()
 """What the child runs. Where this package lies comes last, in case it is the current folder."""
 
 
-class Died(Exception):
+class ChildDied(Exception):
     """The child ended, or was ended because it hung; says how."""
 
 
@@ -54,10 +54,10 @@ class PlanningProcess:
     """A planning process. Its methods are for one thread, but for ``wake``, ``kill`` and ``pid``.
 
     Args:
-        quiet: After how long without a sign of life it hangs [s], see ``QUIET``.
+        hang_timeout: After how long without a sign of life it hangs [s], see ``HANG_TIMEOUT``.
     """
 
-    def __init__(self, quiet: float = QUIET) -> None:
+    def __init__(self, hang_timeout: float = HANG_TIMEOUT) -> None:
         ours, theirs = socket.socketpair()
         with theirs:
             try:
@@ -65,12 +65,12 @@ class PlanningProcess:
             except OSError as error:
                 ours.close()
                 raise WorkerError(f"the planning process could not be started: {error}") from error
-        self._line = Line(ours, self._wait)
+        self._line = MessageSocket(ours, self._wait)
         self._wake, self._woken = socket.socketpair()
         self._wake.setblocking(False)
         self._woken.setblocking(False)
         self._scenes = Scenes()
-        self._quiet = quiet
+        self._hang_timeout = hang_timeout
         self._is_unwanted: Callable[[], bool] = bool
         self._gave_up = False
         self._sign = time.monotonic()
@@ -84,7 +84,7 @@ class PlanningProcess:
         """Wait until it has loaded everything.
 
         Raises:
-            Died: It has not.
+            ChildDied: It has not.
             WorkerError: It cannot; says why.
         """
         answer = self._converse(Kind.READY)
@@ -102,7 +102,7 @@ class PlanningProcess:
             The plan; None if it was given up.
 
         Raises:
-            Died: There will be no answer.
+            ChildDied: There will be no answer.
             So101Error: What ``Planner.plan`` raises.
         """
         self._is_unwanted, self._gave_up = is_unwanted, False
@@ -110,7 +110,7 @@ class PlanningProcess:
         try:
             self._line.send(Kind.REQUEST, packed(request, self._scenes))
         except OSError as error:
-            raise Died(self._how()) from error
+            raise ChildDied(self._how()) from error
         answer = self._converse(Kind.ANSWER)
         if isinstance(answer, BaseException):
             raise answer
@@ -122,7 +122,7 @@ class PlanningProcess:
             self._wake.send(b"\0")
 
     def kill(self) -> None:
-        """End the child at once; whoever waits for its answer gets ``Died``."""
+        """End the child at once; whoever waits for its answer gets ``ChildDied``."""
         self._child.kill()
 
     def close(self) -> None:
@@ -140,7 +140,7 @@ class PlanningProcess:
                 if kind is awaited:
                     return unpacked(parts, Scenes())
         except (EOFError, OSError) as error:
-            raise Died(self._how()) from error
+            raise ChildDied(self._how()) from error
 
     def _wait(self, for_writing: bool) -> None:
         """Wait for the child to take or to send something; meanwhile tell it to give up, if so."""
@@ -149,7 +149,7 @@ class PlanningProcess:
             self._line.send(Kind.GIVE_UP)
         line, woken = self._line.fileno(), self._woken.fileno()
         reading, writing = ([woken], [line]) if for_writing else ([woken, line], [])
-        readable, writable, _ = select.select(reading, writing, [], 0.5 * self._quiet)
+        readable, writable, _ = select.select(reading, writing, [], 0.5 * self._hang_timeout)
         if woken in readable:
             self._woken.recv(4096)
         now = time.monotonic()
@@ -157,13 +157,13 @@ class PlanningProcess:
             self._sign = now
             return
         silent = now - self._sign
-        if silent > _SILENT or (silent > self._quiet and _stands_still(self._child.pid)):
-            raise Died(f"showed no sign of life for {silent:.1f} s")
+        if silent > _SILENT or (silent > self._hang_timeout and _stands_still(self._child.pid)):
+            raise ChildDied(f"showed no sign of life for {silent:.1f} s")
 
     def _how(self) -> str:
         """How the child ended, which it has."""
         try:
-            code = self._child.wait(self._quiet)
+            code = self._child.wait(self._hang_timeout)
         except subprocess.TimeoutExpired:
             return "closed its end of the line"
         if code >= 0:

@@ -20,7 +20,7 @@ import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
-from so101_motion.arm.planning_process import QUIET, Died, PlanningProcess
+from so101_motion.arm.planning_process import HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common.errors import WorkerError
 
 if TYPE_CHECKING:
@@ -41,14 +41,14 @@ class PlanningWorker:
     any thread; requests are served in order.
 
     Args:
-        quiet: After how long without a sign of life the child hangs [s].
+        hang_timeout: After how long without a sign of life the child hangs [s].
     """
 
-    def __init__(self, quiet: float = QUIET) -> None:
+    def __init__(self, hang_timeout: float = HANG_TIMEOUT) -> None:
         self._requests = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-planning")
         self._lock = threading.Lock()
         self._process: PlanningProcess | None = None
-        self._quiet = quiet
+        self._hang_timeout = hang_timeout
         self._deaths = 0
         self._closed = False
 
@@ -128,8 +128,8 @@ class PlanningWorker:
                 if is_new:
                     self._wait_until_ready(process)
                 plan = None if request is None else process.ask(request, answer.cancelled)
-            except Died as death:
-                self._bury(process, death)
+            except ChildDied as death:
+                self._replace_dead(process, death)
                 if attempt == _ATTEMPTS:
                     raise self._given_up(death) from death
             else:
@@ -143,23 +143,23 @@ class PlanningWorker:
         try:
             process.wait_until_ready()
         except WorkerError as error:
-            self._bury(process, Died(f"says: {error}"))
+            self._replace_dead(process, ChildDied(f"says: {error}"))
             raise
 
     def _living(self) -> tuple[PlanningProcess, bool]:
         """A child that lives, and whether it was started just now."""
         old = self._process
         if old is not None and old.pid is None:
-            self._bury(old, Died("ended while it had nothing to do"))
+            self._replace_dead(old, ChildDied("ended while it had nothing to do"))
         with self._lock:
             if self._closed:
                 raise WorkerError(_CLOSED)
             if self._process is not None:
                 return self._process, False
-            self._process = PlanningProcess(self._quiet)
+            self._process = PlanningProcess(self._hang_timeout)
             return self._process, True
 
-    def _bury(self, process: PlanningProcess, death: Died) -> None:
+    def _replace_dead(self, process: PlanningProcess, death: ChildDied) -> None:
         with self._lock:
             self._process = None
             closed = self._closed
@@ -169,7 +169,7 @@ class PlanningWorker:
         self._deaths += 1
         _log.warning("the planning process %s; it is replaced", death)
 
-    def _given_up(self, death: Died) -> WorkerError:
+    def _given_up(self, death: ChildDied) -> WorkerError:
         message = (
             f"the planning process has failed {self._deaths} times in a row; the last one {death}."
             " Ask for something else, or with fewer things around; if that fails too, see the log"

@@ -52,7 +52,7 @@ class ArmExecutor(Protocol):
     def hold(self) -> Future[None]:
         """Drive the joints where they are."""
 
-    def guide(self, how: Compliance) -> Future[None]:
+    def guide(self, compliance: Compliance) -> Future[None]:
         """Let the arm yield to a hand."""
 
     def release(self) -> Future[None]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
-from so101_motion.cli.shared import json_option, patience, print_json, quietly
+from so101_motion.cli.shared import busy_message, json_option, print_json, quietly
 from so101_motion.cli.sources import AnySource, MachineSource, Source, any_source_options
 
 if TYPE_CHECKING:
@@ -89,11 +89,11 @@ def bench(source: AnySource, as_json: bool) -> None:
 
     with quietly():
         if isinstance(source, MachineSource):
-            with closing(source.open()) as rig, patience("asking the machine"):
+            with closing(source.open()) as rig, busy_message("asking the machine"):
                 theirs = [_asked(rig)]
         else:
             theirs = _local(source)
-        with patience("planning"):
+        with busy_message("planning"):
             figures = [*_planning(), *theirs]
     about = dict(software())
     if as_json:
@@ -152,7 +152,7 @@ def _local(source: Source) -> list[Figure]:
     if source.port is None:
         from so101_motion.rig.hardware_rig import open_simulated
 
-        with open_simulated() as rig, patience("listening to the control loop"):
+        with open_simulated() as rig, busy_message("listening to the control loop"):
             return [_lateness(rig)]
     from so101_motion.cli.port_choice import look_at
     from so101_motion.rig.hardware_rig import open_hardware
@@ -161,11 +161,11 @@ def _local(source: Source) -> list[Figure]:
     report = look_at(source.port)
     settings = ServoSettings(port=source.port, baudrate=report.baudrate, timeout=None)
     with closing(open_hardware(settings)) as rig:
-        with patience("listening to the control loop"):
+        with busy_message("listening to the control loop"):
             late = _lateness(rig)
         if not report.servo_ids:
             return [late]
-        with patience("asking the servos"):
+        with busy_message("asking the servos"):
             return [late, _bus(rig, report.servo_ids)]
 
 

@@ -61,7 +61,7 @@ def doctor(
     so101 doctor --port /dev/ttyACM0 --report doctor.md
     so101 doctor --machine my-arm.local:8080
     """  # noqa: D301
-    from so101_motion.cli.shared import patience, quietly
+    from so101_motion.cli.shared import busy_message, quietly
     from so101_motion.setup.checkup import check_up, is_healthy
 
     chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
@@ -73,7 +73,7 @@ def doctor(
         _of_machine(machine, as_json)
         return
 
-    with quietly(), patience("examining"):
+    with quietly(), busy_message("examining"):
         seen = _installed(is_whole=sim)
         if not sim:
             seen = _with_port(seen, port, calibration)

@@ -21,10 +21,10 @@ from so101_motion.cli.shared import (
     INTERRUPTED,
     F,
     aside,
+    busy_message,
     have_agreed,
     import_preview,
     json_option,
-    patience,
     print_json,
     quietly,
     yes_option,
@@ -239,7 +239,7 @@ def _refuse(out: Path | None, lerobot: bool) -> None:
 def _planned(rig: RigLike, goal: Goal, scene: Scene | None) -> Plan:
     if scene is not None:
         rig.arm.scene = scene
-    with patience("planning"):
+    with busy_message("planning"):
         return rig.arm.plan(goal)
 
 

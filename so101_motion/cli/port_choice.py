@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 def look_at(port: str) -> PortReport:
     """What is on this port; no other is touched."""
-    from so101_motion.drivers.port.port_list import find_ports, obstacle
+    from so101_motion.drivers.port.port_list import find_ports, port_problem
     from so101_motion.setup.discovery import discover
 
     (report,) = discover((port,), find=lambda extra: find_ports(extra)[:1]).reports
-    reason = obstacle(port)
+    reason = port_problem(port)
     if reason is not None:
         raise PortUnavailable(port, reason)
     return report
@@ -69,7 +69,7 @@ def find_adapter(port: str | None) -> PortReport:
         PortUnavailable: There is none, or it cannot be used.
         click.UsageError: There are several.
     """
-    from so101_motion.drivers.port.port_list import obstacle
+    from so101_motion.drivers.port.port_list import port_problem
     from so101_motion.setup.discovery import discover
 
     if port is not None:
@@ -78,7 +78,7 @@ def find_adapter(port: str | None) -> PortReport:
     adapters = [
         report
         for report in found.reports
-        if report.port.is_servo_adapter and obstacle(report.port.name) is None
+        if report.port.is_servo_adapter and port_problem(report.port.name) is None
     ]
     if not adapters:
         raise PortUnavailable("no servo adapter", _why_none(found))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.param_types import PORT
-from so101_motion.cli.shared import NO_DEVICE, json_option, patience, print_json, quietly
+from so101_motion.cli.shared import NO_DEVICE, busy_message, json_option, print_json, quietly
 
 if TYPE_CHECKING:
     from so101_motion.setup.port_report import PortReport
@@ -38,7 +38,7 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
     from so101_motion.cli.terminal import echo
     from so101_motion.setup.discovery import discover
 
-    with quietly(), patience("looking at the serial ports"):
+    with quietly(), busy_message("looking at the serial ports"):
         found = discover(extra)
     if as_json:
         reports = [facts(report) for report in found.reports]

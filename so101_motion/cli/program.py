@@ -12,9 +12,9 @@ import click
 from so101_motion.cli.completion_values import completed_programs
 from so101_motion.cli.shared import (
     INTERRUPTED,
+    busy_message,
     have_agreed,
     json_option,
-    patience,
     print_json,
     quietly,
     yes_option,
@@ -56,7 +56,7 @@ def run(
     if rounds is not None:
         made = made.with_rounds(rounds)
     with quietly(), closing(source.open()) as rig:
-        with patience("planning all of it ..."):
+        with busy_message("planning all of it ..."):
             rehearsal = rehearse(rig.arm, rig.gripper, made)
         if not as_json:
             click.echo(_planned(rehearsal), err=True)

@@ -33,7 +33,7 @@ _TOLD = f"{__name__}.told"  # in the context: whether a program has its object
 
 
 @contextmanager
-def patience(words: str) -> Iterator[None]:
+def busy_message(words: str) -> Iterator[None]:
     """Show that something takes a moment: a spinner on a terminal, nothing anywhere else."""
     if not sys.stderr.isatty():
         yield

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from so101_motion.cli.param_types import PORT, Finite
-from so101_motion.cli.shared import F, aside, patience
+from so101_motion.cli.shared import F, aside, busy_message
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class MachineSource:
         """
         from so101_motion.viam.client import MachineRig
 
-        with patience(f"connecting to machine {self.address}"):
+        with busy_message(f"connecting to machine {self.address}"):
             rig = MachineRig.connect(
                 self.address,
                 api_key_id=self.api_key_id,

@@ -12,8 +12,8 @@ from so101_motion.cli.shared import (
     CHECK_FAILED,
     NO_DEVICE,
     Verbs,
+    busy_message,
     json_option,
-    patience,
     print_json,
     quietly,
 )
@@ -84,7 +84,7 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
     from so101_motion.setup.discovery import discover
     from so101_motion.viam.suggested_config import configuration
 
-    with quietly(), patience("looking at the serial ports"):
+    with quietly(), busy_message("looking at the serial ports"):
         found = discover(extra)
     suggested = configuration(found.reports)
     if as_json:

@@ -1,4 +1,4 @@
-"""Read settings that arrive as JSON values under names, and say what is wrong with them.
+"""Read and check settings that arrive as JSON values by name.
 
 An unknown name is answered with the nearest known one, a wrong value with what was given and what
 is allowed. Numbers arrive as floats, because that is how Viam carries them. An empty string and a
@@ -36,11 +36,11 @@ _TO_SI: Mapping[str, Callable[[float], float]] = {
 
 @dataclass(frozen=True, slots=True)
 class Attribute:
-    """One attribute of a model: how it is read, and what people are told of it.
+    """One attribute of a model: how to parse it, and how to document it.
 
     Attributes:
         name: As users write it.
-        use: What it is for, in a sentence.
+        use: What it is used for, in a sentence.
         kind: ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"choice"`` or
             ``"objects"``; ``"own"`` is read by code of its own.
         unit: Of a number as users write it.
@@ -49,9 +49,9 @@ class Attribute:
         zero_is_none: Whether 0 counts as not given, as in the published module.
         count: Most entries of a list of numbers.
         options: What a choice may be, the default first.
-        form: What is said of its form where unit, range or options do not say it.
-        otherwise: What is said of what holds without it where ``default`` does not say it.
-        ours: Whether the published module's model does not know it.
+        form: Its form in words, where unit, range and options do not describe it.
+        otherwise: What happens without it in words, where ``default`` does not describe it.
+        ours: Whether only this module has it, not the published one.
         idle: Why it has no effect; empty if it has one.
         link: Where the documentation says more.
     """
@@ -74,7 +74,7 @@ class Attribute:
 
     @property
     def without(self) -> str:
-        """What holds when it is not given, as people read it."""
+        """The value used when it is not given, as people read it."""
         if self.otherwise:
             return self.otherwise
         if isinstance(self.default, bool):
@@ -85,7 +85,7 @@ class Attribute:
 
 
 class Attributes:
-    """Named values, read one at a time and checked on the way.
+    """Named values; each is checked when it is read.
 
     Args:
         values: What was given.
@@ -116,7 +116,7 @@ class Attributes:
 
     @property
     def idle(self) -> tuple[str, ...]:
-        """What was given of the attributes that have no effect."""
+        """The given attributes that have no effect."""
         return tuple(key for key, each in self._table.items() if each.idle and self.given(key))
 
     def value(self, key: str) -> Any:
@@ -278,7 +278,7 @@ _MOST_WORDS = 250
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Which known word was meant, if one is near, and all that could have been."""
+    """Suggest the known word that was probably meant, and list all known words."""
     names = tuple(known)
     if not names:
         return "none is known here"
@@ -310,7 +310,7 @@ def _range(lower: float, upper: float, unit: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadConfig:
-    """What an arm always carries, and what its servos are made for.
+    """What an arm always carries, and the voltage its servos are rated for.
 
     Attributes:
         mass: Of what the gripper carries [kg].

@@ -1,8 +1,8 @@
-"""What time it is, and how a thread waits for a moment.
+"""Clocks: read the time and wait, in real time or in a time that tests advance.
 
-Time is a parameter: whoever paces something is given a ``Clock``. ``MonotonicClock`` is the real
-one. ``ManualClock`` stands still until somebody calls ``advance``, which makes a ten-second move a
-matter of milliseconds in a test and gives ``simulate_time: false`` its meaning.
+Time is a parameter: everything that waits is given a ``Clock``. ``MonotonicClock`` is real time.
+``ManualClock`` stands still until ``advance`` is called, so a ten-second move takes milliseconds in
+a test. It also implements ``simulate_time: false``.
 
 How ``ManualClock`` stays exact with real threads: a thread that keeps time by it says so
 (``attend``), and from then on is either *busy* or *waiting* for a moment. ``advance`` moves the
@@ -31,13 +31,13 @@ _PATIENCE = 60.0
 
 
 class Clock(Protocol):
-    """Seconds since some instant, and waiting for one."""
+    """Tells the time [s] and lets threads wait."""
 
     def now(self) -> float:
         """The time [s]; never runs backwards."""
 
     def attend(self) -> AbstractContextManager[None]:
-        """Until the block ends, the calling thread keeps time by this clock and may ``wait``."""
+        """Register the calling thread with this clock, so it may ``wait``, until the block ends."""
 
     def wait(self, until: float, wake: threading.Event) -> None:
         """Return when the time is ``until`` [s], or earlier when ``wake`` is set; clears ``wake``.
@@ -46,7 +46,7 @@ class Clock(Protocol):
         """
 
     def join(self, thread: threading.Thread) -> None:
-        """Wait for an attending thread that was told to end, letting pass the time it takes."""
+        """Wait for a registered thread that was told to end; time passes as it needs."""
 
 
 class MonotonicClock:

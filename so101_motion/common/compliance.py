@@ -1,4 +1,4 @@
-"""How an arm yields to the hand that guides it: the settings of manual mode."""
+"""Settings of manual mode: how stiff the arm is while a hand guides it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from so101_motion.common.units import to_rad
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compliance:
-    """How an arm yields.
+    """How stiff the arm is in manual mode.
 
     The defaults are the published module's. Its P gain went into the servos' EEPROM; ours does not,
     it is made by moving the goals.

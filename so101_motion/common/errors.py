@@ -1,4 +1,4 @@
-"""Every error this package raises on purpose.
+"""The errors that this package raises.
 
 An error carries fields a program can act on; its message is built from them and ends with what
 to do next. Errors cross a process boundary (plans are made in a worker), so they pickle with all
@@ -33,7 +33,7 @@ def clipped(text: str, most: int) -> str:
 
 
 def quoted(value: object) -> str:
-    """``value`` as a message quotes it; large values are not looked at beyond their beginning."""
+    """``value`` as a message quotes it; only the beginning of a large value is read."""
     return clipped(_QUOTES.repr(value), LONGEST_QUOTE)
 
 
@@ -75,7 +75,7 @@ def _rebuild(cls: type[So101Error], message: str, fields: dict[str, Any]) -> So1
 
 
 class So101Error(Exception):
-    """The root: anything that went wrong and that the user can do something about.
+    """The base class: something went wrong that the user can do something about.
 
     Args:
         message: What is said of it; the middle of a very long one is left out.
@@ -103,7 +103,7 @@ class ConfigError(So101Error, ValueError):
 
 
 class PlanningError(So101Error):
-    """No trajectory for this request."""
+    """There is no trajectory for this request."""
 
 
 class Unreachable(PlanningError):
@@ -116,8 +116,8 @@ class Unreachable(PlanningError):
         q_nearest: Joint angles that reach it, shape (5,), [rad].
         limit: What stops the arm there, by name: a joint limit such as
             ``"elbow_flex at its upper limit"``, ``"full stretch"``, or None.
-        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
-            the rest of it is ``error_position``. None where the way was free to choose.
+        fraction: For a prescribed path of the tool the share of it that can be followed, 0 to 1;
+            the rest of it is ``error_position``. None where the path was free to choose.
     """
 
     def __init__(
@@ -161,8 +161,8 @@ class InCollision(PlanningError):
         first: One of the two bodies, e.g. ``"gripper"``.
         second: The other, e.g. ``"floor"``.
         where: ``"start"``, ``"goal"`` or ``"path"``.
-        fraction: For a prescribed way of the tool the share of it that can be followed, 0 to 1;
-            None where the way was free to choose.
+        fraction: For a prescribed path of the tool the share of it that can be followed, 0 to 1;
+            None where the path was free to choose.
     """
 
     def __init__(
@@ -203,7 +203,7 @@ class NoPath(PlanningError):
 
 
 class BusError(So101Error):
-    """The servos cannot be reached or answer nonsense."""
+    """The servos cannot be reached, or their replies cannot be understood."""
 
 
 class PortUnavailable(BusError):
@@ -232,7 +232,7 @@ class NotReady(BusError):
 
 
 class NoReply(BusError, TimeoutError):
-    """A servo stayed silent, however often it was asked.
+    """A servo did not reply to any of several tries.
 
     Attributes:
         servo_id: Which servo, by its id on the bus.
@@ -245,7 +245,7 @@ class NoReply(BusError, TimeoutError):
 
 
 class CorruptReply(BusError):
-    """A servo answered, but no try brought an answer that can be trusted.
+    """A servo replied, but no reply was valid.
 
     Attributes:
         raw: The bytes that came last.
@@ -257,7 +257,7 @@ class CorruptReply(BusError):
 
 
 class ServoFault(BusError):
-    """A servo is there but does not do what it was told.
+    """A servo replies but does not obey.
 
     Attributes:
         servo_id: Which servo, by its id on the bus.
@@ -278,7 +278,7 @@ SUPERSEDED = "a newer motion"
 
 
 class CommandRefused(MotionError):
-    """A command would have moved a joint further at once than it may; it was not sent.
+    """A command would have moved a joint too far at once, so it was not sent.
 
     Attributes:
         joint: Which joint.
@@ -320,7 +320,7 @@ class FollowingError(MotionError):
 
 
 class ServoAlarm(MotionError):
-    """A servo reports trouble, so the motion was ended; the joint was told to stay where it is.
+    """A servo reports a problem, so the motion was ended; the joint holds its position.
 
     Attributes:
         joint: Which joint.
@@ -378,7 +378,7 @@ class MachineUnavailable(So101Error):
 
 
 class MachineRefused(MotionError):
-    """A running machine answered that it will not, or cannot, do what it was asked for.
+    """A running machine refused a request.
 
     Attributes:
         what: What it was asked for.

@@ -1,4 +1,4 @@
-"""Rigid transforms and the array types everybody shares.
+"""Rigid transforms, rotations and the array type that all packages share.
 
 ``T_base_tool`` maps a point given in the tool frame to the base frame: ``T_base_tool @ p_tool``
 is ``p_base``, and neighbouring names cancel. Metres and radians, right-handed frames.
@@ -60,7 +60,7 @@ class SE3:
 
     @classmethod
     def from_rpy(cls, rpy: Iterable[float], p: ArrayLike = (0.0, 0.0, 0.0)) -> SE3:
-        """From roll, pitch, yaw [rad] as URDF means them: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+        """From roll, pitch, yaw [rad] as in URDF: ``Rz(yaw) Ry(pitch) Rx(roll)``."""
         roll, pitch, yaw = rpy
         return cls(rot_z(yaw) @ rot_y(pitch) @ rot_x(roll), np.asarray(p, dtype=np.float64))
 
@@ -183,7 +183,7 @@ def rotation_by(vector: ArrayLike) -> Array:
 
 
 def interpolated(T0: SE3, T1: SE3, share: float) -> SE3:
-    """Between two poses: a point of the straight line, turned by the same share of the turn."""
+    """Interpolate between two poses: ``share`` of the straight line and of the rotation."""
     turn = rotation_vector(T0.R.T @ T1.R)
     return SE3(T0.R @ rotation_by(share * turn), T0.p + share * (T1.p - T0.p))
 

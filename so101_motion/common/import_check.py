@@ -1,4 +1,4 @@
-"""Import every package that is needed, and say what is missing if one cannot be imported.
+"""Import every package that is needed, and explain which one is missing.
 
 The installation ends with ``python -m so101_motion.common.import_check``. ``run.sh`` and the
 command line say the same sentence when a library goes missing later. The wheels bring all the
@@ -70,7 +70,7 @@ def sentence(error: ImportError) -> str:
 
 
 def first_failure(names: Iterable[str]) -> ImportError | None:
-    """Import the packages one after the other; the first error, or None."""
+    """Import the packages one after the other; return the first error, or None."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads would only cost memory here
     for name in names:
         try:
@@ -81,7 +81,7 @@ def first_failure(names: Iterable[str]) -> ImportError | None:
 
 
 def main(extras: list[str]) -> int:
-    """Import what the installation with these extras needs; the exit code."""
+    """Import what the installation with these extras needs; return the exit code."""
     added = [name for extra in extras for name in NEEDED_BY_EXTRA.get(extra, ())]
     error = first_failure((*NEEDED, *added))
     if error is None:

@@ -1,4 +1,4 @@
-"""What the arm may do next, as a table.
+"""The modes of the arm and the allowed transitions between them, as a table.
 
 The executor asks ``can(mode, event)`` or takes ``after(mode, event)`` and does nothing that the
 table does not allow. Two channels move (the arm and the jaw), but torque and faults belong to the
@@ -6,7 +6,7 @@ whole bus, so there is one mode.
 
 Two modes are for hands. LIMP has no torque at all: the arm sinks under its weight. GUIDING keeps it
 up and lets it yield to whoever pushes it; the jaw holds on, and may be opened and closed.
-CALIBRATING is the bus lent to somebody else, who may do with the servos what he likes.
+In CALIBRATING the bus is lent, and the borrower may do anything with the servos.
 """
 
 from __future__ import annotations
@@ -80,12 +80,12 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
 
 
 def can(mode: Mode, event: Event) -> bool:
-    """Whether ``event`` is legal in ``mode``."""
+    """Whether ``event`` is allowed in ``mode``."""
     return (mode, event) in TRANSITIONS
 
 
 def after(mode: Mode, event: Event) -> Mode:
-    """The mode that follows.
+    """The mode that follows ``event`` in ``mode``.
 
     Raises:
         ValueError: The step is not legal.

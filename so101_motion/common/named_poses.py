@@ -1,4 +1,4 @@
-"""Poses with a name: a target like any other, planned for before it is run."""
+"""The built-in named poses: home, ready and rest."""
 
 from __future__ import annotations
 

@@ -1,14 +1,15 @@
-"""Keeping time on a machine that is busy with other things.
+"""Keep the control loop on time on a busy computer.
 
 What makes a control loop of a hundred ticks a second late, and what helps:
 
 * other programs want the processor: a thread with a real-time priority goes before them all
-  (``go_first``; needs the right to, which root has and ``LimitRTPRIO`` in a service file gives);
+  (``use_realtime_priority``; needs the right to, which root has and ``LimitRTPRIO`` in a service
+  file gives);
 * other threads of this program hold the interpreter lock, for up to 5 ms at a time by default;
 * a thread that holds that lock loses its processor to another program, and the loop waits until it
   gets it back, whatever priority the loop has: 650 ms were seen beside a browser that draws;
 * the garbage collector looks at everything that was ever imported, 60,000 objects, once in a while,
-  and holds that lock for 10 to 20 ms (``steady_interpreter`` is for these three).
+  and holds that lock for 10 to 20 ms (``reduce_jitter`` is for these three).
 
 Measured with a client that asks 50 times a second and a planner that never rests, two processors
 shared with strangers: p99 3.5 ms late without, 1.3 ms with all of it.
@@ -33,8 +34,8 @@ _NICENESS = -11
 As sound servers have it."""
 
 
-def go_first() -> bool:
-    """Let the calling thread run before all ordinary ones; whether that was allowed.
+def use_realtime_priority() -> bool:
+    """Give the calling thread a real-time priority; return whether that was allowed.
 
     Only for a thread that sleeps most of the time: nothing ordinary gets its processor meanwhile.
     """
@@ -48,8 +49,8 @@ def go_first() -> bool:
     return True
 
 
-def steady_interpreter() -> None:
-    """Let no thread hold up another for long.
+def reduce_jitter() -> None:
+    """Configure this process so that no thread delays another for long.
 
     Turns get shorter, this thread and those it starts get their processor before ordinary programs
     (if that is allowed), and what was imported is not looked at any more. For a program that has
@@ -61,8 +62,8 @@ def steady_interpreter() -> None:
     gc.freeze()
 
 
-def be_ordinary() -> None:
-    """Be no more than other programs, if a steady one has started this one."""
+def restore_normal_priority() -> None:
+    """Undo the raised priority that a child inherits from a process with ``reduce_jitter``."""
     _change_niceness(_NICENESS, 0)
 
 

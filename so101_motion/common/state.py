@@ -1,4 +1,4 @@
-"""The joints by name and the one snapshot of the arm that everybody reads.
+"""The joint names, and the immutable snapshot of the arm's state.
 
 The I/O thread replaces the snapshot whole; readers take the reference and never wait for the bus.
 """
@@ -29,11 +29,11 @@ class JointReading:
         qd_jaw: Jaw velocity [rad/s].
         alarms: What is wrong with a joint, by name, and what to do about it; a motion of that joint
             is ended. Empty when all is well.
-        stray: Joints outside their limits, which get no goal, and the angle [rad] each is taken
-            to, slowly, when it is moved; by name. Empty when all are inside.
-        unheard: Joints that did not answer this time, or nothing that can be true, by name; their
-            angles are the last known.
-        unsure: Joints whose angle comes from one answer that no other bears out yet, by name.
+        out_of_range: Joints outside their limits, which get no goal, and the angle [rad] each is
+            taken to, slowly, when it is moved; by name. Empty when all are inside.
+        unanswered: Joints that did not answer this time, or nothing that can be true, by name;
+            their angles are the last known.
+        unconfirmed: Joints whose angle comes from one answer that no other bears out yet, by name.
     """
 
     q: Array
@@ -41,9 +41,9 @@ class JointReading:
     q_jaw: float
     qd_jaw: float
     alarms: Mapping[str, str] = field(default_factory=dict)
-    stray: Mapping[str, float] = field(default_factory=dict)
-    unheard: frozenset[str] = frozenset()
-    unsure: frozenset[str] = frozenset()
+    out_of_range: Mapping[str, float] = field(default_factory=dict)
+    unanswered: frozenset[str] = frozenset()
+    unconfirmed: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))

@@ -1,4 +1,4 @@
-"""Millimetres and degrees, for the edges only.
+"""Convert millimetres and degrees to SI units and back, at the edges only.
 
 Everything inside is metres, radians and seconds. The places that talk to people or to Viam
 convert once, at the door, with these functions; they take floats and arrays alike.

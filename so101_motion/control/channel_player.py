@@ -137,9 +137,9 @@ class ChannelPlayer:
         """The reference is ``q`` from now on, at rest; nothing is under way."""
         self.reference = _at_rest(q)
 
-    def update(self, q: Array, stray: Mapping[str, float]) -> None:
+    def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
         """Take in where the joints are, shape (n,), [rad], and which are outside their limits."""
-        self._recovery.update(q, stray)
+        self._recovery.update(q, out_of_range)
         if self._recovery and self._motion is None:
             self.reference = _at_rest(self._recovery.inside(self.reference.q))
 

@@ -280,12 +280,12 @@ class Executor:
         """Drive the joints where they are: out of manual mode, or out of a fault."""
         return self.ask(JointController.hold)
 
-    def guide(self, how: Compliance) -> Future[None]:
+    def guide(self, compliance: Compliance) -> Future[None]:
         """Let the arm yield to a hand until it is asked to hold, to stop or to let go.
 
         The jaw holds on and may be moved meanwhile.
         """
-        return self.ask(lambda control: control.guide(how))
+        return self.ask(lambda control: control.guide(compliance))
 
     def release(self) -> Future[None]:
         """Let go of the joints, so that they can be moved by hand; refused while they move."""

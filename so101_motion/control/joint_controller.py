@@ -182,7 +182,7 @@ class JointController:
         if self._jaw.is_moving:
             self._enter(Event.MOVE)
 
-    def guide(self, how: Compliance) -> None:
+    def guide(self, compliance: Compliance) -> None:
         """Let the arm yield to a hand; a limp one is held first, where it is.
 
         Raises:
@@ -193,7 +193,7 @@ class JointController:
             if self.mode is Mode.LIMP:
                 self._seed()
             self._looked()
-            self._driver.guide(how)
+            self._driver.guide(compliance)
         self._enter(Event.GUIDE)
 
     def release(self) -> None:
@@ -293,15 +293,15 @@ class JointController:
             self._rest_at(reading)
         elif self.mode is Mode.GUIDING:
             self._arm.rest_at(reading.q)
-        self._arm.update(reading.q, reading.stray)
-        self._jaw.update(np.array([reading.q_jaw]), reading.stray)
+        self._arm.update(reading.q, reading.out_of_range)
+        self._jaw.update(np.array([reading.q_jaw]), reading.out_of_range)
         if reading.alarms and self.mode is Mode.HOLDING:
             self._yield_to_push(reading)
         self.state = self._snapshot(reading, now, late)
         self.recent.append(self.state)
-        if reading.unsure.isdisjoint(ARM_JOINTS):
+        if reading.unconfirmed.isdisjoint(ARM_JOINTS):
             self._arm.check(reading.q, reading.qd, reading.alarms)
-        if GRIPPER_JOINT not in reading.unsure:
+        if GRIPPER_JOINT not in reading.unconfirmed:
             self._jaw.check(np.array([reading.q_jaw]), np.array([reading.qd_jaw]), reading.alarms)
         self._follow_players()
         self._republish()
@@ -345,19 +345,19 @@ class JointController:
 
     def _yield_to_push(self, reading: JointReading) -> None:
         """What was pushed until its servo gave up stays there; the jaw's grip is left alone."""
-        missing = reading.unheard | reading.unsure
+        missing = reading.unanswered | reading.unconfirmed
         if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(reading.alarms, reading.q):
             self._driver.write(self._arm.command, float(self._jaw.command[0]))
 
     def _looked(self) -> JointReading:
         """Where the joints are; asked again until each has answered and another answer agrees."""
         reading = self._driver.read()
-        missing = reading.unheard | reading.unsure
+        missing = reading.unanswered | reading.unconfirmed
         for _ in range(_LOOKS - 1):
             if not missing:
                 break
             reading = self._driver.read()
-            missing &= reading.unheard | reading.unsure
+            missing &= reading.unanswered | reading.unconfirmed
         return reading
 
     def _rest_at(self, reading: JointReading) -> None:

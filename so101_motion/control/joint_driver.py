@@ -36,7 +36,7 @@ class JointDriver(Protocol):
     def set_torque(self, on: bool) -> None:
         """Drive the joints or let go of them; before ``True`` the goal has been seeded."""
 
-    def guide(self, how: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None) -> None:
         """Let the arm joints yield to a hand and hold themselves up; None ends that.
 
         They are driven before and afterwards. Meanwhile ``read`` comes at every tick, and of what

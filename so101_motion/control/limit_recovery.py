@@ -1,8 +1,8 @@
 """Bring joints inside their limits before a motion begins.
 
-A joint may stand outside its limits, where no goal can keep it (``JointReading.stray``). It stays
-there until a motion of its channel begins. Motions are planned from the nearest angle inside and
-wait until its servo has brought it there, slowly. That path is not checked for collisions, so a
+A joint may stand outside its limits, where no goal can keep it (``JointReading.out_of_range``). It
+stays there until a motion of its channel begins. Motions are planned from the nearest angle inside
+and wait until its servo has brought it there, slowly. That path is not checked for collisions, so a
 long one is refused.
 """
 
@@ -46,19 +46,19 @@ class LimitRecovery:
     def __bool__(self) -> bool:
         return self._any
 
-    def update(self, q: Array, stray: Mapping[str, float]) -> None:
+    def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
         """Note where the joints are, shape (n,), [rad], and which are outside.
 
         Args:
             q: As measured.
-            stray: Where those that are outside will be taken [rad], by name.
+            out_of_range: Where those that are outside will be taken [rad], by name.
         """
         self._q = q
-        if not stray and not self._any:
+        if not out_of_range and not self._any:
             return
         named = zip(self._joints, q, strict=True)
-        self._inside = np.array([stray.get(joint, here) for joint, here in named])
-        self.mask = np.isin(self._joints, list(stray))
+        self._inside = np.array([out_of_range.get(joint, here) for joint, here in named])
+        self.mask = np.isin(self._joints, list(out_of_range))
         self._any = bool(self.mask.any())
 
     def inside(self, q: Array) -> Array:
@@ -105,7 +105,7 @@ def remarks(reading: JointReading) -> list[str]:
     """What a person should know of joints outside their limits, a sentence each."""
     here = {**dict(zip(ARM_JOINTS, reading.q, strict=True)), GRIPPER_JOINT: reading.q_jaw}
     found = []
-    for joint, inside in reading.stray.items():
+    for joint, inside in reading.out_of_range.items():
         off = abs(float(here[joint]) - inside)
         then = (
             "the next move brings it in, slowly"

@@ -1,4 +1,4 @@
-"""What a driver has commanded, cycle by cycle, for whoever wants to look on.
+"""Report every command that a driver sends, for tests and recordings.
 
 A driver calls ``on_command`` on its own thread each time goals go out. What it hands over is the
 command ``q_cmd`` as it was sent, before droop and lag are made up for, and the goals in ticks as

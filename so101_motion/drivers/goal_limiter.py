@@ -1,4 +1,4 @@
-"""The last step before the bus: every command and goal stays in bounds, whatever was read.
+"""Limit the speed of every command and servo goal; the last step before the bus.
 
 Every goal that a running arm is sent passes through here, in every mode. The limiter knows the last
 command that was sent and when, and keeps these promises for each joint:
@@ -59,7 +59,7 @@ _ROUNDING = 1e-6  # [rad] and [rad/s]
 
 
 class GoalLimiter:
-    """Bounds for the six joints; plain lists, for it is asked in every cycle.
+    """Limits the commands of the six joints; in plain lists, for it is called in every cycle.
 
     Args:
         names: What the joints are called.
@@ -161,7 +161,7 @@ class GoalLimiter:
         lead: Sequence[float],
         now: float,
     ) -> list[float]:
-        """What to send [rad]: the last command, and what is added to it, within its bounds.
+        """The goals to send [rad]: the last command and its offset, within the bounds.
 
         What is added begins anew with the first command.
 

@@ -1,4 +1,4 @@
-"""Which positions to believe: those that a joint can have reached since it was last seen.
+"""Reject servo positions that a joint cannot have reached since it was last seen.
 
 A checksum of eight bits lets one wrong answer in 256 pass, and a servo may err. What it says is
 therefore held against what is surely known of its joint, and physics decides. With ``v`` the
@@ -63,27 +63,27 @@ _SPACING = 0.004  # velocities come from readings at least so far apart [s]; cho
 _HALF = TICKS_PER_TURN // 2
 
 
-class Belief:
-    """What is known of each servo's position, in ticks; plain numbers, for it is asked every cycle.
+class PositionCheck:
+    """Checks the positions of all servos, in ticks; in plain numbers, for it runs every cycle.
 
     Args:
         n: How many joints.
     """
 
     def __init__(self, n: int = 6) -> None:
-        self._known: list[_Known | None] = [None] * n
+        self._known: list[_KnownPosition | None] = [None] * n
 
     def begin(self, i: int, ticks: int, now: float) -> None:
         """Joint ``i`` is at ``ticks``; agreeing readings have shown it just ``now`` [s]."""
-        self._known[i] = _Known(ticks % TICKS_PER_TURN, now, is_sure=True)
+        self._known[i] = _KnownPosition(ticks % TICKS_PER_TURN, now, is_sure=True)
 
     def is_sure(self, i: int) -> bool:
-        """Whether the newest position of joint ``i`` is borne out by another."""
+        """Whether a second reading confirms the newest position of joint ``i``."""
         known = self._known[i]
         return known is not None and known.is_sure
 
-    def unsure(self, joints: Iterable[int], since: float = -math.inf) -> list[int]:
-        """Those of ``joints`` of which that is not true.
+    def unconfirmed(self, joints: Iterable[int], since: float = -math.inf) -> list[int]:
+        """Those of ``joints`` whose newest position no second reading confirms.
 
         Args:
             joints: Which ones.
@@ -105,12 +105,12 @@ class Belief:
             return False
         known = self._known[i]
         if known is None:
-            self._known[i] = _Known(ticks, asked, is_sure=False)
+            self._known[i] = _KnownPosition(ticks, asked, is_sure=False)
             return True
         return known.judge(ticks, asked, answered)
 
 
-class _Known:
+class _KnownPosition:
     """What is known of one joint."""
 
     __slots__ = ("_count", "_last", "_last_t", "_last_v", "_sure", "_sure_t", "_v", "is_sure", "t")

@@ -1,4 +1,4 @@
-"""A simulated arm: six servos as an equation, in radians.
+"""The simulated arm: six servos, each a second-order system solved in closed form.
 
 Each joint behaves like a position servo with its own speed cap. An inner setpoint runs towards the
 last goal at no more than that cap (the servo's speed register does the same), and the joint follows
@@ -129,21 +129,21 @@ class SimArm:
                 self._torque = on
                 self._inner, self._qd = self._q.copy(), np.zeros(6)
 
-    def guide(self, how: Compliance | None) -> None:
-        """Let the arm joints be pushed by hand; they stay where they are left. How makes no odds.
+    def guide(self, compliance: Compliance | None) -> None:
+        """Let the arm joints be pushed by hand; they stay where they are left.
 
         Raises:
             RuntimeError: The joints are not driven.
         """
         with self._lock:
             self._follow()
-            if how is not None and not self._torque:
+            if compliance is not None and not self._torque:
                 raise RuntimeError("hold the joints before they are guided")
-            self._yields = how is not None
+            self._yields = compliance is not None
             self._leave_where_they_are()
 
     def close(self) -> None:
-        """The arm stays as it is, but cannot be talked to any more."""
+        """Close the connection; the joints stay where they are."""
         with self._lock:
             self._failure = self._failure or ConnectionError("the simulated arm has been closed")
 
@@ -177,7 +177,7 @@ class SimArm:
             self._jammed[_JOINTS.index(joint)] = True
 
     def unjam(self, joint: str) -> None:
-        """Let ``joint`` go again."""
+        """Release ``joint`` again."""
         with self._lock:
             self._catch_up()
             i = _JOINTS.index(joint)

@@ -123,7 +123,7 @@ def _row(state: JointState, end: float) -> dict[str, object]:
         "jaw_ref_deg": round(to_deg(state.q_jaw_ref), 3),
         "late_ticks": state.late_ticks,
         "alarms": dict(reading.alarms),
-        "unheard": sorted(reading.unheard),
+        "unanswered": sorted(reading.unanswered),
     }
 
 

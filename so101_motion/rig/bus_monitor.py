@@ -35,7 +35,7 @@ class BusMonitor:
         opener: Opens the port, wherever its adapter is by now; at other rates for a while.
         clock: What time it is.
         ids: The servo of each joint that may be there.
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
         positions: Where each servo is that answered last [tick], by joint; replaced whole.
@@ -43,11 +43,11 @@ class BusMonitor:
     """
 
     def __init__(
-        self, opener: PortOpener, clock: Clock, *, ids: Mapping[str, int], patience: float
+        self, opener: PortOpener, clock: Clock, *, ids: Mapping[str, int], reply_timeout: float
     ) -> None:
         self.positions: Mapping[str, Ticks] = {}
         self.driven: frozenset[str] = frozenset()
-        self._opener, self._clock, self._patience = opener, clock, patience
+        self._opener, self._clock, self._reply_timeout = opener, clock, reply_timeout
         self._joints = {servo_id: joint for joint, servo_id in ids.items()}
         self._due = clock.now()
         self._baud = opener.baud
@@ -107,7 +107,7 @@ class BusMonitor:
             partial(self._opener, self._baud),
             self._clock,
             names=self._joints,
-            patience=self._patience,
+            reply_timeout=self._reply_timeout,
         )
 
     def _positions(self, bus: Bus) -> dict[str, Ticks]:

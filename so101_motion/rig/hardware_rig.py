@@ -36,11 +36,11 @@ __all__ = [
     "HardwareRig",
     "PortUse",
     "Rig",
-    "leave_all",
     "open_hardware",
     "open_simulated",
     "open_simulated_gripper",
     "open_without_waiting",
+    "release_arms_at_end",
     "use_of",
 ]
 
@@ -228,7 +228,7 @@ class HardwareRig(Rig):
 
 
 def open_hardware(
-    settings: ServoSettings, *, clock: Clock | None = None, patience: float | None = None
+    settings: ServoSettings, *, clock: Clock | None = None, reply_timeout: float | None = None
 ) -> HardwareRig:
     """The arm and gripper on a serial port; nothing moves by being opened.
 
@@ -238,14 +238,14 @@ def open_hardware(
     Args:
         settings: Which port, and what is asked of it.
         clock: What time it is; the real time by default, or what the port's first user said.
-        patience: How long to wait for an answer beyond the time on the wire [s]; by default what
-            the period of the setpoints has room for, or what the port's first user said.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s]; by default
+            what the period of the setpoints has room for, or what the port's first user said.
 
     Raises:
         ConfigError: Another component uses the port with other settings.
         BusError: The port cannot be opened, or a servo that is asked for does not answer.
     """
-    return _open(settings, clock, patience, waits=True)
+    return _open(settings, clock, reply_timeout, waits=True)
 
 
 def open_without_waiting(settings: ServoSettings) -> HardwareRig:
@@ -265,13 +265,13 @@ def open_without_waiting(settings: ServoSettings) -> HardwareRig:
 
 
 def _open(
-    settings: ServoSettings, clock: Clock | None, patience: float | None, *, waits: bool
+    settings: ServoSettings, clock: Clock | None, reply_timeout: float | None, *, waits: bool
 ) -> HardwareRig:
     with _hardware_lock:
         while (shared := _on_port(settings.port)) is not None and shared.is_closing:
             _hardware_lock.wait()
         if shared is None:
-            shared = SharedPort(settings, clock or MonotonicClock(), patience, waits=waits)
+            shared = SharedPort(settings, clock or MonotonicClock(), reply_timeout, waits=waits)
             _hardware.append(shared)
         elif waits:
             shared.admit(shared.join(settings))
@@ -321,7 +321,7 @@ _hardware_lock = threading.Condition()
 _hardware: list[SharedPort] = []
 
 
-def leave_all() -> None:
+def release_arms_at_end() -> None:
     """Bring every arm that is to be let go of at the end to rest, and let go of it.
 
     Called when the process ends in order, before the rigs are closed. An arm that cannot be reached
@@ -334,6 +334,6 @@ def leave_all() -> None:
 @atexit.register
 def _close_all() -> None:
     """A program that ends without closing leaves arms at rest, not ones in mid-motion."""
-    leave_all()
+    release_arms_at_end()
     for live in tuple(_hardware):
         live.close()

@@ -47,7 +47,7 @@ class JointSetup:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Survey:
+class JointSetups:
     """What was found.
 
     Attributes:
@@ -59,17 +59,17 @@ class Survey:
     notes: tuple[str, ...]
 
 
-def survey(
+def find_joints(
     bus: Bus,
     ids: Mapping[str, int],
     *,
     required: Collection[str],
     timeout: float,
     file: Path | None,
-    is_file_to_come: bool = False,
+    may_file_be_missing: bool = False,
     jaw_closed: float,
     zero_offsets: Mapping[str, float],
-) -> Survey:
+) -> JointSetups:
     """Find the servos and their calibration.
 
     Args:
@@ -78,7 +78,8 @@ def survey(
         required: Joints that are set up even if their servos do not answer.
         timeout: For how long to wait for those [s].
         file: The calibration file; None to ask the servos.
-        is_file_to_come: Whether the file need not exist yet, because a calibration will save it.
+        may_file_be_missing: Whether the file need not exist yet, because a calibration will save
+            it.
         jaw_closed: The model's angle of the closed jaw [rad].
         zero_offsets: The model's angles in the middle of the travel, of the joints for which they
             are configured [rad].
@@ -88,7 +89,7 @@ def survey(
     """
     present = _find(bus, ids, required, timeout)
     interrupted = _end_interrupted(bus, file)
-    stored, notes = _read_file(file, is_file_to_come)
+    stored, notes = _read_file(file, may_file_be_missing)
     notes = interrupted + notes
     filed = {entry.id: entry for entry in stored.calibration.values()} if stored else {}
     setups = {}
@@ -106,7 +107,7 @@ def survey(
         )
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         notes += (note,) if note else ()
-    return Survey(setups=setups, notes=notes)
+    return JointSetups(setups=setups, notes=notes)
 
 
 def joint_map(

@@ -29,8 +29,8 @@ class ServoSettings:
             which they are configured [rad]; None when nothing is configured.
         rate: How many setpoints a second [1/s]; None from those who do not care.
         fallback_file: Where a calibration of this arm is saved unless somebody names a file.
-        lets_go: Whether the joints are let go of when the process ends in order, instead of held;
-            None from those who do not care.
+        releases_at_end: Whether the joints are let go of when the process ends in order, instead of
+            held; None from those who do not care.
     """
 
     port: str
@@ -42,7 +42,7 @@ class ServoSettings:
     zero_offsets: Mapping[str, float] | None = None
     rate: float | None = None
     fallback_file: Path | None = None
-    lets_go: bool | None = None
+    releases_at_end: bool | None = None
 
     @property
     def file(self) -> Path | None:
@@ -53,7 +53,7 @@ class ServoSettings:
         return self.calibration_file
 
     @property
-    def is_file_to_come(self) -> bool:
+    def may_file_be_missing(self) -> bool:
         """Whether the calibration file is one that the calibration sensor saves to."""
         return self.file is not None and self.file == self.fallback_file
 
@@ -117,7 +117,7 @@ class ServoSettings:
 
 _JOINED = (
     "baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file", "zero_offsets",
-    "rate", "fallback_file", "lets_go",
+    "rate", "fallback_file", "releases_at_end",
 )  # fmt: skip
 
 

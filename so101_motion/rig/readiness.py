@@ -21,11 +21,11 @@ class Readiness:
 
     Attributes:
         is_asked: Whether they have been tried since they were asked for.
-        is_met: Whether they have been set up since then.
+        is_found: Whether they have been set up since then.
     """
 
     def __init__(self, clock: Clock) -> None:
-        self.is_asked = self.is_met = False
+        self.is_asked = self.is_found = False
         self._clock, self._begun = clock, clock.now()
         self._why: BusError | None = None
         self._due = self._begun
@@ -43,35 +43,35 @@ class Readiness:
     @property
     def reason(self) -> str | None:
         """Why nothing can be asked of the servos yet; None once they have been set up."""
-        if self.is_met:
+        if self.is_found:
             return None
         if self._why is None:
             return "the servos have not been asked yet; try again"
         tried = self._clock.now() - self._begun
         return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
 
-    def ask_anew(self) -> None:
+    def reset(self) -> None:
         """Other servos are asked for from now on."""
-        self.is_asked = self.is_met = False
+        self.is_asked = self.is_found = False
         self._why = None
         self._begun = self._due = self._clock.now()
 
-    def trying(self) -> None:
+    def begin_try(self) -> None:
         """A try begins."""
         self.is_asked = True
         self._due = self._clock.now() + RETRY_PERIOD
 
-    def met(self) -> None:
+    def found(self) -> None:
         """The servos have been found and set up."""
-        self.is_asked = self.is_met = True
+        self.is_asked = self.is_found = True
         self._why = None
 
-    def failed(self, error: BusError) -> None:
+    def end_try(self, error: BusError) -> None:
         """They have not."""
-        if not self.is_met:
+        if not self.is_found:
             self._why = error
 
-    def refuse(self) -> None:
+    def require_found(self) -> None:
         """See that they have been found.
 
         Raises:

@@ -30,7 +30,7 @@ from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import BusError, NotHolding, PortUnavailable
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointReading
-from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
@@ -38,7 +38,7 @@ from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
 from so101_motion.rig.bus_monitor import BusMonitor
-from so101_motion.rig.joint_setup import JointSetup, Survey
+from so101_motion.rig.joint_setup import JointSetup, JointSetups
 from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.readiness import Readiness
 from so101_motion.rig.servo_finder import ServoFinder, ask
@@ -56,13 +56,13 @@ class ServoDriver:
     """The servos of one port; fits ``JointDriver``.
 
     Until ``connect``, ``find`` or a later ``read`` has set them up every use raises ``NotReady``;
-    but ``read`` returns ``unseen`` as long as they have not been looked for.
+    but ``read`` returns ``no_reading`` as long as they have not been looked for.
 
     Args:
         settings: What is asked of them.
         clock: What time it is.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
         settings: As given, as of the last ``rebuild``, or as somebody has said since.
@@ -70,9 +70,9 @@ class ServoDriver:
         setups: Calibration by joint, for every joint that has a servo.
         notes: What a person should know about the calibration.
         on_command: Called on the I/O thread with every command as it is sent; None for nobody.
-        unseen: What ``read`` returns before anybody was asked; its angles mean nothing.
+        no_reading: What ``read`` returns before anybody was asked; its angles mean nothing.
         readiness: Whether they have been found since they were asked for.
-        first_met: Called on the I/O thread when a ``read`` has set the servos up for the first
+        on_found: Called on the I/O thread when a ``read`` has set the servos up for the first
             time since they were asked for; not called when ``connect`` has.
     """
 
@@ -82,7 +82,7 @@ class ServoDriver:
         clock: Clock,
         *,
         gravity: Gravity,
-        patience: float = PATIENCE,
+        reply_timeout: float = REPLY_TIMEOUT,
     ) -> None:
         self._clock = clock
         self.settings = self.in_force = settings
@@ -92,13 +92,13 @@ class ServoDriver:
         self._losses = 0  # of arms before the present one
         self._alarms: Mapping[str, str] = {}
         self._look_due = clock.now()
-        self._finder = ServoFinder(settings, clock, gravity=gravity, patience=patience)
+        self._finder = ServoFinder(settings, clock, gravity=gravity, reply_timeout=reply_timeout)
         self._arm: FeetechArm | None = None
         self._monitor: BusMonitor | None = None
         self._is_lent = False
-        self.unseen = self._last = _unseen()
+        self.no_reading = self._last = _no_reading()
         self.readiness = Readiness(clock)
-        self.first_met: Callable[[], None] | None = None
+        self.on_found: Callable[[], None] | None = None
 
     def probe(self) -> None:
         """See that the port can be opened; asks no servo.
@@ -116,15 +116,15 @@ class ServoDriver:
         """
         self._begin(self.settings, self.settings.timeout or 0.0)
 
-    def look_on(self) -> None:
+    def monitor_only(self) -> None:
         """Instead of ``connect``, when nobody asks for a servo: look at those that answer."""
         self._monitor = self._finder.monitor(self.settings)
 
     def forget(self) -> None:
         """Let go of the port; ``find`` looks for whom the settings ask for by then."""
         self.close()
-        self.unseen = self._last = _unseen()
-        self.readiness.ask_anew()
+        self.no_reading = self._last = _no_reading()
+        self.readiness.reset()
 
     def find(self) -> None:
         """Find the servos and set them up now, or, if that fails, with one of the next reads.
@@ -152,7 +152,7 @@ class ServoDriver:
             self._last = self._seen(self._monitor)
             return self._last
         if self._arm is None and not self.readiness.is_asked:
-            return self.unseen
+            return self.no_reading
         arm = self._driver()
         reading = arm.read()
         now = self._clock.now()
@@ -172,9 +172,9 @@ class ServoDriver:
         else:
             self._driver().set_torque(on)
 
-    def guide(self, how: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None) -> None:
         """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
-        self._driver().guide(how)
+        self._driver().guide(compliance)
 
     def close(self) -> None:
         """Let go of the port; the servos stay as they are."""
@@ -347,7 +347,7 @@ class ServoDriver:
         if required:
             self._arm = self._build(settings, required, timeout)
         else:
-            self._take(settings, self._finder.survey(settings, required, timeout))
+            self._take(settings, self._finder.find_joints(settings, required, timeout))
             self._monitor = self._finder.monitor(settings)
 
     def _seen(self, monitor: BusMonitor) -> JointReading:
@@ -382,31 +382,31 @@ class ServoDriver:
         A jaw that does not answer is left out: the arm can be used without it.
         """
         settings, readiness = self.settings, self.readiness
-        is_first = not readiness.is_met
+        is_first = not readiness.is_found
         if not readiness.is_due:
-            readiness.refuse()
+            readiness.require_found()
             raise PortUnavailable(
                 settings.port,
                 "the servos could not be set up again yet; check the USB cable and the arm's"
                 " power, it is tried again every second",
             )
-        readiness.trying()
+        readiness.begin_try()
         required = ARM_JOINTS if settings.servo_ids is not None else settings.required()
         try:
             self._finder.look(settings, required)
             arm = self._build(settings, required, 0.0)
         except BusError as error:
-            readiness.failed(error)
-            readiness.refuse()
+            readiness.end_try(error)
+            readiness.require_found()
             raise
-        if is_first and self.first_met is not None:
-            self.first_met()
+        if is_first and self.on_found is not None:
+            self.on_found()
         return arm
 
     def _build(
         self, settings: ServoSettings, required: Collection[str], timeout: float
     ) -> FeetechArm:
-        found = self._finder.survey(settings, required, timeout)
+        found = self._finder.find_joints(settings, required, timeout)
         arm = self._finder.arm(found, self._record)
         self._take(settings, found)
         return arm
@@ -415,14 +415,14 @@ class ServoDriver:
         if self.on_command is not None:
             self.on_command(command)
 
-    def _take(self, settings: ServoSettings, found: Survey) -> None:
+    def _take(self, settings: ServoSettings, found: JointSetups) -> None:
         known = self.notes  # a motor setup gives the bus back again and again
         self.in_force, self.setups, self.notes = settings, found.setups, found.notes
-        self.readiness.met()
+        self.readiness.found()
         for note in found.notes:
             if note not in known:
                 _log.warning("%s", note)
 
 
-def _unseen() -> JointReading:
+def _no_reading() -> JointReading:
     return JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)

@@ -10,14 +10,14 @@ from so101_motion.common.errors import BusError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.bus import RETRIES, Bus, Port
-from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
-from so101_motion.drivers.feetech.presence import not_there
+from so101_motion.drivers.feetech.presence import missing_servos
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
-from so101_motion.rig.joint_setup import Survey, survey
+from so101_motion.rig.joint_setup import JointSetups, find_joints
 from so101_motion.rig.port_settings import ServoSettings
 
 SPEED_CAP = to_rad(220.0)
@@ -43,20 +43,22 @@ class ServoFinder:
         settings: Which port, and at which rate it talks.
         clock: What time it is.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
         open_port: Opens the port, wherever its adapter is by now.
     """
 
     def __init__(
-        self, settings: ServoSettings, clock: Clock, *, gravity: Gravity, patience: float
+        self, settings: ServoSettings, clock: Clock, *, gravity: Gravity, reply_timeout: float
     ) -> None:
         self.open_port = PortOpener(settings.port, settings.baudrate)
-        self._clock, self._gravity, self._patience = clock, gravity, patience
-        self._tallies = Tallies()
+        self._clock, self._gravity, self._reply_timeout = clock, gravity, reply_timeout
+        self._tallies = ReplyCounters()
 
-    def survey(self, settings: ServoSettings, required: Collection[str], timeout: float) -> Survey:
+    def find_joints(
+        self, settings: ServoSettings, required: Collection[str], timeout: float
+    ) -> JointSetups:
         """Look who is there and what is known of them, before a driver takes the port.
 
         Raises:
@@ -68,7 +70,7 @@ class ServoFinder:
         finally:
             bus.close()
 
-    def arm(self, found: Survey, on_command: CommandListener) -> FeetechArm:
+    def arm(self, found: JointSetups, on_command: CommandListener) -> FeetechArm:
         """Take the servos of ``found`` in hand; ``on_command`` hears of all that is sent.
 
         Raises:
@@ -81,8 +83,8 @@ class ServoFinder:
             gravity=self._gravity,
             speed=SPEED_CAP,
             acceleration=ACCELERATION_CAP,
-            patience=self._patience,
-            tallies=self._tallies,
+            reply_timeout=self._reply_timeout,
+            counters=self._tallies,
         )
         arm.on_command = on_command
         try:
@@ -96,7 +98,7 @@ class ServoFinder:
     def monitor(self, settings: ServoSettings) -> BusMonitor:
         """Look at the servos and leave them alone."""
         ids = settings.ids()
-        return BusMonitor(self.open_port, self._clock, ids=ids, patience=self._patience)
+        return BusMonitor(self.open_port, self._clock, ids=ids, reply_timeout=self._reply_timeout)
 
     def look(self, settings: ServoSettings, required: Collection[str]) -> None:
         """See at a glance that all answer who are required.
@@ -128,22 +130,24 @@ class ServoFinder:
         answering = bus.answering(ids.values(), tries=tries)
         missing = [ids[joint] for joint in required if ids[joint] not in answering]
         if missing:
-            raise not_there(bus, missing, answering)
+            raise missing_servos(bus, missing, answering)
 
     def _bus(self, port: Port, settings: ServoSettings) -> Bus:
         names = {servo_id: joint for joint, servo_id in settings.ids().items()}
-        return Bus(port, names=names, patience=self._patience)
+        return Bus(port, names=names, reply_timeout=self._reply_timeout)
 
 
-def ask(bus: Bus, settings: ServoSettings, required: Collection[str], timeout: float) -> Survey:
-    """Look who is there on ``bus`` and what is known of them; see ``survey``."""
-    return survey(
+def ask(
+    bus: Bus, settings: ServoSettings, required: Collection[str], timeout: float
+) -> JointSetups:
+    """Look who is there on ``bus`` and what is known of them; see ``find_joints``."""
+    return find_joints(
         bus,
         settings.ids(),
         required=required,
         timeout=timeout,
         file=settings.file,
-        is_file_to_come=settings.is_file_to_come,
+        may_file_be_missing=settings.may_file_be_missing,
         jaw_closed=JAW_CLOSED,
         zero_offsets=settings.zero_offsets or {},
     )

@@ -15,12 +15,12 @@ from concurrent.futures import Future
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, MotionError, So101Error
 from so101_motion.common.modes import Mode
-from so101_motion.common.realtime import go_first
+from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_controller import JointController
-from so101_motion.drivers.bus.bus import patience_in
+from so101_motion.drivers.bus.bus import reply_timeout_in
 from so101_motion.drivers.feetech.feetech_arm import (
     SETTLE_POSITION,
     SETTLE_TIMEOUT,
@@ -69,8 +69,8 @@ class SharedPort:
     Args:
         settings: What its first user asks of it.
         clock: What time it is.
-        patience: How long to wait for an answer beyond the time on the wire [s]; None for what the
-            period of the setpoints has room for.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for what
+            the period of the setpoints has room for.
         waits: Whether the servos are found before this returns, or soon after.
 
     Attributes:
@@ -85,7 +85,7 @@ class SharedPort:
     """
 
     def __init__(
-        self, settings: ServoSettings, clock: Clock, patience: float | None, *, waits: bool
+        self, settings: ServoSettings, clock: Clock, reply_timeout: float | None, *, waits: bool
     ) -> None:
         self.shares: list[ServoSettings] = []
         self.is_closing = False
@@ -98,14 +98,14 @@ class SharedPort:
             settings,
             clock,
             gravity=RobotModel.load().gravity_torque,
-            patience=patience_in(dt) if patience is None else patience,
+            reply_timeout=reply_timeout_in(dt) if reply_timeout is None else reply_timeout,
         )
         if waits:
             self.servos.connect()
         else:
             self.servos.probe()
             if not settings.required():
-                self.servos.look_on()
+                self.servos.monitor_only()
         self.rig = Rig(
             self.servos,
             clock=clock,
@@ -117,18 +117,18 @@ class SharedPort:
             jaw_tolerances=JAW_TOLERANCES,
             start=Executor.start if waits and settings.required() else Executor.start_limp,
         )
-        self.servos.first_met = self._first_met
+        self.servos.on_found = self._on_found
         self.failures = FailureRecorder(settings.port)
         self.rig.executor.on_failure(self.failures.record)
         if isinstance(clock, MonotonicClock):
-            self.rig.executor.call(lambda _: go_first())
+            self.rig.executor.call(lambda _: use_realtime_priority())
         self.rig.gripper.limits = HARDWARE_JAW_LIMITS
         self.rig.arm.slowdown = lambda: self.servos.slowdown
         self.take_ranges()
 
     def leave(self) -> None:
         """Let go of the joints if that is how they are to be left."""
-        if not self.servos.settings.lets_go:
+        if not self.servos.settings.releases_at_end:
             return
         try:
             self.rig.arm.set_torque(False)
@@ -221,7 +221,7 @@ class SharedPort:
         servos = self.servos
         if servos.readiness.reason is not None:
             return servos.readiness.reason
-        if self.rig.executor.state.reading is servos.unseen or not self._holding.done():
+        if self.rig.executor.state.reading is servos.no_reading or not self._holding.done():
             return "the servos have just been found; try again"
         missing = [joint for joint in joints if joint not in servos.setups]
         if not missing:
@@ -260,7 +260,7 @@ class SharedPort:
         servos = self.servos
         if control.mode is Mode.CALIBRATING:
             return  # it is set up when the bus comes back
-        if not servos.readiness.is_met:
+        if not servos.readiness.is_found:
             servos.find()
         elif not self._is_in_force:
             if control.mode not in _CALM:
@@ -271,7 +271,7 @@ class SharedPort:
             control.call_and_rehold(lambda _: self._rebuild(servos.settings))
             self.rig.gripper.regrip()
 
-    def _first_met(self) -> None:
+    def _on_found(self) -> None:
         """The servos have answered at last: have them hold where they stand."""
         self.take_ranges()
         _log.info("the servos on %s have been found", self.servos.settings.port)

@@ -34,7 +34,7 @@ from so101_motion.common.errors import CalibrationError, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_deg
-from so101_motion.drivers.bus.bus import PATIENCE
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT
 from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, Ticks
@@ -184,11 +184,11 @@ class Calibrator(CalibratesArm):
         joints: Collection[str] = JOINTS,
         *,
         baudrate: int = BAUDRATE,
-        patience: float = PATIENCE,
+        reply_timeout: float = REPLY_TIMEOUT,
     ) -> Calibrator:
         """Open a port to calibrate what is on it into ``file``; nothing is driven."""
         asked = ServoSettings(port=port, baudrate=baudrate, timeout=None, fallback_file=file)
-        rig = open_hardware(asked, patience=patience)
+        rig = open_hardware(asked, reply_timeout=reply_timeout)
         try:
             return cls(rig, joints)
         except BaseException:

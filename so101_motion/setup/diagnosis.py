@@ -13,7 +13,7 @@ from so101_motion.calib.motors.arm_identification import ServoFacts, read_facts
 from so101_motion.common.errors import BusError, PortUnavailable
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.bus.reply_counters import Tally
+from so101_motion.drivers.bus.reply_counters import ReplyCounter
 from so101_motion.drivers.feetech.servo_judgement import lossy_share, sag
 
 
@@ -24,7 +24,7 @@ class Examination:
     names: Mapping[int, str]
     heard: tuple[int, ...]
     servos: Mapping[int, ServoFacts]
-    tallies: Mapping[int, Tally]
+    counters: Mapping[int, ReplyCounter]
 
     def label(self, servo_id: int) -> str:
         """What to call a servo."""
@@ -45,7 +45,7 @@ def examine(bus: Bus, names: Mapping[int, str]) -> Examination:
             continue
     heard |= servos.keys()
     return Examination(
-        names=names, heard=tuple(sorted(heard)), servos=servos, tallies=dict(bus.tallies)
+        names=names, heard=tuple(sorted(heard)), servos=servos, counters=dict(bus.counters)
     )
 
 
@@ -91,8 +91,8 @@ def _missing(seen: Examination) -> list[str]:
 
 def _each(seen: Examination) -> list[str]:
     shares = {
-        i: lossy_share(tally.lost, tally.asked)
-        for i, tally in seen.tallies.items()
+        i: lossy_share(counter.lost, counter.asked)
+        for i, counter in seen.counters.items()
         if i in seen.servos
     }
     lost = {i: share for i, share in shares.items() if share}
@@ -100,8 +100,8 @@ def _each(seen: Examination) -> list[str]:
     found = []
     for servo_id, facts in seen.servos.items():
         problems = [*map(str, facts.troubles), *_about_settings(facts)]
-        tally = seen.tallies.get(servo_id, Tally())
-        if garbled := lossy_share(tally.corrupt, tally.asked):
+        counter = seen.counters.get(servo_id, ReplyCounter())
+        if garbled := lossy_share(counter.corrupt, counter.asked):
             problems.append(
                 f"{100 * garbled:.1f} % of its answers are garbled: a loose cable, a brown-out, or"
                 " another servo with the same id"

@@ -30,13 +30,13 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import BusError, ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_mm
-from so101_motion.drivers.bus.bus import PATIENCE, Bus
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
 from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.port.port_list import (
     FoundPort,
     adapters_without_port,
     find_ports,
-    obstacle,
+    port_problem,
 )
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.rig import hardware_rig
@@ -87,17 +87,17 @@ def discover(
     extra: Collection[str] = (),
     *,
     find: Callable[[Collection[str]], Sequence[FoundPort]] = find_ports,
-    patience: float = PATIENCE,
+    reply_timeout: float = REPLY_TIMEOUT,
 ) -> Discovery:
     """Look at all ports; takes less than two seconds.
 
     Args:
         extra: Further ports to look at, by any name.
         find: Lists the ports.
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
     ports, files = find(extra), file_search.find()
-    reports = _side_by_side(_in_parallel(ports, lambda port: _look_at(port, files, patience)))
+    reports = _side_by_side(_in_parallel(ports, lambda port: _look_at(port, files, reply_timeout)))
     notes = list(adapters_without_port())
     if sum(report.has_arm for report in reports) > 1:
         notes.append(
@@ -146,15 +146,15 @@ def _in_parallel(
 # One port
 
 
-def _look_at(port: FoundPort, files: Sequence[FoundFile], patience: float) -> PortReport:
+def _look_at(port: FoundPort, files: Sequence[FoundFile], reply_timeout: float) -> PortReport:
     use = hardware_rig.use_of(port.name)
     if use is not None:
         return _report_use(port, use)
-    reason = obstacle(port.name)
+    reason = port_problem(port.name)
     if reason is not None:
         return PortReport(port=port, sentence=reason)
     try:
-        return _judge(port, _ask(port, patience), files)
+        return _judge(port, _ask(port, reply_timeout), files)
     except BusError as error:
         _log.debug("%s: %s", port.name, error)
         return PortReport(port=port, sentence=getattr(error, "reason", str(error)))
@@ -185,24 +185,24 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
     return frozenset(parts)
 
 
-def _ask(port: FoundPort, patience: float) -> ServosOnBus:
+def _ask(port: FoundPort, reply_timeout: float) -> ServosOnBus:
     """Who is there; if nobody, perhaps at another rate than servos have as new."""
-    with _opened(port, BAUDRATE, patience) as bus:
+    with _opened(port, BAUDRATE, reply_timeout) as bus:
         seen = arm_identification.look(bus)
     if not seen.is_empty or not port.is_servo_adapter:
         return seen
     for baud in LIKELIEST_FIRST:
         if baud == BAUDRATE:
             continue
-        with _opened(port, baud, patience) as bus:
+        with _opened(port, baud, reply_timeout) as bus:
             if bus.answering(SERVO_IDS.values(), tries=2):
                 return arm_identification.look(bus)
     return seen
 
 
 @contextmanager
-def _opened(port: FoundPort, baud: int, patience: float) -> Iterator[Bus]:
-    bus = Bus(SerialPort(port.name, baud), patience=patience)
+def _opened(port: FoundPort, baud: int, reply_timeout: float) -> Iterator[Bus]:
+    bus = Bus(SerialPort(port.name, baud), reply_timeout=reply_timeout)
     try:
         yield bus
     finally:

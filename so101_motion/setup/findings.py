@@ -153,5 +153,5 @@ def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> Hearing:
 
 
 def _counted(bus: Bus, ids: Iterable[int]) -> tuple[int, int]:
-    tallies = [bus.tallies[servo_id] for servo_id in ids if servo_id in bus.tallies]
-    return sum(tally.lost for tally in tallies), sum(tally.corrupt for tally in tallies)
+    counters = [bus.counters[servo_id] for servo_id in ids if servo_id in bus.counters]
+    return sum(counter.lost for counter in counters), sum(counter.corrupt for counter in counters)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from so101_motion.calib.record import versions
 from so101_motion.common.errors import CalibrationError
-from so101_motion.drivers.bus.bus import PATIENCE as PATIENCE
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT as REPLY_TIMEOUT
 from so101_motion.drivers.port import host_checks
-from so101_motion.drivers.port.port_list import adapters_without_port, obstacle
+from so101_motion.drivers.port.port_list import adapters_without_port, port_problem
 from so101_motion.setup.discovery import discover
 from so101_motion.setup.findings import Findings
 from so101_motion.setup.port_report import PortReport, file_name
@@ -58,14 +58,14 @@ class PortsSeen:
         return tuple(candidate for candidate in self.candidates if candidate.is_usable)
 
 
-def look(named: Collection[str] = (), *, patience: float = PATIENCE) -> PortsSeen:
+def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -> PortsSeen:
     """Look at the adapters that are plugged in; takes less than two seconds.
 
     Args:
         named: Ports that are looked at whatever they are. If there are any, no other is.
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
-    found = discover(named, patience=patience)
+    found = discover(named, reply_timeout=reply_timeout)
     lost = adapters_without_port()
     candidates = tuple(
         Candidate(report=report, findings=about(report))
@@ -88,7 +88,7 @@ def about(report: PortReport) -> Findings:
     return Findings(
         port=name,
         adapter=report.port.description,
-        port_trouble="" if report.in_use else obstacle(name) or "",
+        port_trouble="" if report.in_use else port_problem(name) or "",
         supply_trouble=report.supply_trouble,
         interfering_programs={}
         if host_checks.is_rule_installed()

@@ -167,7 +167,7 @@ class HardwareArmConfig(ArmConfig):
     servo_ids: tuple[int, ...]  # base to wrist
     zero_offsets: Mapping[str, float] | None  # the model's angles in the middle of travels [rad]
     compliance: Compliance  # how it yields to a hand in manual mode
-    lets_go: bool  # whether its joints go limp when the process ends in order
+    releases_at_end: bool  # whether its joints go limp when the process ends in order
 
     TABLE = table.ARM
 
@@ -181,7 +181,7 @@ class HardwareArmConfig(ArmConfig):
             "servo_ids": _servo_ids(given, attributes),
             "zero_offsets": {joint: to_rad(angle) for joint, angle in zeros_deg.items()} or None,
             "compliance": compliance(manual),
-            "lets_go": given.value("at_end") == "release",
+            "releases_at_end": given.value("at_end") == "release",
             "unused": (*given.idle, *idle),
         }
 

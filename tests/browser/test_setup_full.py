@@ -75,7 +75,7 @@ def plug_in(kit: Kit, *joints: str) -> None:
 @pytest.fixture(scope="module")
 def app(folder: Path, kit: Kit) -> Iterator[SetupApp]:
     kept = folder / "setup.json"
-    with serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=kept) as app:
+    with serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=kept) as app:
         yield app
 
 

@@ -43,7 +43,7 @@ def kit(tmp_path: Path) -> Iterator[FreshKit]:
 
 def serve(kit: FreshKit, tmp_path: Path) -> SetupApp:
     progress = tmp_path / "setup.json"
-    return serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=progress)
+    return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress)
 
 
 def hand_on(app: SetupApp) -> Hand:
@@ -153,7 +153,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
     settings = ServoSettings(port=str(tmp_path / "arm")).with_arm(SERVO_IDS)
     with (
         Emulator(EmulatorOptions(link=tmp_path / "arm")),
-        open_hardware(settings, patience=PATIENCE) as rig,
+        open_hardware(settings, reply_timeout=PATIENCE) as rig,
         serve_preview(rig, port=0) as preview,
     ):
         hand = Hand(preview.host.page_context().server)
@@ -198,7 +198,9 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
     progress = tmp_path / "setup.json"
     with (
         closing(Kit(tmp_path)) as kit,
-        serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=progress) as app,
+        serve_setup(
+            port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=progress
+        ) as app,
     ):
         hand = hand_on(app)
         hand.press("Calibration Only")
@@ -226,7 +228,7 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
 def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: Path) -> None:
     def serve_it() -> SetupApp:
         kept = tmp_path / "setup.json"
-        return serve_setup(port=0, ports=[kit.port], patience=PATIENCE, progress_file=kept)
+        return serve_setup(port=0, ports=[kit.port], reply_timeout=PATIENCE, progress_file=kept)
 
     with closing(Kit(tmp_path)) as kit:
         kit.put(0.5)

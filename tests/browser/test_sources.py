@@ -54,7 +54,7 @@ class Cable:
     def _open(self) -> RigLike:
         rig = open_hardware(
             ServoSettings(port=self.port).with_arm(SERVO_IDS),
-            patience=0.3,  # this computer has a browser to run as well
+            reply_timeout=0.3,  # this computer has a browser to run as well
         )
         self.rigs.append(rig)
         return rig

@@ -107,7 +107,7 @@ class Bench:
         self.emulator.advance()
         return self.world.q[:5]
 
-    def connect(self, gravity, patience):
+    def connect(self, gravity, reply_timeout):
         self.arm = FeetechArm(
             PortOpener(self.emulator.port),
             self.clock,
@@ -115,7 +115,7 @@ class Bench:
             gravity=gravity,
             speed=math.pi,
             acceleration=10.0,
-            patience=patience,
+            reply_timeout=reply_timeout,
         )
         arm = CommandCaps(180.0, 600.0, math.degrees(200.0))
         jaw = CommandCaps(220.0, 1376.0, math.degrees(600.0))
@@ -167,7 +167,7 @@ def weight():
 def make_bench(clock, tmp_path, weight):
     benches = []
 
-    def make(*, patience=PATIENCE, **options):
+    def make(*, reply_timeout=PATIENCE, **options):
         emulator = Emulator(
             EmulatorOptions(link=tmp_path / f"arm{len(benches)}", **options),
             now=clock.now,
@@ -175,7 +175,7 @@ def make_bench(clock, tmp_path, weight):
         )
         bench = Bench(clock, emulator)
         benches.append(bench)
-        bench.connect(weight, patience)
+        bench.connect(weight, reply_timeout)
         clock.advance(1.0)  # torque came on where the arm was found; now it takes up its weight
         return bench
 

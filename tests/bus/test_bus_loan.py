@@ -383,11 +383,11 @@ def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(tmp
 
 
 def test_a_port_nobody_uses_closes_with_its_only_borrower(bench):
-    rig = open_hardware(bench.settings(**NOBODY), clock=bench.clock, patience=PATIENCE)
+    rig = open_hardware(bench.settings(**NOBODY), clock=bench.clock, reply_timeout=PATIENCE)
     rig.lend_bus("motor setup")
     rig.close()
     with (
-        open_hardware(bench.settings(**NOBODY), clock=bench.clock, patience=PATIENCE) as again,
+        open_hardware(bench.settings(**NOBODY), clock=bench.clock, reply_timeout=PATIENCE) as again,
         again.lend_bus("motor setup") as loan,
     ):
         assert loan.call(lambda bus: bus.scan()) == [1, 2, 3, 4, 5, 6]

@@ -75,7 +75,7 @@ class Workshop:
     def look(self):
         """What a new process finds: what the servos hold, and what the file says."""
         settings = ServoSettings(port=self.port, timeout=0.0, calibration_file=self.file)
-        with open_hardware(settings, patience=PATIENCE) as rig, rig.lend_bus("a look") as loan:
+        with open_hardware(settings, reply_timeout=PATIENCE) as rig, rig.lend_bus("a look") as loan:
             servos = loan.call(
                 lambda bus: {joint: read_held(bus, SERVO_IDS[joint]) for joint in JOINTS}
             )

@@ -39,7 +39,7 @@ def bench(tmp_path):
     settings = ServoSettings(
         port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
     )
-    rig = open_hardware(settings, clock=clock, patience=PATIENCE)
+    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE)
     yield rig, emulator, clock, end
     rig.close()
     emulator.close()
@@ -104,7 +104,7 @@ def limp(tmp_path):
     settings = ServoSettings(
         port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
     )
-    rig = open_hardware(settings, clock=clock, patience=PATIENCE)
+    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE)
     yield rig, emulator, clock, 0.0
     rig.close()
     emulator.close()

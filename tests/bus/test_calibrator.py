@@ -29,7 +29,7 @@ class Arm:
         settings = ServoSettings(
             port=str(folder / "port"), timeout=None, fallback_file=folder / "arm.json"
         )
-        self.rig = open_hardware(settings, clock=self.clock, patience=PATIENCE)
+        self.rig = open_hardware(settings, clock=self.clock, reply_timeout=PATIENCE)
         self.calibrator = Calibrator(self.rig)
 
     def close(self):

@@ -47,7 +47,7 @@ class Table:
         )
 
     def look(self):
-        return discovery.discover(find=lambda extra: tuple(self.ports), patience=PATIENCE)
+        return discovery.discover(find=lambda extra: tuple(self.ports), reply_timeout=PATIENCE)
 
     def only(self):
         (report,) = self.look().reports

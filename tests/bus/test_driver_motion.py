@@ -15,7 +15,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 @pytest.fixture
 def bench(make_bench):
     """An arm whose answers are waited for as long as it takes, for none gets lost."""
-    return make_bench(patience=2.0)
+    return make_bench(reply_timeout=2.0)
 
 
 @pytest.fixture

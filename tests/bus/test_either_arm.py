@@ -15,7 +15,7 @@ from so101_motion.control.executor import Channel
 
 @pytest.fixture
 def bench(arm_port, tmp_path, planning_process):
-    with either_bench(arm_port, tmp_path, patience=0.5) as bench:
+    with either_bench(arm_port, tmp_path, reply_timeout=0.5) as bench:
         yield bench
 
 

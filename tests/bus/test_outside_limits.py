@@ -88,7 +88,7 @@ def test_a_driven_joint_outside_stays_driven_where_it_is(bench):
 
     assert bench.q_deg == pytest.approx(before, abs=0.5)
     assert [torque(bench, i) for i in range(1, 7)] == [1] * 6
-    assert set(rig.arm.state.reading.stray) == {"shoulder_lift", "gripper"}
+    assert set(rig.arm.state.reading.out_of_range) == {"shoulder_lift", "gripper"}
 
 
 @pytest.mark.parametrize("driven", [False, True])
@@ -121,7 +121,7 @@ def test_one_that_is_pushed_inside_by_hand_is_held_when_it_is_asked_for(bench):
     bench.advance(0.5)
 
     assert torque(bench, 1) == 1
-    assert not rig.arm.state.reading.stray
+    assert not rig.arm.state.reading.out_of_range
     assert bench.q_deg[0] == pytest.approx(deg(2500 - 2048), abs=0.5)
 
 
@@ -147,7 +147,7 @@ def test_a_move_brings_it_in_slowly_and_arrives(bench, driven, joint, ends):
     i = record.JOINTS.index(joint)
     rig = bench.open(calibration_file=filed(bench, **{joint: ends}))
     bench.advance(1.0)
-    inside = rig.arm.state.reading.stray[joint]
+    inside = rig.arm.state.reading.out_of_range[joint]
     assert rig.arm.state.q_ref[i] == inside
     goal = np.degrees(rig.arm.state.q_ref)
     goal[0 if i else 1] += 10.0
@@ -155,7 +155,7 @@ def test_a_move_brings_it_in_slowly_and_arrives(bench, driven, joint, ends):
     motion = bench.go(rig, *goal)
     bench.under_way(motion, rig, 0.0)
     coming = []
-    while rig.arm.state.reading.stray:
+    while rig.arm.state.reading.out_of_range:
         coming += speeds(bench, i, 0.1)
         assert len(coming) < 50
     bench.finish(motion)
@@ -205,9 +205,9 @@ def test_a_stop_on_the_way_in_stops_it_there(bench, joint):
 
     assert deg(1956 - 2048) + 1.0 < here[i] < -1.0
     assert bench.q_deg[i] == pytest.approx(here[i], abs=1.0 if i == 0 else 4.0), "no goal, no trim"
-    assert set(rig.arm.state.reading.stray) == {joint}
+    assert set(rig.arm.state.reading.out_of_range) == {joint}
     bench.finish(bench.go(rig, *goal))
-    assert not rig.arm.state.reading.stray
+    assert not rig.arm.state.reading.out_of_range
 
 
 def test_one_that_cannot_come_in_ends_the_motion_by_name_and_is_left_alone(bench):
@@ -265,6 +265,6 @@ def test_its_limits_are_in_the_servo_all_the_while(bench):
     bench.advance(0.5)
 
     assert rig.executor.call(lambda _: rig.servos.bus.read(1, reg.MIN_POSITION)).result() == 2130
-    assert rig.arm.state.reading.stray["shoulder_pan"] == pytest.approx(
+    assert rig.arm.state.reading.out_of_range["shoulder_pan"] == pytest.approx(
         rad(deg(2130 - (2130 + 3000) / 2)), abs=rad(0.5)
     )

@@ -20,7 +20,7 @@ not be taken for a wire that lost it [s]."""
 
 @pytest.fixture
 def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path, patience=PATIENT) as bench:
+    with hardware_bench(tmp_path, reply_timeout=PATIENT) as bench:
         yield bench
 
 
@@ -54,7 +54,7 @@ def test_servos_that_another_program_left_with_more_acceleration_are_led_no_furt
 
 
 def test_a_way_is_followed_on_a_bad_wire(tmp_path, planning_process):
-    with hardware_bench(tmp_path, patience=0.1) as bench:
+    with hardware_bench(tmp_path, reply_timeout=0.1) as bench:
         rig = opened(bench, 90, 300)
         bench.emulator.bus.faults.loss, bench.emulator.bus.faults.corrupt = 0.05, 0.02
         assert_followed(follow(bench, rig, *random_plan(rig, 4, waypoints=2)))

@@ -26,7 +26,7 @@ def bench(tmp_path, planning_process):
 @pytest.fixture
 def impatient(tmp_path, planning_process):
     """Every answer that gets lost costs a test as much time as an answer is waited for."""
-    with teleop_bench(tmp_path, patience=0.015) as bench:
+    with teleop_bench(tmp_path, reply_timeout=0.015) as bench:
         yield bench
 
 
@@ -142,7 +142,7 @@ def test_velocity_acceleration_and_jerk_are_bounded(bench):
 
 
 def test_lost_replies_go_unnoticed(tmp_path, planning_process):
-    with teleop_bench(tmp_path, patience=0.05) as bench:
+    with teleop_bench(tmp_path, reply_timeout=0.05) as bench:
         bench.start()
         bench.advance(0.3)
         for arm in (bench.leader, bench.follower):
@@ -162,7 +162,7 @@ def test_lost_replies_go_unnoticed(tmp_path, planning_process):
 def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
     tmp_path, planning_process
 ):
-    with teleop_bench(tmp_path, patience=0.03) as bench:
+    with teleop_bench(tmp_path, reply_timeout=0.03) as bench:
         bench.start(recorder=Recorder(tmp_path / "long.mcap", fps=30.0))
         bench.advance(0.3)
         for arm in (bench.leader, bench.follower):

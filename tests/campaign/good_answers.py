@@ -90,7 +90,7 @@ class RoughHandling:
             gravity=gravity,
             speed=math.radians(220.0),
             acceleration=math.radians(1000.0),
-            patience=0.0,
+            reply_timeout=0.0,
         )
         limits = MotionLimits.uniform(velocity=math.pi, acceleration=10.47, jerk=200.0)
         self._control = JointController(

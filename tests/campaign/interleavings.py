@@ -75,7 +75,7 @@ class Arm:
         self.match = self.referee.attend(self.emulator)
         driver = FeetechArm(
             PortOpener(self.emulator.port), self.clock, MAPS, gravity=weight,
-            speed=math.pi, acceleration=10.0, patience=0.02,
+            speed=math.pi, acceleration=10.0, reply_timeout=0.02,
         )  # fmt: skip
         driver.on_command = self.match.listen(
             lambda: CAPS, lambda i, q: MAPS[JOINTS[i]].to_ticks(q)

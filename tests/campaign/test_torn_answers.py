@@ -13,13 +13,13 @@ def faults_are_expected(caplog):
 
 
 def test_wrong_answers_make_nothing_jump_and_nothing_impossible_is_believed():
-    tally = run(spoiled=2000, seed=16)
-    assert tally.broken == []
-    assert tally.total >= 2000
+    counter = run(spoiled=2000, seed=16)
+    assert counter.broken == []
+    assert counter.total >= 2000
 
 
 def test_on_a_clean_bus_no_answer_is_doubted():
-    tally = run(spoiled=0, seed=17, share=0.0, episodes=4)
-    assert tally.broken == []
-    assert tally.answers > 5_000
-    assert tally.doubted == 0
+    counter = run(spoiled=0, seed=17, share=0.0, episodes=4)
+    assert counter.broken == []
+    assert counter.answers > 5_000
+    assert counter.doubted == 0

@@ -52,7 +52,7 @@ POSITION, READ, SYNC_READ = 56, 0x02, 0x82
 
 
 @dataclass
-class Tally:
+class ReplyCounter:
     """What a campaign has seen.
 
     Attributes:
@@ -81,10 +81,15 @@ class TornPort:
 
     name, baud = "/dev/torn", 1_000_000
 
-    def __init__(self, clock, rng, tally):
+    def __init__(self, clock, rng, counter):
         self.world = build_world(EmulatorOptions(), t=clock.now())
         self.share = 0.0
-        self._bus, self._clock, self._rng, self._tally = EmulatedBus(self.world), clock, rng, tally
+        self._bus, self._clock, self._rng, self._tally = (
+            EmulatedBus(self.world),
+            clock,
+            rng,
+            counter,
+        )
         self._arrived = b""
 
     def write(self, data):
@@ -141,10 +146,10 @@ def _sealed(packet):
 class Episode:
     """One arm for a few seconds, in one mode after the other."""
 
-    def __init__(self, seed, share, tally):
-        self._rng, self._tally, self._seed = random.Random(seed), tally, seed
+    def __init__(self, seed, share, counter):
+        self._rng, self._tally, self._seed = random.Random(seed), counter, seed
         self._clock = ManualClock()
-        self._port = TornPort(self._clock, self._rng, tally)
+        self._port = TornPort(self._clock, self._rng, counter)
         self._arm = FeetechArm(
             lambda: self._port,
             self._clock,
@@ -152,7 +157,7 @@ class Episode:
             gravity=lambda q: np.zeros(6),
             speed=math.radians(220.0),
             acceleration=math.radians(1000.0),
-            patience=0.0,
+            reply_timeout=0.0,
         )
         self._share, self._k = share, 0
         self._believed, self._last = {}, None
@@ -243,7 +248,7 @@ class Episode:
         reading, t = self._control.state.reading, self._control.state.t
         angles = dict(zip(JOINTS, np.degrees([*reading.q, reading.q_jaw]), strict=True))
         for joint, q in angles.items():
-            if joint in reading.unheard | reading.unsure:
+            if joint in reading.unanswered | reading.unconfirmed:
                 self._tally.doubted += 1
                 continue
             before = self._believed.get(joint)
@@ -286,11 +291,11 @@ class Episode:
 
 def run(spoiled, seed=0, share=0.15, episodes=0):
     """Play episodes until so many answers were spoiled, and at least so many; what was seen."""
-    tally, episode = Tally(), 0
-    while (tally.total < spoiled or episode < episodes) and len(tally.broken) < 20:
-        Episode(seed * 1_000_000 + episode, share, tally).play()
+    counter, episode = ReplyCounter(), 0
+    while (counter.total < spoiled or episode < episodes) and len(counter.broken) < 20:
+        Episode(seed * 1_000_000 + episode, share, counter).play()
         episode += 1
-    return tally
+    return counter
 
 
 def main():
@@ -301,14 +306,14 @@ def main():
     options = parser.parse_args()
     logging.disable(logging.ERROR)  # faults are what is played here
     began = time.monotonic()
-    tally = run(options.spoiled, options.seed, options.share)
+    counter = run(options.spoiled, options.seed, options.share)
     click.echo(
-        f"seed {options.seed}: {tally.total} of {tally.answers} answers spoiled,"
-        f" {tally.cycles} cycles, {time.monotonic() - began:.0f} s\n"
-        f"spoiled: {dict(tally.spoiled)}\nerrors: {dict(tally.faults)}\n"
-        f"laws broken: {tally.broken}"
+        f"seed {options.seed}: {counter.total} of {counter.answers} answers spoiled,"
+        f" {counter.cycles} cycles, {time.monotonic() - began:.0f} s\n"
+        f"spoiled: {dict(counter.spoiled)}\nerrors: {dict(counter.faults)}\n"
+        f"laws broken: {counter.broken}"
     )
-    return bool(tally.broken)
+    return bool(counter.broken)
 
 
 if __name__ == "__main__":

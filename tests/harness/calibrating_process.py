@@ -44,7 +44,10 @@ STEPS = {
 
 def calibrate(port, file):
     settings = ServoSettings(port=port, timeout=0.0, calibration_file=file)
-    with open_hardware(settings, patience=PATIENCE) as rig, rig.lend_bus("calibration") as loan:
+    with (
+        open_hardware(settings, reply_timeout=PATIENCE) as rig,
+        rig.lend_bus("calibration") as loan,
+    ):
         session = Session(file)
         for line in sys.stdin:
             STEPS[line.strip()](session, loan)

@@ -136,7 +136,7 @@ class LentArm:
         self.clock = Clock()
         self.world = build_world(EmulatorOptions(joints=mounted, **options), t=0.0)
         self.wire = LentPort(self.world, self.clock, death)
-        self.bus = Bus(self.wire, patience=0.0)
+        self.bus = Bus(self.wire, reply_timeout=0.0)
         self.watcher = None
         self.calls = 0
         self.between = lambda calls: None

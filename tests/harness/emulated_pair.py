@@ -114,7 +114,7 @@ class Arm:
         rig: Their rig.
     """
 
-    def __init__(self, folder, name, clock, patience, **options):
+    def __init__(self, folder, name, clock, reply_timeout, **options):
         self._clock = clock
         self.emulator = Emulator(
             EmulatorOptions(link=folder / name, **options),
@@ -124,7 +124,7 @@ class Arm:
         settings = ServoSettings(
             port=str(folder / name), servo_ids=SERVOS, gripper_id=6, timeout=0.01
         )
-        self.rig = open_hardware(settings, clock=clock, patience=patience)
+        self.rig = open_hardware(settings, clock=clock, reply_timeout=reply_timeout)
         self.rig.servos.on_command = match_of(self.emulator).listen(lambda: MIRRORING, self._ticks)
 
     def _ticks(self, i, q):
@@ -184,11 +184,11 @@ class TeleopBench:
         goals: What was written to the follower: rows of time and six angles [rad].
     """
 
-    def __init__(self, folder, *, patience=2.0, phase=0.004, leader=None, follower=None):
+    def __init__(self, folder, *, reply_timeout=2.0, phase=0.004, leader=None, follower=None):
         self.clock = ManualClock()
-        self.leader = Arm(folder, "leader", self.clock, patience, **(leader or {}))
+        self.leader = Arm(folder, "leader", self.clock, reply_timeout, **(leader or {}))
         self.clock.advance(phase)  # the two threads do not tick at the same instant
-        self.follower = Arm(folder, "follower", self.clock, patience, **(follower or {}))
+        self.follower = Arm(folder, "follower", self.clock, reply_timeout, **(follower or {}))
         self.clock.advance(1.0)  # their weight is taken up
         self.goals = []
         self.teleop = None

@@ -53,11 +53,11 @@ class HardwareBench:
         clock: What time it is for the servos and the rigs.
         emulator: The servos.
         port: A link to their port.
-        patience: How long an answer is waited for, on the wall clock [s].
+        reply_timeout: How long an answer is waited for, on the wall clock [s].
     """
 
-    def __init__(self, folder, *, patience=PATIENCE, **options):
-        self.clock, self.patience = ManualClock(), patience
+    def __init__(self, folder, *, reply_timeout=PATIENCE, **options):
+        self.clock, self.reply_timeout = ManualClock(), reply_timeout
         self.port = folder / "arm"
         weight = RobotModel.load().gravity_torque
         self.emulator = Emulator(
@@ -114,7 +114,9 @@ class HardwareBench:
         return ServoSettings(**{"port": str(self.port), **wanted})
 
     def open(self, **changes):
-        rig = open_hardware(self.settings(**changes), clock=self.clock, patience=self.patience)
+        rig = open_hardware(
+            self.settings(**changes), clock=self.clock, reply_timeout=self.reply_timeout
+        )
         self._rigs.append(rig)
         self._record(rig)
         return rig

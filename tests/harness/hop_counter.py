@@ -82,7 +82,7 @@ class HopCounter:
         if not stack or any(each.endswith(self._but) for each in stack):
             return
         self.hops += [each for each in stack if each not in self.hops]
-        if stack[-1] == "arm/plan_messages Line.send" and PLANNING not in self.hops:
+        if stack[-1] == "arm/plan_messages MessageSocket.send" and PLANNING not in self.hops:
             self.hops.append(PLANNING)
         if stack[-1].endswith(self._last):
             self._is_on, self.is_complete = False, True

@@ -79,7 +79,7 @@ class LentBus:
         self.wire = WirePort(EmulatedBus(self.world, self.faults), self.clock.now, baud)
         self.rates = []
         self.before = lambda: None
-        self._bus = Bus(self.wire, patience=0.0)
+        self._bus = Bus(self.wire, reply_timeout=0.0)
 
     @property
     def port(self):

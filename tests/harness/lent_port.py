@@ -13,7 +13,7 @@ class PortAccess:
 
     def __init__(self, port, baud=1_000_000):
         self.port, self.clock = port, MonotonicClock()
-        self._bus = Bus(SerialPort(port, baud), patience=PATIENCE)
+        self._bus = Bus(SerialPort(port, baud), reply_timeout=PATIENCE)
 
     def call(self, job):
         return job(self._bus)
@@ -23,7 +23,7 @@ class PortAccess:
 
     def at_baud(self, baud):
         self._bus.close()
-        self._bus = Bus(SerialPort(self.port, baud), patience=PATIENCE)
+        self._bus = Bus(SerialPort(self.port, baud), reply_timeout=PATIENCE)
 
     def close(self):
         self._bus.close()

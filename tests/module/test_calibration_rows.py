@@ -38,14 +38,14 @@ class Session:
 
     def stored(self):
         """What the six servos have in their EEPROM; while no component uses them."""
-        bus = Bus(SerialPort(self.port), patience=PATIENCE)
+        bus = Bus(SerialPort(self.port), reply_timeout=PATIENCE)
         try:
             return [tuple(bus.read(i, row) for row in STORED) for i in range(1, 7)]
         finally:
             bus.close()
 
     def store(self, servo_id, *values):
-        bus = Bus(SerialPort(self.port), patience=PATIENCE)
+        bus = Bus(SerialPort(self.port), reply_timeout=PATIENCE)
         try:
             bus.store(servo_id, dict(zip(STORED, values, strict=True)))
         finally:

@@ -12,7 +12,7 @@ from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.calibrator import CalibratesArm, Calibrator
 from so101_motion.setup.findings import Findings
-from so101_motion.setup.port_selection import PATIENCE, Candidate, PortsSeen, look
+from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import MachineRig, MachineSensor
 
 from .machine import MachineCalibrator
@@ -53,15 +53,15 @@ class Ports:
 
     Attributes:
         named: Those to look at, whatever they are; if there are any, no other is looked at.
-        patience: How long a motor may take to answer beyond the time on the wire [s].
+        reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
     """
 
     named: tuple[str, ...] = ()
-    patience: float = PATIENCE
+    reply_timeout: float = REPLY_TIMEOUT
 
     def look(self) -> PortsSeen:
         """What is plugged in now."""
-        return look(self.named, patience=self.patience)
+        return look(self.named, reply_timeout=self.reply_timeout)
 
     def open(self, candidate: Candidate) -> SetupTarget:
         """A target on a port; nothing is driven and no motor need be there.
@@ -73,7 +73,7 @@ class Ports:
         """
         file = candidate.calibration_file()
         asked = ServoSettings(port=candidate.name, timeout=None, fallback_file=file)
-        return _bench(open_hardware(asked, patience=self.patience))
+        return _bench(open_hardware(asked, reply_timeout=self.reply_timeout))
 
 
 def _bench(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:

@@ -232,7 +232,7 @@ def look(bus: Bus) -> ServosOnBus:
     A ping to all finds every servo. As a bad moment could swallow an answer to it, the ids of an
     arm are asked once more by name.
     """
-    roll = bus.roll_call()
+    roll = bus.ping_all()
     ids = sorted({*roll.ids, *bus.answering(SERVO_IDS.values())})
     servos: dict[int, ServoFacts] = {}
     shared = []

@@ -77,10 +77,10 @@ class Tuner:
 
 def listen(tuner: Tuner) -> RateAnswers:
     """Who answers at the present rate; whoever does is asked twice."""
-    roll = tuner.call(Bus.roll_call)
+    roll = tuner.call(Bus.ping_all)
     if not roll.ids and not roll.garbled:
         return RateAnswers(baud=tuner.baud, ids=(), garbled=False)
-    again = tuner.call(Bus.roll_call)
+    again = tuner.call(Bus.ping_all)
     return RateAnswers(
         baud=tuner.baud,
         ids=tuple(sorted({*roll.ids, *again.ids})),

@@ -12,7 +12,7 @@ from so101_motion.common.errors import CalibrationError
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import RETRIES, Bus
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
-from so101_motion.drivers.feetech.presence import not_there
+from so101_motion.drivers.feetech.presence import missing_servos
 
 _REVERSED = 0x80  # bit of register 18: the encoder counts down (FT)
 
@@ -49,7 +49,7 @@ def require(bus: Bus, joints: Sequence[str]) -> None:
     answering = bus.answering(map(SERVO_IDS.__getitem__, joints))
     missing = [SERVO_IDS[joint] for joint in joints if SERVO_IDS[joint] not in answering]
     if missing:
-        raise not_there(bus, missing, answering)
+        raise missing_servos(bus, missing, answering)
 
 
 def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
@@ -58,7 +58,7 @@ def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
     answers = bus.sync_read(ids, row.address, row.size, tries=1 + RETRIES)
     missing = [i for i in ids if i not in answers]
     if missing:
-        raise not_there(bus, missing, answers)
+        raise missing_servos(bus, missing, answers)
     return {joint: row.decode(answers[SERVO_IDS[joint]].data) % TICKS_PER_TURN for joint in joints}
 
 

@@ -14,7 +14,7 @@ of the recorded travel, and where that number comes from:
 
 The middle serves as the reference because errors of a sweep are small there: when a joint stops
 short of one stop, half of what is missing enters. This is about the five joints of the arm; the
-jaw's zero is where it is closed (``survey.joint_map``).
+jaw's zero is where it is closed (``find_joints.joint_map``).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Questions and answers on the servo bus: every transaction, its retries and its counters.
+"""The transactions on the servo bus, with retries and counters.
 
 How it works. The vendor's SDK builds the packets and runs the transactions with a single servo,
 over a port handler of ours (``sdk.py``). What a control cycle sends and hears is done by ourselves
@@ -18,7 +18,7 @@ Four rules keep a wrong value from ever being believed:
 Sync writes are not acknowledged by anybody; they are for setpoints, of which the next one comes
 soon. The status byte of an answer is kept as telemetry and never turns a reading into an error.
 
-Only this file retries. Everything is counted per servo, and ``tallies`` can be read at any time.
+Only this file retries. Everything is counted per servo, and ``counters`` can be read at any time.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from so101_motion.drivers.bus.protocol import (
     sync_write_packet,
 )
 from so101_motion.drivers.bus.registers import BROADCAST, ID, LOCK, MODEL_NUMBER, Fault, Register
-from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.sdk import Port, WaitingHandler, sync_read_packet
-from so101_motion.drivers.bus.stale_replies import Stragglers
+from so101_motion.drivers.bus.stale_replies import StaleReplies
 
-__all__ = ["PATIENCE", "RETRIES", "Bus", "Port", "RollCall", "patience_in"]
+__all__ = ["REPLY_TIMEOUT", "RETRIES", "Bus", "PingAnswers", "Port", "reply_timeout_in"]
 
 _log = logging.getLogger(__name__)
 
@@ -51,7 +51,7 @@ RETRIES = 3
 """How often a question to one servo is repeated. Chosen: with 7 % of the answers spoiled, one
 transaction in 40,000 fails."""
 
-PATIENCE = 0.007
+REPLY_TIMEOUT = 0.007
 """How long to wait beyond the time the wire takes [s]. A USB adapter needs 1 to 2 ms; chosen to
 leave room for a busy machine and so that a cycle in which nobody answers still fits into 10 ms."""
 
@@ -75,11 +75,11 @@ _PING_SLOT = packet_size(0) + _GAP
 
 
 @dataclass(frozen=True, slots=True)
-class RollCall:
-    """Who answered a ping to all.
+class PingAnswers:
+    """The answers to a broadcast ping.
 
     Attributes:
-        ids: Whose answers were sound, in order.
+        ids: The servos whose answers were valid, in order.
         garbled: Whether there was more than that: servos that share an id, or noise.
     """
 
@@ -87,9 +87,9 @@ class RollCall:
     garbled: bool
 
 
-def patience_in(period: float) -> float:
-    """For how much patience a control cycle of ``period`` [s] has room [s]."""
-    return min(PATIENCE, _SHARE * period)
+def reply_timeout_in(period: float) -> float:
+    """The reply timeout for which a control cycle of ``period`` [s] has room [s]."""
+    return min(REPLY_TIMEOUT, _SHARE * period)
 
 
 class Bus:
@@ -98,13 +98,13 @@ class Bus:
     Args:
         port: The open port; the bus's own from now on.
         names: What the servos are called in messages, by id.
-        tallies: Counters to go on with, by id; for a bus that comes back on a new port.
-        patience: How long to wait for an answer beyond the time on the wire [s]. The answers of
-            many servos to one question get no more than that with the wire, if it leaves room.
+        counters: Counters to go on with, by id; for a bus that comes back on a new port.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s]. The answers
+            of many servos to one question get no more than that with the wire, if it leaves room.
 
     Attributes:
         port: As given.
-        tallies: Counters by id.
+        counters: Counters by id.
     """
 
     def __init__(
@@ -112,19 +112,19 @@ class Bus:
         port: Port,
         *,
         names: Mapping[int, str] | None = None,
-        tallies: Tallies | None = None,
-        patience: float = PATIENCE,
+        counters: ReplyCounters | None = None,
+        reply_timeout: float = REPLY_TIMEOUT,
     ) -> None:
         self.port = port
-        self.tallies = Tallies() if tallies is None else tallies
+        self.counters = ReplyCounters() if counters is None else counters
         self._names = names or {}
-        self._patience = patience
+        self._reply_timeout = reply_timeout
         self._sdk = scservo_sdk.PacketHandler(0)
-        self._handler = WaitingHandler(port, patience)
-        self._stragglers = Stragglers()
+        self._handler = WaitingHandler(port, reply_timeout)
+        self._stragglers = StaleReplies()
 
     def label(self, servo_id: int) -> str:
-        """What a servo is called in a message."""
+        """The name of a servo in a message."""
         name = self._names.get(servo_id)
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
@@ -135,7 +135,7 @@ class Bus:
     # One servo
 
     def ping(self, servo_id: int) -> Fault:
-        """Its status byte, if it is there.
+        """Ping a servo; return its status byte.
 
         Raises:
             NoReply: It is not.
@@ -144,7 +144,7 @@ class Bus:
         return Fault(self._ask(servo_id, scservo_sdk.INST_PING, (), 0, "a ping").faults)
 
     def read(self, servo_id: int, register: Register) -> int:
-        """What a register holds.
+        """Read a register.
 
         Raises:
             NoReply: The servo is silent.
@@ -154,7 +154,7 @@ class Bus:
         return register.decode(block)
 
     def read_block(self, servo_id: int, start: int, count: int, *, what: str = "a block") -> bytes:
-        """``count`` bytes from address ``start``.
+        """Read ``count`` bytes from address ``start``.
 
         Raises:
             NoReply: The servo is silent.
@@ -167,11 +167,11 @@ class Bus:
             if isinstance(answer, Answer):
                 return answer.data[start - begin : start - begin + count]
             self._stragglers.missed(servo_id, length, time.monotonic())
-            self.tallies[servo_id].retries += 1
+            self.counters[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
     def write(self, servo_id: int, register: Register, value: int) -> None:
-        """Write a register and see that it holds ``value``.
+        """Write a register and read it back.
 
         A servo saves an EEPROM register only while it is unlocked; see ``store``.
 
@@ -188,8 +188,8 @@ class Bus:
             held = self.read(servo_id, register)
             if held == value:
                 return
-            self.tallies[servo_id].retries += 1
-        faults = Fault(self.tallies[servo_id].faults)
+            self.counters[servo_id].retries += 1
+        faults = Fault(self.counters[servo_id].faults)
         reports = f" and reports {', '.join(faults.names)}" if faults.names else ""
         raise ServoFault(
             f"{self.label(servo_id)} was told {register.name} = {value} but holds {held}{reports};"
@@ -199,7 +199,7 @@ class Bus:
         )
 
     def store(self, servo_id: int, values: Mapping[Register, int]) -> tuple[str, ...]:
-        """See that EEPROM registers hold ``values`` for good; writes only those that differ.
+        """Store ``values`` in EEPROM registers for good; writes only those that differ.
 
         Returns:
             The names of those that were written.
@@ -246,7 +246,7 @@ class Bus:
         )
 
     def post(self, servo_id: int, register: Register, value: int) -> None:
-        """Write a register without looking whether it holds ``value``.
+        """Write a register without reading it back.
 
         For the id and the baud rate: the servo answers elsewhere from then on.
         """
@@ -257,22 +257,22 @@ class Bus:
 
     def scan(self) -> list[int]:
         """Ids of all servos that hear a broadcast ping at this baud rate, in order."""
-        return list(self.roll_call().ids)
+        return list(self.ping_all().ids)
 
-    def roll_call(self) -> RollCall:
+    def ping_all(self) -> PingAnswers:
         """Ping all servos that listen at this baud rate; each answers in a slot of its own."""
         answers = Answers(range(BROADCAST), 0)
         self._handler.is_using = False
         self._sdk.txPacket(self._handler, [0, 0, BROADCAST, 2, scservo_sdk.INST_PING, 0])
         wire = 10.0 * (packet_size(0) + BROADCAST * _PING_SLOT) / self.port.baud
-        until = time.monotonic() + wire + self._patience
+        until = time.monotonic() + wire + self._reply_timeout
         while data := self.port.read(until):
             answers.feed(data)
         garbled = answers.skipped + len(answers.rest) > 0
-        return RollCall(tuple(sorted(answers.found)), garbled)
+        return PingAnswers(tuple(sorted(answers.found)), garbled)
 
     def answering(self, servo_ids: Iterable[int], *, tries: int = 1 + RETRIES) -> list[int]:
-        """Which of ``servo_ids`` are there; ``tries`` as in ``sync_read``."""
+        """Which of ``servo_ids`` answer; ``tries`` as in ``sync_read``."""
         row = MODEL_NUMBER
         found = self.sync_read(tuple(servo_ids), row.address, row.size, tries=tries)
         return sorted(found)
@@ -286,7 +286,7 @@ class Bus:
         tries: int = 1,
         given_up: Collection[int] = (),
     ) -> dict[int, Answer]:
-        """``count`` bytes from ``start`` of many servos, in one transaction.
+        """Read ``count`` bytes from ``start`` of many servos, in one transaction.
 
         Servos answer in the order they are listed, each in a time slot of its own. So once the
         last one has answered, nobody else will, and nobody is waited for.
@@ -310,7 +310,7 @@ class Bus:
         for attempt in range(tries):
             if attempt:
                 for servo_id in asked:
-                    self.tallies[servo_id].retries += 1
+                    self.counters[servo_id].retries += 1
             begin, length = self._stragglers.span(
                 asked, start, count, time.monotonic(), again=True, most=self._longest(len(asked))
             )
@@ -341,7 +341,7 @@ class Bus:
             answer = self._once(servo_id, instruction, params, count, tried)
             if isinstance(answer, Answer):
                 return answer
-            self.tallies[servo_id].retries += 1
+            self.counters[servo_id].retries += 1
         raise self._failure(servo_id, answer, what)
 
     def _once(
@@ -353,44 +353,44 @@ class Bus:
         tried: int = 0,
     ) -> Answer | bytes:
         """One question to one servo: the answer, or the bytes that were none."""
-        handler, tally = self._handler, self.tallies[servo_id]
+        handler, counter = self._handler, self.counters[servo_id]
         handler.is_using = False  # the SDK forgets to after an exception
         packet = [0, 0, servo_id, len(params) + 2, instruction, *params, 0]
         self._sdk.txPacket(handler, packet)
-        handler.patience = self._patience_for(tried)
+        handler.reply_timeout = self._reply_timeout_for(tried)
         handler.setPacketTimeout(len(packet) + packet_size(count))
         while True:
             raw, result = self._sdk.rxPacket(handler)
             if result != scservo_sdk.COMM_SUCCESS:
                 handler.clearPort()
-                tally.missed(garbled=bool(raw))
+                counter.missed(garbled=bool(raw))
                 return bytes(raw)
-            if is_cut_short(bytes(raw), self.tallies):
+            if is_cut_short(bytes(raw), self.counters):
                 handler.clearPort()
-                tally.missed(garbled=True)
+                counter.missed(garbled=True)
                 return bytes(raw)
             # Anything else that is well-formed is a straggler: look on.
             if raw[2] == servo_id and raw[3] == count + 2 and len(raw) == packet_size(count):
-                tally.heard(raw[4])
+                counter.heard(raw[4])
                 return Answer(bytes(raw[5:-1]), raw[4])
 
-    def _patience_for(self, tried: int) -> float:
+    def _reply_timeout_for(self, tried: int) -> float:
         """How long to wait for an answer that was asked for ``tried`` times before [s]."""
-        return min(self._patience * _PERSISTENCE[tried], max(self._patience, _LONGEST))
+        return min(self._reply_timeout * _PERSISTENCE[tried], max(self._reply_timeout, _LONGEST))
 
     def _longest(self, servos: int) -> int:
-        """How many bytes so many servos can send within our patience with a control cycle."""
+        """How many bytes so many servos can send within the reply timeout of a control cycle."""
         # Without any, answers are there at once, as from a port in a test.
-        patience = self._patience or PATIENCE
-        room = (patience - min(_REST, 0.5 * patience)) * self.port.baud / 10.0
+        reply_timeout = self._reply_timeout or REPLY_TIMEOUT
+        room = (reply_timeout - min(_REST, 0.5 * reply_timeout)) * self.port.baud / 10.0
         return int((room - 8) / servos) - 1 - packet_size(0) - _GAP
 
     def _answers(self, asked: list[int], count: int, tried: int) -> dict[int, Answer]:
         """The answers to a question that was just sent to many, ``count`` bytes each."""
-        answers, patience = Answers(asked, count), self._patience_for(tried)
+        answers, reply_timeout = Answers(asked, count), self._reply_timeout_for(tried)
         wire = 10.0 * (8 + len(asked) * (1 + packet_size(count) + _GAP)) / self.port.baud
-        rest = min(_REST, 0.5 * patience)
-        until = time.monotonic() + max(patience, wire + rest)
+        rest = min(_REST, 0.5 * reply_timeout)
+        until = time.monotonic() + max(reply_timeout, wire + rest)
         while not answers.is_complete and asked[-1] not in answers.found:
             data = self.port.read(until)
             if not data:
@@ -399,7 +399,7 @@ class Bus:
                 until = min(until, time.monotonic() + wire + rest)
             answers.feed(data)
         for servo_id, answer in answers.found.items():
-            self.tallies[servo_id].heard(answer.faults)
+            self.counters[servo_id].heard(answer.faults)
         if not answers.is_complete:
             self._miss(answers, asked, count)
         return answers.found
@@ -411,7 +411,7 @@ class Bus:
         for servo_id in asked:
             if servo_id not in answers.found:
                 self._stragglers.missed(servo_id, count, now)
-                self.tallies[servo_id].missed(garbled=garbled)
+                self.counters[servo_id].missed(garbled=garbled)
 
     def _failure(self, servo_id: int, answer: Answer | bytes, what: str) -> NoReply | CorruptReply:
         label, tries = self.label(servo_id), 1 + RETRIES

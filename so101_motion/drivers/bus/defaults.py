@@ -1,4 +1,4 @@
-"""How an arm's servo bus is set up unless a configuration says otherwise."""
+"""Default settings of an arm's servo bus: baud rate, timeout and servo ids."""
 
 BAUDRATE = 1_000_000
 """Bits per second of the servos as new; the published module's default."""

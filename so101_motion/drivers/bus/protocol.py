@@ -1,4 +1,4 @@
-"""The bytes of a control cycle: goals as they go out, answers in what arrives; and no port.
+"""Encode sync writes and decode status packets; no port here.
 
 A status packet is ``FF FF id length flags data... checksum``, where ``length`` is the number of
 data bytes plus 2 and the checksum is the inverted sum of everything between header and itself.
@@ -30,7 +30,7 @@ _OVERHEAD = 6  # header 2, id, length, flags, checksum
 
 
 def packet_size(count: int) -> int:
-    """Bytes of a status packet with ``count`` data bytes."""
+    """The length in bytes of a status packet with ``count`` data bytes."""
     return count + _OVERHEAD
 
 
@@ -40,7 +40,7 @@ def checksum(body: bytes | bytearray) -> int:
 
 
 def is_cut_short(packet: bytes, servo_ids: Container[int]) -> bool:
-    """Whether a packet broke off and what follows has been taken for its end.
+    """Whether a packet broke off and the next packet's first bytes were taken for its end.
 
     Args:
         packet: A status packet whose checksum is right.
@@ -72,11 +72,11 @@ def sync_write_packet(start: int, data: Mapping[int, bytes]) -> bytes:
 
 
 class Answer(NamedTuple):  # six are made in every cycle, and this is the fastest kind
-    """What one servo said.
+    """The answer of one servo.
 
     Attributes:
         data: The bytes it was asked for.
-        faults: Its status byte, see ``Fault``: true of the servo, and no blemish of the data.
+        faults: Its status byte, see ``Fault``; the data is valid whatever it says.
     """
 
     data: bytes
@@ -84,7 +84,7 @@ class Answer(NamedTuple):  # six are made in every cycle, and this is the fastes
 
 
 class Answers:
-    """Collects one question's answers from what arrives, however it is cut.
+    """Collects the answers to one question from received bytes, in chunks of any size.
 
     Args:
         servo_ids: Whose answers are awaited.

@@ -1,4 +1,4 @@
-"""An STS3215 servo is a table; this is the driver's copy of it.
+"""The register table of the STS3215 servo, as the driver uses it.
 
 How it works. A ``Register`` is one row: where it lies, how many bytes, where its sign is, what one
 count means, and who says so. Everything else follows from the row. Words are little-endian.
@@ -42,7 +42,7 @@ _TICK = 2.0 * math.pi / TICKS_PER_TURN
 
 
 class Memory(Enum):
-    """How long a register keeps what it holds."""
+    """How long a register keeps its value."""
 
     MEASURED = "read-only"
     RAM = "until power-off"

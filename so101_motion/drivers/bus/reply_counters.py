@@ -1,7 +1,7 @@
-"""How well servos are heard, counted one by one from the start of the program.
+"""Count each servo's good, lost and corrupt replies from the start of the program.
 
-``Bus`` counts; whoever opens bus after bus on one port hands the ``Tallies`` on, so that neither an
-unplugged cable nor a new set-up makes it forget. Any thread may read them.
+``Bus`` counts; whoever opens bus after bus on one port hands the ``ReplyCounters`` on, so that
+neither an unplugged cable nor a new set-up makes it forget. Any thread may read them.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 
 @dataclass(slots=True)
-class Tally:
-    """What happened with one servo since the start.
+class ReplyCounter:
+    """Counts the replies of one servo.
 
     Attributes:
         answers: Right answers.
@@ -35,22 +35,22 @@ class Tally:
         return self.answers + self.lost + self.corrupt
 
     def heard(self, faults: int) -> None:
-        """There was a right answer, with this status byte."""
+        """Count a good reply with this status byte."""
         self.answers += 1
         self.faults = faults
         if faults:
             self.latched |= faults
 
     def missed(self, *, garbled: bool) -> None:
-        """There was none, or one that could not be understood."""
+        """Count a missing or a garbled reply."""
         self.corrupt += garbled
         self.lost += not garbled
 
 
-class Tallies(dict[int, Tally]):
-    """The tally of each servo, by id; it begins when the servo is first asked."""
+class ReplyCounters(dict[int, ReplyCounter]):
+    """The counter of each servo, by id; made when the servo is first asked."""
 
-    def __missing__(self, servo_id: int) -> Tally:
-        """A new tally."""
-        tally = self[servo_id] = Tally()
-        return tally
+    def __missing__(self, servo_id: int) -> ReplyCounter:
+        """Make a new counter."""
+        counter = self[servo_id] = ReplyCounter()
+        return counter

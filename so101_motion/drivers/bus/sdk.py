@@ -1,4 +1,4 @@
-"""The vendor's SDK on a port of ours.
+"""Run the vendor's SDK on our serial port.
 
 ``feetech-servo-sdk`` builds packets and runs transactions over a port handler. Its own spins on the
 processor for as long as it waits, and never discards stale input, so that a late answer is taken
@@ -20,50 +20,50 @@ class Port(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is called."""
+        """Its name."""
 
     @property
     def baud(self) -> int:
         """Bits per second."""
 
     def write(self, data: bytes) -> None:
-        """Send."""
+        """Send ``data``."""
 
     def read(self, until: float) -> bytes:
-        """What has arrived, at least one byte unless ``time.monotonic`` [s] reaches ``until``."""
+        """Read received bytes, at least one unless ``time.monotonic`` [s] reaches ``until``."""
 
     def discard(self) -> None:
-        """Forget what has arrived."""
+        """Discard received bytes."""
 
     def close(self) -> None:
-        """Let go."""
+        """Close the port."""
 
 
 class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types
-    """The SDK's view of our port: it waits instead of spinning, and discards what is stale.
+    """Our port as the SDK's port handler: waits instead of spinning, discards stale input.
 
     Attributes:
-        patience: How long to wait for an answer beyond the time on the wire [s].
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
 
-    def __init__(self, port: Port, patience: float) -> None:
+    def __init__(self, port: Port, reply_timeout: float) -> None:
         super().__init__(port.name)
-        self._port, self.patience = port, patience
+        self._port, self.reply_timeout = port, reply_timeout
         self._until = 0.0
         self._ahead = b""
 
     def clearPort(self) -> None:
-        """Forget stale input."""
+        """Discard stale input."""
         self._ahead = b""
         self._port.discard()
 
     def writePort(self, packet: list[int]) -> int:
-        """Send a packet; how many bytes went out."""
+        """Send a packet; return the number of bytes sent."""
         self._port.write(bytes(packet))
         return len(packet)
 
     def readPort(self, length: int) -> bytes:
-        """At most ``length`` bytes; waits for the first until the time is up."""
+        """Read at most ``length`` bytes; waits for the first until the timeout."""
         if length <= 0:
             return b""
         if not self._ahead:
@@ -72,12 +72,12 @@ class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK 
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Begin to wait for ``packet_length`` bytes."""
+        """Start the timeout for ``packet_length`` bytes."""
         wire = 10.0 * packet_length / self._port.baud
-        self._until = time.monotonic() + wire + self.patience
+        self._until = time.monotonic() + wire + self.reply_timeout
 
     def isPacketTimeout(self) -> bool:
-        """Whether the time is up."""
+        """Whether the timeout has passed."""
         return time.monotonic() >= self._until
 
 
@@ -95,7 +95,7 @@ class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships
 
 @lru_cache(maxsize=64)
 def sync_read_packet(servo_ids: tuple[int, ...], start: int, count: int) -> bytes:
-    """The SDK's packet; the same few are sent in every cycle."""
+    """The sync read packet as the SDK builds it; cached, for each cycle sends the same few."""
     recorder = _Recorder("")
     scservo_sdk.PacketHandler(0).syncReadTx(recorder, start, count, servo_ids, len(servo_ids))
     return recorder.packet

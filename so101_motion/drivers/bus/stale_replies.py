@@ -1,4 +1,4 @@
-"""Telling the answer to a question from answers that belong to earlier ones.
+"""Tell the reply to a question from late replies to earlier questions.
 
 An answer names its servo, but neither the question nor the register. All that a question leaves on
 it is its length: a servo can be asked for more bytes than are needed, and the answer has exactly as
@@ -26,8 +26,8 @@ _CHOICE = 40  # lengths to choose from; chosen: as many questions as a control l
 _FEWEST = 8  # and so many always, however little time there is; chosen
 
 
-class Stragglers:
-    """Which answers may still be out there, servo by servo."""
+class StaleReplies:
+    """Keeps track of the replies of each servo that may still arrive."""
 
     def __init__(self) -> None:
         self._start = 0  # of the last question
@@ -46,7 +46,7 @@ class Stragglers:
         again: bool = False,
         most: int = END,
     ) -> tuple[int, int]:
-        """What to ask for, so that the answers can be told from stragglers.
+        """Choose address and length of a question so that stale replies differ in length.
 
         If all lengths are taken, it is the one whose straggler is due soonest; that many stragglers
         need a stream of questions that nobody waits for.
@@ -70,7 +70,7 @@ class Stragglers:
         return min(start, END - length), length
 
     def missed(self, servo_id: int, length: int, now: float) -> None:
-        """An answer of this length has not come in time [s]."""
+        """Note at ``now`` [s] that a reply of this length is overdue."""
         self._until = max(self._until, now + OVERDUE)
         self._missing.setdefault(servo_id, {})[length] = self._until
 

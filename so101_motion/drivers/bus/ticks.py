@@ -1,4 +1,4 @@
-"""Ticks, the servo's idea of an angle, and radians, everybody else's.
+"""Convert servo positions in ticks to joint angles in radians and back.
 
 A turn has 4096 ticks. (Two known programs divide by 4095, which stretches half a turn by 0.04 deg;
 we do not.) A ``JointMap`` says for one joint which tick is zero, which way the servo counts, and
@@ -41,7 +41,7 @@ three joints as measured by the authors of the published module; the manual prom
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointMap:
-    """How one joint is represented by its servo.
+    """Maps one joint's angle to its servo's ticks.
 
     Attributes:
         servo_id: The servo's id on the bus.
@@ -82,7 +82,7 @@ class JointMap:
         drive_mode: int = 0,
         zero_ticks: float | None = None,
     ) -> JointMap:
-        """The map that a calibration record's values mean.
+        """The map for the values of a calibration record.
 
         Args:
             servo_id: The servo's id.
@@ -135,7 +135,7 @@ class JointMap:
 
 
 def to_speed_ticks(speed: float) -> int:
-    """What the speed register must hold so that no joint exceeds ``speed`` [rad/s].
+    """The speed register's value for a cap of ``speed`` [rad/s].
 
     At least 1, because 0 means maximum. (The servo turns no slower than about 9 deg/s of its own;
     slower motion is made by slow setpoints.)
@@ -149,7 +149,7 @@ def to_speed_ticks(speed: float) -> int:
 
 
 def to_acceleration_units(acceleration: float) -> int:
-    """What the acceleration register must hold for a cap of ``acceleration`` [rad/s^2].
+    """The acceleration register's value for a cap of ``acceleration`` [rad/s^2].
 
     At least 1, because 0 means maximum; 1 is already 43 deg/s^2.
 

@@ -1,11 +1,11 @@
-"""Six virtual STS3215 servos behind a serial port that any client takes for real.
+"""The emulator: six virtual STS3215 servos behind a pseudo-terminal.
 
 From the wire inwards:
 
     pty_port   a pseudo-terminal and its thread: when bytes arrive
     bus        who hears an instruction and when the answer leaves
     codec      packets
-    servo      what an instruction does; ``memory``, ``registers``, ``meaning`` are its registers
+    servo      what an instruction does to ``memory``, ``registers`` and ``register_values``
     drive      controller and protections: ``motion``, ``protection``, ``electric``
     mechanics  motor, play, friction, stops; ``hardware`` holds the figures
     world      six of them, gravity, supply, time; ``hand`` is a person's

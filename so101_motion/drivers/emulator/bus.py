@@ -1,4 +1,4 @@
-"""One wire, several servos: who hears an instruction, who answers, and when.
+"""The emulated bus: which servos hear an instruction, which answer, and when.
 
 How it works
     ``feed`` takes a chunk of bytes as the client wrote it and returns the replies it draws, each

@@ -1,4 +1,4 @@
-"""The servo's side of the wire format: bytes in, instructions out; status packets back.
+"""The servo's side of the protocol: decode instructions, encode status packets.
 
 How it works
     An instruction is ``FF FF id length code params... checksum`` with ``length = params + 2`` and

@@ -1,4 +1,4 @@
-"""The working half of a servo: controller, motor, gears and protections, without a register.
+"""The controller, motor, gears and protections of one emulated servo, without its registers.
 
 ``step`` is one millisecond of control and mechanics; ``inspect`` is the slower housekeeping:
 current, heat, protections, measured speed. A drive whose whole state has not changed for a while
@@ -196,8 +196,8 @@ class Drive:
         )  # fmt: skip
         self._unchanged = self._unchanged + 1 if seen == self._seen else 0
         self._seen = seen
-        patience = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
-        self.quiet = shaft.velocity == 0.0 and self._unchanged >= patience and not self._goals
+        wait = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
+        self.quiet = shaft.velocity == 0.0 and self._unchanged >= wait and not self._goals
 
     def _check(self, dt: float) -> None:
         position = self.position

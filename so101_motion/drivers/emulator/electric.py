@@ -1,4 +1,4 @@
-"""Supply, currents and heat.
+"""Model the supply voltage, motor currents and temperatures.
 
 All six servos hang on one cable. What they draw together sags the supply, and below the voltage
 their regulators need they switch off. A motor's loss warms its servo with one time constant.

@@ -1,4 +1,4 @@
-"""The whole emulated arm: servos, wire, port, and the faults that befall them.
+"""The emulated arm: servos, bus, port and faults put together.
 
 ``Emulator`` serves tests in their own process and the command line in one of its own alike;
 ``run_emulator`` is what the command line calls. A test that wants a lost reply or a hot servo asks

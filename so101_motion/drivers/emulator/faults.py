@@ -1,4 +1,4 @@
-"""What goes wrong, and how to ask for it.
+"""Faults to inject: disturbed replies, and timed faults of servos and port.
 
 ``WireFaults`` disturbs replies with given probabilities from a seeded generator: the same seed
 and the same traffic give the same faults. Corruption flips one bit, which the checksum always

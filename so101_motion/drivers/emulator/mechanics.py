@@ -1,4 +1,4 @@
-"""Outside the servo: motor, gears, play, stops, and what the world does to one joint.
+"""Model the mechanics of one joint: motor, gears, friction, play and stops.
 
 The rotor behind its gears carries nearly all inertia, so one mass per joint is enough and the
 joints do not shake each other; gravity, contacts and a hand come in as torque on the output shaft.

@@ -1,4 +1,4 @@
-"""One servo's bytes: what is in RAM now, and what the flash would bring back after a power cut.
+"""The bytes of one servo: RAM, and the flash that survives a power cut.
 
 Every address is readable. Writing reaches EEPROM and RAM registers alike and takes effect at
 once; while Lock is 0 the EEPROM bytes are also saved. Measured bytes inside a written span are

@@ -1,4 +1,4 @@
-"""Inside the servo: from a goal to a motor duty, once a millisecond.
+"""Model the servo's motion profile and position loop, in steps of a millisecond.
 
 How it works
     A goal is not a set-point. A *profile* starts at the present position and travels to the goal

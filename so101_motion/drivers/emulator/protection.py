@@ -1,4 +1,4 @@
-"""The servo protecting itself: four faults, when they come, what they do, how they go.
+"""Model the servo's protections: overload, over-current, heat and voltage.
 
 How it works
     ``check`` runs every few milliseconds and keeps the status byte that travels in every reply.

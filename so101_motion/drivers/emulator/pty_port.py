@@ -1,4 +1,4 @@
-"""A serial port that is not there: the bus behind a pseudo-terminal.
+"""Serve the emulated bus on a pseudo-terminal.
 
 How it works
     One thread waits for bytes, hands them to the bus and writes the replies when they are due.
@@ -34,7 +34,7 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
-from so101_motion.common.realtime import go_first
+from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.drivers.emulator.bus import Bus, Reply
 
 FASTEST = 1_000_000
@@ -200,7 +200,7 @@ class PtyPort:
 
     def _serve(self) -> None:
         if self._pacing.realtime:
-            go_first()  # servos do not wait until a busy computer has time for them
+            use_realtime_priority()  # servos do not wait until a busy computer has time for them
         while not self._closing:
             with self._lock:
                 terminal = self._terminal

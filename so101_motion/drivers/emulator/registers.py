@@ -1,4 +1,4 @@
-"""The servo's memory map: one row a register, the rest of the emulator follows from it.
+"""The memory map of the emulated servo, one row per register.
 
 Addresses are decimal and words little-endian, as in the manufacturer's table. ``Keep`` says who
 may change a register and how long it lasts: EEPROM survives a power cycle if it was written while

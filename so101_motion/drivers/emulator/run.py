@@ -1,4 +1,4 @@
-"""The emulator as a program: a port until somebody stops it, with faults on demand."""
+"""Run the emulator as a program that takes faults from the terminal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import TextIO
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.realtime import go_first
+from so101_motion.common.realtime import use_realtime_priority
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent, parse_fault
 from so101_motion.drivers.emulator.world import Gravity, no_gravity
@@ -47,7 +47,7 @@ class _Timetable:
 
 
 class _Typing:
-    """Lines as somebody types them; a buffered file would keep the second of two to itself."""
+    """Reads typed lines without buffering, so that the second of two is not kept back."""
 
     def __init__(self, source: TextIO | None) -> None:
         self._source = source
@@ -102,7 +102,7 @@ def run_emulator(
     with Emulator(options, gravity=gravity) as emulator:
         announce(emulator.port)
         if options.pacing.realtime:
-            go_first()  # like the thread that serves the port, which must not wait for this one
+            use_realtime_priority()  # like the port's thread, which must not wait for this one
         timetable, typing = _Timetable(emulator), _Typing(commands)
         for fault in options.faults:
             timetable.add(fault)

@@ -25,13 +25,13 @@ from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.drive import Drive
 from so101_motion.drivers.emulator.electric import BROWN_OUT
 from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint, ServoType
-from so101_motion.drivers.emulator.meaning import (
+from so101_motion.drivers.emulator.memory import Memory
+from so101_motion.drivers.emulator.register_values import (
     clamped_goal,
     plan_profile,
     settings_from,
     show_measurements,
 )
-from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN, Register
 
 BOOT_TIME = 0.8

@@ -1,4 +1,4 @@
-"""Makes every servo of an emulated arm a little different, as real ones are."""
+"""Make every servo of an emulated arm a little different, as real ones are."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Six servos in an arm, and the time that passes for them.
+"""Simulate the six servos of an arm over time, with gravity, hand and supply.
 
 How it works
     Nothing runs by itself. Whoever is about to look or to touch calls ``advance`` with the time;
@@ -110,7 +110,7 @@ class World:
                 self._pass(self._run(due - self._ms))
 
     def _run(self, left: int) -> int:
-        """Step whoever is awake, at most to the next look; the milliseconds it took."""
+        """Step the moving servos, at most to the next slow update; return the milliseconds."""
         awake = [servo.drive for servo in self.servos if not servo.drive.quiet]
         if not awake and not self.hand.busy and not self._phase:
             return min(self._longest_jump(), left)
@@ -132,7 +132,7 @@ class World:
         return _TIMING_JUMP_MS if soon else _JUMP_MS
 
     def _look(self, dt: float) -> None:
-        """The slow things, after ``dt`` seconds."""
+        """Update gravity, hand, supply, heat and protections after ``dt`` seconds."""
         now = self.t
         volts = self.supply.under(servo.drive.motor.drawn for servo in self.servos)
         self._weigh()
@@ -221,7 +221,7 @@ class World:
             drive.wake()
 
     def _react(self) -> None:
-        """Let the change be felt at once, not at the next slow look."""
+        """Apply the change at once, not at the next slow update."""
         self._look(0.0)
         for servo in self.servos:
             servo.drive.wake()

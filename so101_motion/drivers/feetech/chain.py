@@ -1,4 +1,4 @@
-"""The servos along the cable: found, set up, and found again after a loss.
+"""Find and set up the servos along the cable, and do so again after a loss.
 
 ``Chain`` has the connection, which may go away and come back (``connection.py``), and knows which
 servos answer (``presence.py``) and what their RAM must hold. Whenever servos have been out of sight
@@ -14,16 +14,16 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.errors import BusError, CorruptReply, NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
-from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.sdk import Port
 from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.feetech.connection import Connection
-from so101_motion.drivers.feetech.presence import Presence, not_there
+from so101_motion.drivers.feetech.presence import Presence, missing_servos
 from so101_motion.drivers.feetech.servo_setup import ServoCondition, prepare
 
 
 class Chain:
-    """Servos on one port. Used by the I/O thread, but for what it shows.
+    """The servos on one port. Only its attributes may be read from other threads.
 
     Args:
         open_port: Opens the serial port.
@@ -31,16 +31,16 @@ class Chain:
         maps: The servo of each joint, by index.
         names: What the joints are called, by index.
         ram: What RAM registers must hold in every servo.
-        met: Called with a joint and how its servo was found, after it was set up.
-        patience: See ``Bus``.
-        tallies: See ``Bus``.
+        on_set_up: Called with a joint and how its servo was found, after it was set up.
+        reply_timeout: See ``Bus``.
+        counters: See ``Bus``.
 
     Attributes:
         index: The joint of each servo.
         ram: What RAM registers must hold, by servo.
         presence: Which servos answer.
         connection: The port, present or not.
-        is_met: Whether the port is open and the servos have been found.
+        is_set_up: Whether the port is open and the servos have been found.
     """
 
     def __init__(
@@ -51,43 +51,43 @@ class Chain:
         *,
         names: Sequence[str],
         ram: Mapping[Register, int],
-        met: Callable[[int, ServoCondition], None],
-        patience: float,
-        tallies: Tallies | None,
+        on_set_up: Callable[[int, ServoCondition], None],
+        reply_timeout: float,
+        counters: ReplyCounters | None,
     ) -> None:
         self.index = {joint.servo_id: i for i, joint in maps.items()}
         self.ram = {servo_id: dict(ram) for servo_id in self.index}
         self.presence = Presence(tuple(self.index))
         labels = {servo_id: names[i] for servo_id, i in self.index.items()}
         self.connection = Connection(
-            open_port, clock, names=labels, patience=patience, tallies=tallies
+            open_port, clock, names=labels, reply_timeout=reply_timeout, counters=counters
         )
-        self.is_met = False
-        self._maps, self._met = maps, met
+        self.is_set_up = False
+        self._maps, self._on_set_up = maps, on_set_up
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[None]:
-        """Notice here that the port goes away."""
+        """Catch a lost port inside this block, and note the loss."""
         try:
             yield
         except PortUnavailable as error:
             if self.connection.is_open:
                 self.connection.lost(error)
-            self.is_met = False
+            self.is_set_up = False
             raise
 
     def bus(self) -> Bus:
         """The bus, with the servos found and set up.
 
         Raises:
-            PortUnavailable: There is no port at present; ``meet`` tries to get it back.
+            PortUnavailable: There is no port at present; ``set_up`` tries to get it back.
         """
-        if not self.is_met:
+        if not self.is_set_up:
             reason = "not connected at present; the connection is taken up again by itself"
             raise PortUnavailable("the arm's port", reason)
         return self.connection.bus()
 
-    def meet(self) -> bool:
+    def set_up(self) -> bool:
         """Find the servos and set them up; those that are driven go on as they are.
 
         Returns:
@@ -102,13 +102,13 @@ class Chain:
         found = bus.answering(ids)
         missing = [i for i in ids if i not in found and i not in self.presence.silent]
         if missing or not found:
-            raise not_there(bus, missing or ids, found)
+            raise missing_servos(bus, missing or ids, found)
         self.presence.restart(found)
-        driven = [self._set_up(bus, servo_id).torque for servo_id in found]
-        self.is_met = True
+        driven = [self._set_up_servo(bus, servo_id).torque for servo_id in found]
+        self.is_set_up = True
         return all(driven)
 
-    def meet_again(self, servo_ids: Sequence[int]) -> tuple[list[int], list[ServoFault]]:
+    def set_up_again(self, servo_ids: Sequence[int]) -> tuple[list[int], list[ServoFault]]:
         """Set up servos that were silent and answer again.
 
         Returns:
@@ -122,7 +122,7 @@ class Chain:
         refusals: list[ServoFault] = []
         for servo_id in servo_ids:
             try:
-                if not self._set_up(self.connection.bus(), servo_id).torque:
+                if not self._set_up_servo(self.connection.bus(), servo_id).torque:
                     limp.append(servo_id)
             except (NoReply, CorruptReply):
                 self.presence.dismiss(servo_id)
@@ -131,7 +131,7 @@ class Chain:
         return limp, refusals
 
     def put(self, servo_id: int, register: Register, value: int) -> None:
-        """See that a RAM register holds ``value``, also after a restart of its servo.
+        """Write a RAM register, and write it again after each restart of its servo.
 
         Raises:
             BusError: The servo did not take it.
@@ -157,8 +157,8 @@ class Chain:
         if failures:
             raise failures[0]
 
-    def _set_up(self, bus: Bus, servo_id: int) -> ServoCondition:
+    def _set_up_servo(self, bus: Bus, servo_id: int) -> ServoCondition:
         i = self.index[servo_id]
         condition = prepare(bus, self._maps[i], self.ram[servo_id])
-        self._met(i, condition)
+        self._on_set_up(i, condition)
         return condition

@@ -1,4 +1,4 @@
-"""A bus that comes back after its port went away.
+"""Reopen the bus after its port went away.
 
 ``Connection`` opens the port when it is asked for the bus and has none, but not more often than a
 back-off allows: 0.25 s after the first failure, twice as long after each further one, 5 s at most.
@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping
 
 from so101_motion.common.clock import Clock
 from so101_motion.common.errors import PortUnavailable
-from so101_motion.drivers.bus.bus import PATIENCE, Bus
-from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.sdk import Port
 
 _log = logging.getLogger(__name__)
@@ -33,11 +33,11 @@ class Connection:
         open_port: Opens the port or raises ``PortUnavailable``.
         clock: What time it is.
         names: What the servos are called in messages, by id.
-        patience: See ``Bus``.
-        tallies: Counters to go on with, by id.
+        reply_timeout: See ``Bus``.
+        counters: Counters to go on with, by id.
 
     Attributes:
-        tallies: The servos' counters, by id.
+        counters: The servos' counters, by id.
         losses: How often the port went away.
     """
 
@@ -47,13 +47,13 @@ class Connection:
         clock: Clock,
         *,
         names: Mapping[int, str],
-        patience: float = PATIENCE,
-        tallies: Tallies | None = None,
+        reply_timeout: float = REPLY_TIMEOUT,
+        counters: ReplyCounters | None = None,
     ) -> None:
-        self.tallies = Tallies() if tallies is None else tallies
+        self.counters = ReplyCounters() if counters is None else counters
         self.losses = 0
         self._open_port, self._clock = open_port, clock
-        self._names, self._patience = names, patience
+        self._names, self._reply_timeout = names, reply_timeout
         self._bus: Bus | None = None
         self._wait, self._next_try = FIRST_WAIT, clock.now()
         self._why: PortUnavailable | None = None
@@ -64,7 +64,7 @@ class Connection:
         return self._bus is not None
 
     def bus(self) -> Bus:
-        """The bus; opened now if there is none and it is time.
+        """The bus; opened now if it is not open and a retry is due.
 
         Raises:
             PortUnavailable: There is none.
@@ -80,12 +80,14 @@ class Connection:
                 raise
             if self._why is not None:
                 _log.info("%s is back", port.name)
-            self._bus = Bus(port, names=self._names, tallies=self.tallies, patience=self._patience)
+            self._bus = Bus(
+                port, names=self._names, counters=self.counters, reply_timeout=self._reply_timeout
+            )
             self._why = None
         return self._bus
 
     def lost(self, error: PortUnavailable) -> None:
-        """The port went away; forget it."""
+        """Close the bus, because the port went away."""
         _log.warning("%s", error)
         self.losses += 1
         self._wait = FIRST_WAIT
@@ -93,7 +95,7 @@ class Connection:
         self.close()
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Close the port."""
         bus, self._bus = self._bus, None
         if bus is not None:
             bus.close()

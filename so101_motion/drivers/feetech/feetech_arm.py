@@ -1,4 +1,4 @@
-"""The real arm: up to six servos on a serial bus as one ``JointDriver``.
+"""Drive the real arm: up to six servos on a serial bus as one ``JointDriver``.
 
 A control cycle is two transactions: a sync write of the goals and a sync read of the positions; ten
 times a second the read also brings voltage, current, temperature, load and faults. Speed and
@@ -39,8 +39,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.bus.bus import PATIENCE, Bus
-from so101_motion.drivers.bus.reply_counters import Tallies
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.drivers.bus.reply_counters import ReplyCounters
 from so101_motion.drivers.bus.sdk import Port
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.command_record import CommandListener
@@ -48,11 +48,11 @@ from so101_motion.drivers.feetech.chain import Chain
 from so101_motion.drivers.feetech.goal_compensation import Aim
 from so101_motion.drivers.feetech.goal_writer import GoalWriter
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
-from so101_motion.drivers.feetech.hand_guiding import Guide
-from so101_motion.drivers.feetech.health import JointHealth, Vitals
-from so101_motion.drivers.feetech.joint_estimate import Whereabouts
-from so101_motion.drivers.feetech.out_of_range import Strays
-from so101_motion.drivers.feetech.presence import not_sure, not_there
+from so101_motion.drivers.feetech.hand_guiding import HandGuiding
+from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
+from so101_motion.drivers.feetech.joint_estimate import JointEstimate
+from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
+from so101_motion.drivers.feetech.presence import missing_servos, unconfirmed_position
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import GoalLimiter
 
@@ -69,8 +69,8 @@ SETTLE_VELOCITY = to_rad(3.0)
 SETTLE_TIMEOUT = 2.0
 """How long settling may take [s]: ten time constants of the trim's integral."""
 
-_NOBODY: frozenset[str] = frozenset()
-_NOWHERE: Sequence[None] = (None,) * 6
+_NO_JOINTS: frozenset[str] = frozenset()
+_NO_GOALS: Sequence[None] = (None,) * 6
 
 _FRESH = 0.1
 """How old the position may be that a joint is held at [s]. Chosen: two looks at a resting arm."""
@@ -91,8 +91,8 @@ class FeetechArm:
         speed: Speed cap kept by the servos themselves [rad/s].
         acceleration: Acceleration cap kept by the servos themselves [rad/s^2]; well above what
             is planned, or the servos lag behind.
-        patience: How long to wait for an answer beyond the time on the wire [s].
-        tallies: The servos' counters so far, by id, if there has been an arm on this port before.
+        reply_timeout: How long to wait for an answer beyond the time on the wire [s].
+        counters: The servos' counters so far, by id, if there has been an arm on this port before.
 
     Raises:
         BusError: The port cannot be opened, or a servo cannot be reached or set up.
@@ -108,8 +108,8 @@ class FeetechArm:
         gravity: Gravity,
         speed: float,
         acceleration: float,
-        patience: float = PATIENCE,
-        tallies: Tallies | None = None,
+        reply_timeout: float = REPLY_TIMEOUT,
+        counters: ReplyCounters | None = None,
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
@@ -122,21 +122,21 @@ class FeetechArm:
                 reg.ACCELERATION: to_acceleration_units(acceleration),
                 reg.GOAL_VELOCITY: to_speed_ticks(speed),
             },
-            met=self._take_over,
-            patience=patience,
-            tallies=tallies,
+            on_set_up=self._take_over,
+            reply_timeout=reply_timeout,
+            counters=counters,
         )
         self._index, self._presence = self._chain.index, self._chain.presence
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
-        self._at = Whereabouts(self._maps)
+        self._at = JointEstimate(self._maps)
         limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
         self._aim = Aim(self._maps, gravity, limiter)
-        self._strays = Strays(self._maps, self._chain.ram)
+        self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
         self._goals = GoalWriter(self._aim, clock, self._index, self._chain.ram)
-        self._guide: Guide | None = None
-        self._vitals = Vitals(clock.now())
+        self._guide: HandGuiding | None = None
+        self._health_readings = HealthReadings(clock.now())
         self._guided = clock.now()
         try:
             self._reach()
@@ -164,18 +164,17 @@ class FeetechArm:
             ):
                 self._send(bus)
         q, qd = self._at.q, self._at.qd
-        unheard, unsure = self._presence.unanswering, self._at.unsure()
-        stray = self._strays.nearest(q) if self._strays else {}
+        silent = self._presence.unanswering
+        unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
+        out_of_range = self._out_of_range.nearest(q) if self._out_of_range else {}
         return JointReading(
             q=np.array(q[:5]),
             qd=np.array(qd[:5]),
             q_jaw=q[5],
             qd_jaw=qd[5],
-            stray={JOINTS[i]: q_inside for i, q_inside in stray.items()},
-            unheard=frozenset(JOINTS[self._index[i]] for i in unheard) if unheard else _NOBODY,
-            unsure=frozenset(JOINTS[i] for i in unsure if self._maps[i].servo_id not in unheard)
-            if unsure
-            else _NOBODY,
+            out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
+            unanswered=frozenset(JOINTS[self._index[i]] for i in silent) if silent else _NO_JOINTS,
+            unconfirmed=frozenset(JOINTS[i] for i in unconfirmed) if unconfirmed else _NO_JOINTS,
         )
 
     def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
@@ -196,7 +195,7 @@ class FeetechArm:
         """
         with self._chain.watching():
             bus, now = self._chain.bus(), self._clock.now()
-            here, free = self._at.surely, self._strays.free
+            here, free = self._at.surely, self._out_of_range.free
             if self._guide is not None:
                 self._aim.point([*self._aim.q[:5], q_jaw_cmd], None, now, here, free)
                 return
@@ -210,14 +209,14 @@ class FeetechArm:
                 self._refuse_unsure(bus, self._maps)
                 self._aim.begin(q, self._at.q, now, free)
             if self._torque:
-                if self._strays:
+                if self._out_of_range:
                     goals = self._aim.goals(now, self._presence.silent)
-                    for i in self._strays.lead(bus, self._aim.q, goals):
+                    for i in self._out_of_range.lead(bus, self._aim.q, goals):
                         self._aim.held[i] = self._at.ticks(i)
                 self._send(bus)
 
     def set_torque(self, on: bool) -> None:
-        """Hold the joints at the goal written last, or let go of them.
+        """Switch torque on at the last written goal, or switch it off.
 
         A joint outside its limits is left as it is, and so is a silent jaw; without one of its
         joints the arm is not switched on.
@@ -233,13 +232,13 @@ class FeetechArm:
             else:
                 self._switch_off(bus)
 
-    def guide(self, how: Compliance | None) -> None:
+    def guide(self, compliance: Compliance | None) -> None:
         """Let the joints of the arm yield to a hand; the jaw holds on.
 
         ``read`` has to be called a hundred times a second then. Only RAM registers are written.
 
         Args:
-            how: How they yield. None ends it: they hold where they are.
+            compliance: How they yield. None ends it: they hold where they are.
 
         Raises:
             BusError: A servo did not obey.
@@ -247,17 +246,17 @@ class FeetechArm:
         """
         with self._chain.watching():
             bus = self._chain.bus()
-            if how is None:
+            if compliance is None:
                 self._end_guiding(bus)
             elif not (self._torque and self._aim.is_set):
                 raise RuntimeError("hold the joints before they are guided")
             else:
                 self._refuse_unsure(bus, self._maps)
-                self._guide = Guide(how, self._aim.trim, self._at.q)
+                self._guide = HandGuiding(compliance, self._aim.trim, self._at.q)
                 self._guided = self._clock.now()
 
     def close(self) -> None:
-        """Let go of the port; the servos stay as they are."""
+        """Close the port; the servos stay as they are."""
         self._chain.connection.close()
 
     # What else can be asked of this arm, on the I/O thread
@@ -296,15 +295,15 @@ class FeetechArm:
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
-        """How each servo was when it was last looked at, base to jaw; newest tenth of a second."""
+        """The newest health figures of each servo, base to jaw; at most a tenth of a second old."""
         names = {servo_id: JOINTS[i] for servo_id, i in self._index.items()}
         silent = self._presence.silent if self.is_connected else names
-        return self._vitals.health(names, self._chain.connection.tallies, silent)
+        return self._health_readings.health(names, self._chain.connection.counters, silent)
 
     @property
     def is_connected(self) -> bool:
         """Whether the port is open and the servos have been found."""
-        return self._chain.is_met
+        return self._chain.is_set_up
 
     @property
     def is_driving(self) -> bool:
@@ -324,9 +323,9 @@ class FeetechArm:
     # Connecting
 
     def _reach(self) -> Bus:
-        if not self._chain.is_met:
+        if not self._chain.is_set_up:
             self._aim.is_set, self._guide = False, None
-            self._torque = self._chain.meet()
+            self._torque = self._chain.set_up()
             self._at.forget()
         return self._chain.bus()
 
@@ -336,11 +335,11 @@ class FeetechArm:
         self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
         self._at.found(i, servo.present_ticks, self._clock.now())
         self._aim.found(i, servo)
-        self._strays.found(i, crawls=servo.crawls)
+        self._out_of_range.found(i, crawls=servo.crawls)
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
         """Servos that were silent answer again; all are seen to before anything is raised."""
-        limp, refusals = self._chain.meet_again(servo_ids)
+        limp, refusals = self._chain.set_up_again(servo_ids)
         restarted = limp if self._torque else []
         for servo_id in restarted:
             self._aim.is_set = False
@@ -362,50 +361,50 @@ class FeetechArm:
         """Hold a limp joint where it is."""
         i = self._index[servo_id]
         here = self._at.ticks(i)
-        if self._strays.may_be_driven(bus, i, here):
+        if self._out_of_range.may_be_driven(bus, i, here):
             self._goals.engage(bus, servo_id, self._maps[i].to_goal(self._at.q[i]))
 
     # Measuring
 
     def _measure(self, bus: Bus) -> None:
         now = self._clock.now()
-        count, missed = self._vitals.count(now), self._presence.unanswering
+        count, missed = self._health_readings.count(now), self._presence.unanswering
         found, doubted = self._at.ask(bus, count, missed, self._clock)
         self._at.look(found, self._wanted(), now)
         for servo_id, answer in found.items():
             self._aim.heard(self._index[servo_id], answer.faults)
         if self._aim.is_set and self._torque and self._guide is None:
-            if self._strays:
-                self._strays.arrive(bus, self._at.q)
-            fresh = {self._index[servo_id] for servo_id in found} - self._strays.left
+            if self._out_of_range:
+                self._out_of_range.arrive(bus, self._at.q)
+            fresh = {self._index[servo_id] for servo_id in found} - self._out_of_range.left
             self._aim.trim.measure(self._at.q, self._at.qd, fresh, now)
-        self._vitals.take(now, found)
+        self._health_readings.take(now, found)
         change = self._presence.judge(found, now)
         if change.fallen or self._presence.all_silent:
             self._aim.is_set = False
-            raise not_there(bus, change.fallen or tuple(self._index), found, doubted)
+            raise missing_servos(bus, change.fallen or tuple(self._index), found, doubted)
         if change.back:
             self._take_back(bus, change.back)
 
     def _wanted(self) -> Sequence[float | None]:
         """Where each joint has been sent [rad]; None if it is limp or a hand leads it."""
         if not (self._aim.is_set and self._torque):
-            return _NOWHERE
+            return _NO_GOALS
         if self._guide is None:
             return self._aim.q
-        return [*_NOWHERE[:5], self._aim.q[5]]
+        return [*_NO_GOALS[:5], self._aim.q[5]]
 
     # Commanding
 
     def _send(self, bus: Bus) -> None:
-        self._goals.send(bus, self._presence.silent, self._strays.left)
+        self._goals.send(bus, self._presence.silent, self._out_of_range.left)
 
-    def _yield(self, bus: Bus, guide: Guide) -> None:
+    def _yield(self, bus: Bus, guide: HandGuiding) -> None:
         """Send guided joints goals and torque limits, and the jaw its own."""
         now = self._clock.now()
         q_goal, shares = guide.step(self._at.q, self._at.qd, now - self._guided)
         self._guided = now
-        self._goals.lead(bus, q_goal, shares, self._presence.silent, self._strays.left)
+        self._goals.lead(bus, q_goal, shares, self._presence.silent, self._out_of_range.left)
 
     def _end_guiding(self, bus: Bus) -> None:
         """The joints hold where they are, pulling no harder than before, and then may again."""
@@ -423,23 +422,23 @@ class FeetechArm:
             raise RuntimeError("write a goal before torque is switched on")
         lost = sorted(i for i in self._presence.silent if self._index[i] < 5)
         if lost:
-            raise not_there(bus, lost, set(self._index) - self._presence.silent)
+            raise missing_servos(bus, lost, set(self._index) - self._presence.silent)
         self._refuse_unsure(bus, self._maps)
         goals = self._aim.goals(self._clock.now(), self._presence.silent)
         for servo_id, goal in goals.items():
             i = self._index[servo_id]
             held = self._aim.held[i]
             here = self._at.ticks(i) if held is None else held
-            if self._strays.may_be_driven(bus, i, here):
+            if self._out_of_range.may_be_driven(bus, i, here):
                 self._goals.engage(bus, servo_id, goal)
         self._torque = True
 
     def _refuse_unsure(self, bus: Bus, joints: Collection[int]) -> None:
         """See that two readings agree on where each of ``joints`` is before it is held there."""
-        for i in self._at.unsure(self._clock.now() - _FRESH):
+        for i in self._at.unconfirmed(self._clock.now() - _FRESH):
             servo_id = self._maps[i].servo_id
             if i in joints and servo_id not in self._presence.silent:
-                raise not_sure(bus, servo_id)
+                raise unconfirmed_position(bus, servo_id)
 
     def _switch_off(self, bus: Bus) -> None:
         self._torque = self._aim.is_set = False
@@ -447,4 +446,4 @@ class FeetechArm:
         try:
             self._chain.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self._index, 0))
         finally:
-            self._strays.let_go(bus)
+            self._out_of_range.let_go(bus)

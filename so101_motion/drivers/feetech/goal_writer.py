@@ -1,4 +1,4 @@
-"""Sending goals: the only place from which one goes out to a servo of an arm in use.
+"""Send goals to the servos; the only place that does while the arm is in use.
 
 Three kinds: the goals of a motion or of a resting arm, in one packet; those of an arm that a hand
 leads, each with the share of its drive that a servo may use; and the first goal of a servo, written

@@ -1,4 +1,4 @@
-"""Joints that keep themselves up and yield to a hand.
+"""Guide the arm by hand: the joints carry their weight and yield to a push.
 
 How it works. A joint holds a place, its *anchor*, softly: like a spring of the P gain asked for.
 Pushed beyond the dead band it takes the anchor along, so it stays where it is left. Its weight is
@@ -44,20 +44,22 @@ N = 5
 """The joints of the arm; the jaw is not guided."""
 
 
-class Guide:
-    """Makes the goals of the arm joints while they are guided.
+class HandGuiding:
+    """Computes the goals of the arm joints while a hand guides them.
 
     Args:
-        how: How they yield.
+        compliance: How they yield.
         trim: What carries them while they hold, and has carried them until now.
         q: Where they are [rad].
     """
 
-    def __init__(self, how: Compliance, trim: Trim, q: Sequence[float]) -> None:
-        self._how, self._trim = how, trim
+    def __init__(self, compliance: Compliance, trim: Trim, q: Sequence[float]) -> None:
+        self._compliance, self._trim = compliance, trim
         self._anchor = list(q[:N])
         self._known, self._learnt = trim.rest, [0.0] * N
-        self._softness = [min(give / yielding(1) * how.p_gain, 1.0) for give in trim.yielding]
+        self._softness = [
+            min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
+        ]
 
     def step(
         self, q: Sequence[float], qd: Sequence[float], dt: float
@@ -72,7 +74,7 @@ class Guide:
         Returns:
             Goals [rad] and shares of full drive of the arm joints.
         """
-        band = self._how.dead_band
+        band = self._compliance.dead_band
         goals, shares = [], []
         weights = self._trim.explain(q)
         for i in range(N):
@@ -83,12 +85,14 @@ class Guide:
             self._learn(i, away, qd[i], dt, weights[i])
             carried = weights[i] + self._known[i] + self._learnt[i]
             goals.append(q[i] + self._softness[i] * away + carried)
-            shares.append(abs(carried) / self._trim.yielding[i] + self._how.resistance)
+            shares.append(abs(carried) / self._trim.yielding[i] + self._compliance.resistance)
         return goals, shares
 
     def _learn(self, i: int, away: float, qd: float, dt: float, weight: float) -> None:
         learnt = self._learnt[i]
-        if abs(away) < CONTENT * self._how.dead_band or (abs(qd) > SLOW and away * learnt >= 0.0):
+        if abs(away) < CONTENT * self._compliance.dead_band or (
+            abs(qd) > SLOW and away * learnt >= 0.0
+        ):
             return
         bound = UNSURE * abs(weight) + UNSURE_DRIVE * self._trim.yielding[i]
         self._learnt[i] = min(max(learnt + LEARNING * dt * away, -bound), bound)

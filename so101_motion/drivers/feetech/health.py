@@ -1,4 +1,4 @@
-"""How the servos are: what they measured of themselves, and how well they can be heard."""
+"""Health of the servos: their measured figures and their reply counters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import lru_cache
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.registers import Fault
-from so101_motion.drivers.bus.reply_counters import Tally
+from so101_motion.drivers.bus.reply_counters import ReplyCounter
 
 VITALS_START = reg.PRESENT_POSITION.address
 VITALS_COUNT = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size - VITALS_START
@@ -22,7 +22,7 @@ VITALS_PERIOD = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointHealth:
-    """One servo at one instant.
+    """The health of one servo at one instant.
 
     Attributes:
         joint: Which joint.
@@ -59,9 +59,9 @@ class JointHealth:
 
 
 def joint_health(
-    joint: str, servo_id: int, t: float, block: bytes, tally: Tally, *, is_silent: bool
+    joint: str, servo_id: int, t: float, block: bytes, counter: ReplyCounter, *, is_silent: bool
 ) -> JointHealth:
-    """The snapshot that the measured block of a servo and its counters make."""
+    """Make a snapshot from the measured block of a servo and its reply counter."""
     volts, amps, temperature_c, load = _figures(block)
     return JointHealth(
         joint=joint,
@@ -72,12 +72,12 @@ def joint_health(
         amps=amps,
         temperature_c=temperature_c,
         load=load,
-        faults=_words(tally.faults),
-        latched=_words(tally.latched),
-        answers=tally.answers,
-        lost=tally.lost,
-        corrupt=tally.corrupt,
-        retries=tally.retries,
+        faults=_words(counter.faults),
+        latched=_words(counter.latched),
+        answers=counter.answers,
+        lost=counter.lost,
+        corrupt=counter.corrupt,
+        retries=counter.retries,
     )
 
 
@@ -105,8 +105,8 @@ def _words(status: int) -> tuple[str, ...]:
     return Fault(status).names
 
 
-class Vitals:
-    """The measured blocks of the servos, a tenth of a second old at most.
+class HealthReadings:
+    """Reads the measured blocks of the servos ten times a second.
 
     Args:
         now: The time [s].
@@ -117,7 +117,7 @@ class Vitals:
         self._blocks: dict[int, tuple[float, bytes]] = {}
 
     def count(self, now: float) -> int:
-        """How many bytes to read now: the position, or the whole block when it is due."""
+        """How many bytes to read now: only the position, or the whole block when it is due."""
         return VITALS_COUNT if now >= self._due else reg.PRESENT_POSITION.size
 
     def take(self, now: float, found: Mapping[int, Answer]) -> None:
@@ -127,18 +127,21 @@ class Vitals:
             self._blocks = self._blocks | {i: (now, answer.data) for i, answer in found.items()}
 
     def health(
-        self, names: Mapping[int, str], tallies: Mapping[int, Tally], silent: Collection[int]
+        self,
+        names: Mapping[int, str],
+        counters: Mapping[int, ReplyCounter],
+        silent: Collection[int],
     ) -> tuple[JointHealth, ...]:
-        """How each servo was last; from any thread.
+        """The newest health of each servo; from any thread.
 
         Args:
             names: The joints, by servo, base to jaw.
-            tallies: How well each is heard.
+            counters: How well each is heard.
             silent: Who does not answer at present.
         """
         blocks = self._blocks
         return tuple(
-            joint_health(joint, i, *blocks[i], tallies[i], is_silent=i in silent)
+            joint_health(joint, i, *blocks[i], counters[i], is_silent=i in silent)
             for i, joint in names.items()
             if i in blocks
         )

@@ -1,4 +1,4 @@
-"""Where the joints are and how fast, from what their servos answer or from what they should do.
+"""Estimate joint positions and velocities from the servos' replies; bridge lost replies.
 
 An answer that physics forbids is not believed but asked for again (``position_check.py``).
 
@@ -21,14 +21,14 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
-from so101_motion.drivers.feetech.velocity_estimate import Slope
-from so101_motion.drivers.position_check import Belief
+from so101_motion.drivers.feetech.velocity_estimate import VelocityEstimate
+from so101_motion.drivers.position_check import PositionCheck
 
 _START = reg.PRESENT_POSITION.address
 
 
-class Whereabouts:
-    """Positions and velocities, in plain lists: for so few they beat numpy in every cycle.
+class JointEstimate:
+    """Position and velocity of each joint; in plain lists, which are faster than numpy for six.
 
     Args:
         maps: The servo of each joint there is, by index.
@@ -44,7 +44,7 @@ class Whereabouts:
         self._maps = maps
         self._servos = {joint.servo_id: i for i, joint in maps.items()}
         self._seen: list[tuple[float, float | None]] = [(0.0, None)] * n  # and where it was wanted
-        self._slope, self._belief = Slope(n), Belief(n)
+        self._slope, self._belief = VelocityEstimate(n), PositionCheck(n)
 
     def ticks(self, i: int) -> Ticks:
         """The position of joint ``i``'s servo."""
@@ -64,9 +64,9 @@ class Whereabouts:
         """There was a gap; velocities begin anew."""
         self._slope.clear()
 
-    def unsure(self, since: float = -math.inf) -> list[int]:
+    def unconfirmed(self, since: float = -math.inf) -> list[int]:
         """The joints that no two answers have placed, or none since then [s]."""
-        return self._belief.unsure(self._maps, since)
+        return self._belief.unconfirmed(self._maps, since)
 
     def ask(
         self, bus: Bus, count: int, given_up: Collection[int], clock: Clock

@@ -1,4 +1,4 @@
-"""Joints that stand outside their limits, where no goal can keep them.
+"""Leave joints that are outside their limits alone, and bring them in slowly when asked.
 
 A servo clamps every goal into its limits. So a joint outside cannot be told to stay there: whatever
 goal it gets, it sets off for its limit, as fast as its caps let it. Until somebody wants it inside
@@ -28,8 +28,8 @@ _MARGIN = to_rad(0.3)  # how far inside its limit a joint is brought; more than 
 _Ram = Mapping[int, Mapping[Register, int]]
 
 
-class Strays:
-    """Which joints are outside, and which of those are on their way in.
+class OutOfRangeJoints:
+    """The joints outside their limits, and which of those are on their way in.
 
     Args:
         maps: The servo of each joint, by index.

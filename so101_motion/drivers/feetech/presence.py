@@ -1,4 +1,4 @@
-"""Which servos are there: telling a lost answer from a servo that has fallen silent."""
+"""Tell one lost reply from a servo that has fallen silent."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ answers: to a resting arm, which is looked at every 50 ms, twice a year. Chosen.
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """What one read has changed.
+class PresenceChange:
+    """The servos whose presence one read has changed.
 
     Attributes:
         fallen: Servos that are silent from now on.
@@ -35,11 +35,11 @@ class Change:
     back: tuple[int, ...]
 
 
-_NO_CHANGE = Change((), ())
+_NO_CHANGE = PresenceChange((), ())
 
 
 class Presence:
-    """Keeps track of who answers.
+    """Keeps track of which servos answer.
 
     Args:
         servo_ids: Who should.
@@ -64,7 +64,7 @@ class Presence:
         """Whether nobody answers."""
         return len(self.silent) == len(self._ids)
 
-    def judge(self, found: Collection[int], now: float) -> Change:
+    def judge(self, found: Collection[int], now: float) -> PresenceChange:
         """Take in who answered a read at ``now`` [s]."""
         if len(found) == len(self._ids) and not self._misses and not self.silent:
             return _NO_CHANGE
@@ -79,7 +79,7 @@ class Presence:
             for servo_id, (count, since) in self._misses.items()
             if count >= _FEWEST and now - since >= enough - 1e-9
         }
-        change = Change(
+        change = PresenceChange(
             fallen=tuple(sorted(lost - self.silent)), back=tuple(sorted(self.silent & set(found)))
         )
         self.silent = (self.silent | lost) - set(change.back)
@@ -95,8 +95,8 @@ class Presence:
         self.silent = frozenset(self._ids) - set(found)
 
 
-def not_sure(bus: Bus, servo_id: int) -> NoReply:
-    """What to tell about a servo of which no two answers agree on where it is."""
+def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
+    """The error for a servo whose position no two replies agree on."""
     return NoReply(
         f"{bus.label(servo_id)} is not known to be anywhere for sure, because no two of its answers"
         " agree; nothing was switched on. Keep the joint still, check the plugs of its cable, then"
@@ -106,10 +106,10 @@ def not_sure(bus: Bus, servo_id: int) -> NoReply:
     )
 
 
-def not_there(
+def missing_servos(
     bus: Bus, missing: Sequence[int], others: Collection[int], doubted: Collection[int] = ()
 ) -> NoReply:
-    """What to tell somebody under the table about servos that do not answer.
+    """The error for servos that do not answer: it says which cable to check.
 
     Args:
         bus: Where they are missed.

@@ -1,4 +1,4 @@
-"""Judge a servo by its supply, temperature, load and faults: one table of thresholds for everybody.
+"""Judge a servo by its supply, temperature, load and faults, with one table of thresholds.
 
 The executor ends motions for what must ``stop`` them, the motor setup refuses a wrong supply, and
 ``diagnose``, ``so101 doctor`` and the page report the same findings in the same words. A status

@@ -1,4 +1,4 @@
-"""Bringing a servo into the state the driver relies on, by changing only what differs.
+"""Set up a servo: write only the registers that differ from what the driver relies on.
 
 EEPROM: position mode, positions within one turn, writes acknowledged, and, where a calibration is
 given, its homing offset and limits. RAM: the speed and acceleration caps and the torque limit. A

@@ -1,4 +1,4 @@
-"""Joint velocities from joint positions.
+"""Estimate joint velocities from recent joint positions.
 
 The servo's own velocity comes in steps of 4.4 deg/s, because it counts ticks over 20 ms. A straight
 line through the positions of the last tenth of a second is finer and needs no bytes: with 100
@@ -22,8 +22,8 @@ other one. They would cost time and add little."""
 _FEWEST = 3  # with two points the scatter would be the slope; slow polling keeps this many
 
 
-class Slope:
-    """Slopes of several signals; in plain Python, which for so few numbers beats numpy.
+class VelocityEstimate:
+    """Fits the slopes of several signals; in plain Python, which is faster than numpy for six.
 
     Args:
         n: How many.

@@ -1,4 +1,4 @@
-"""The serial port: open it for us alone, list the ports there are, say who blocks one.
+"""The serial port: open it exclusively, list the ports, and say why one cannot be used.
 
 The only place that imports pyserial.
 """

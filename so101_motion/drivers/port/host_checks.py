@@ -1,4 +1,4 @@
-"""What on this computer gets between a program and a serial port. Linux; elsewhere nothing is seen.
+"""Find what on this computer disturbs serial ports: programs, udev rules, latency timers (Linux).
 
 Nothing here opens a port.
 """
@@ -16,7 +16,7 @@ RULES = Path("/etc/udev/rules.d/70-so101.rules")
 _PROCESSES = Path("/proc")
 _TTYS = Path("/sys/class/tty")
 
-_MEDDLERS = {
+_INTERFERING = {
     "ModemManager": (
         "ModemManager asks every new serial port whether it is a modem, which servos answer with"
         " silence or worse for half a minute after the adapter was plugged in"
@@ -29,7 +29,7 @@ _MEDDLERS = {
 
 
 def udev_rules() -> str:
-    """A udev rule that lets everybody at the screen, and the group dialout, use servo adapters."""
+    """The udev rule that lets the logged-in user and the group dialout use servo adapters."""
     lines = [
         "# Servo adapters of the SO-101: usable without root, and no business of ModemManager.",
         "# Written by: so101 install-udev",
@@ -53,14 +53,14 @@ def is_rule_installed(rules: Path = RULES) -> bool:
 
 
 def interfering_programs(processes: Path = _PROCESSES) -> dict[str, str]:
-    """Programs that are running and known for meddling with serial ports, and what they do."""
+    """Running programs that are known to interfere with serial ports, and what they do."""
     running = set()
     for comm in processes.glob("[0-9]*/comm"):
         try:
             running.add(comm.read_text().strip())
         except OSError:
             continue  # it has ended
-    return {name: harm for name, harm in _MEDDLERS.items() if name in running}
+    return {name: harm for name, harm in _INTERFERING.items() if name in running}
 
 
 def latency_timer(port: str, ttys: Path = _TTYS) -> float | None:

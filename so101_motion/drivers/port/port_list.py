@@ -1,4 +1,4 @@
-"""Which serial ports there are, by which name to call them, and why one cannot be used.
+"""List the serial ports by their lasting names, and say why one cannot be used.
 
 A port has several names, and most of them change. ``/dev/ttyACM0`` is whichever adapter came first;
 macOS shows a device as ``cu``, as ``tty`` and perhaps once more by a vendor's driver. Each adapter
@@ -72,7 +72,7 @@ class FoundPort:
 
 
 def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[FoundPort, ...]:
-    """The ports to which an arm may be connected, the likeliest first.
+    """List the ports an arm may be connected to, the likeliest first.
 
     Args:
         extra: Further ports, by any name; they come first.
@@ -80,7 +80,7 @@ def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[Fo
     """
     listed = [port for port in list_ports.comports() if port.vid is not None]
     serial_numbers = Counter((port.vid, port.pid, port.serial_number) for port in listed)
-    shares = {id(port): _twins(port, serial_numbers) for port in listed}
+    shares = {id(port): _shares_serial_number(port, serial_numbers) for port in listed}
     found = [_describe(group, shares, links) for group in _merge(listed)]
     found.sort(key=_rank)
     return tuple(_named_by_user(extra, found)) + tuple(
@@ -88,27 +88,27 @@ def find_ports(extra: Collection[str] = (), *, links: Path = _LINKS) -> tuple[Fo
     )
 
 
-def obstacle(name: str) -> str | None:
-    """Why a port cannot be opened, as far as can be told without trying; None if nothing is seen.
+def port_problem(name: str) -> str | None:
+    """Why a port cannot be opened, found without opening it; None if no reason is found.
 
     The reason ends with what to do.
     """
     if sys.platform == "win32":
         return None  # ports are no files there; opening will tell
     if not os.path.exists(name):
-        return why_not(name, FileNotFoundError(errno.ENOENT, "no such port"))
+        return open_error_text(name, FileNotFoundError(errno.ENOENT, "no such port"))
     if os.path.isdir(name):
         return "is no serial port; see which there are: so101 ports"
     if not os.access(name, os.R_OK | os.W_OK):
-        return why_not(name, PermissionError(errno.EACCES, "permission denied"))
+        return open_error_text(name, PermissionError(errno.EACCES, "permission denied"))
     # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.
-    if not os.path.realpath(name).startswith("/dev/pts/") and holders(name):
-        return why_not(name, OSError(errno.EBUSY, "in use"))
+    if not os.path.realpath(name).startswith("/dev/pts/") and programs_using(name):
+        return open_error_text(name, OSError(errno.EBUSY, "in use"))
     return None
 
 
-def holders(name: str) -> list[str]:
-    """Programs that have the port open, e.g. ``python3 (process 4711)``; as far as we may look."""
+def programs_using(name: str) -> list[str]:
+    """The programs that have the port open, e.g. ``python3 (process 4711)``, where permitted."""
     device = os.path.realpath(name)
     found = []
     for process in Path("/proc").glob("[0-9]*"):
@@ -121,8 +121,8 @@ def holders(name: str) -> list[str]:
     return found
 
 
-def why_not(name: str, error: Exception) -> str:
-    """Why a port could not be opened and what to do, from the error of trying."""
+def open_error_text(name: str, error: Exception) -> str:
+    """Turn the error of opening a port into the reason and what to do."""
     number = error.errno if isinstance(error, OSError) else None
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         lost = adapters_without_port()
@@ -130,7 +130,7 @@ def why_not(name: str, error: Exception) -> str:
     if number in (errno.EACCES, errno.EPERM):
         return _not_allowed(name)
     if number in (errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK):
-        by = ", ".join(holders(name)) or "another program"
+        by = ", ".join(programs_using(name)) or "another program"
         return f"in use by {by}; end that first"
     return f"cannot be opened: {error}"
 
@@ -150,7 +150,7 @@ def _not_allowed(name: str) -> str:
 
 
 def adapters_without_port(*, usb: Path = _USB, processes: Path = _PROCESSES) -> tuple[str, ...]:
-    """Servo adapters that are plugged in but have no serial port, and what to do about each.
+    """List servo adapters that are plugged in but have no serial port, and what to do about each.
 
     Linux only; elsewhere there are none.
     """
@@ -163,12 +163,13 @@ def adapters_without_port(*, usb: Path = _USB, processes: Path = _PROCESSES) -> 
         if ids in ADAPTERS and not any(device.glob("*/tty*")):
             chip = f"a {ADAPTERS[ids]} adapter ({ids[0]:04x}:{ids[1]:04x})"
             found.append(
-                f"{chip} is plugged in, but there is no serial port for it: {_thief(processes)}"
+                f"{chip} is plugged in, but there is no serial port for it: "
+                f"{_why_no_port(processes)}"
             )
     return tuple(found)
 
 
-def _thief(processes: Path) -> str:
+def _why_no_port(processes: Path) -> str:
     for comm in processes.glob("[0-9]*/comm"):
         try:
             if comm.read_text().strip() == "brltty":
@@ -206,7 +207,7 @@ def _describe(group: list[Any], shares: dict[int, bool], links: Path) -> FoundPo
     )
 
 
-def _twins(port: Any, serial_numbers: Counter[Any]) -> bool:
+def _shares_serial_number(port: Any, serial_numbers: Counter[Any]) -> bool:
     """Whether the serial number does not tell this port from others."""
     same = serial_numbers[(port.vid, port.pid, port.serial_number)]
     return not port.serial_number or (same > 1 and _MAC.fullmatch(str(port.device)) is None)

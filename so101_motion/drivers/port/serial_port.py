@@ -1,4 +1,4 @@
-"""The serial port: opened for us alone, read without spinning. The one door of pyserial.
+"""Open a serial port exclusively and read it without spinning; only this file imports pyserial.
 
 ``SerialPort`` is opened exclusively twice over, because there are two kinds of neighbours:
 ``flock`` refuses other programs that lock (pyserial does when asked), ``TIOCEXCL`` those that just
@@ -27,7 +27,7 @@ import serial
 from serial.tools import list_ports
 
 from so101_motion.common.errors import PortUnavailable
-from so101_motion.drivers.port.port_list import why_not
+from so101_motion.drivers.port.port_list import open_error_text
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UsbIdentity:
-    """Which adapter a port belongs to, whatever the port is called today.
+    """Identifies a USB adapter, whatever its port is called today.
 
     Attributes:
         vendor: USB vendor id.
@@ -51,7 +51,7 @@ class UsbIdentity:
 
 
 class SerialPort:
-    """An open serial port that nobody else has.
+    """A serial port that is open exclusively.
 
     Args:
         name: What to open: a device or a link to one.
@@ -70,13 +70,13 @@ class SerialPort:
         try:
             self._serial = serial.Serial(name, baud, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:
-            raise PortUnavailable(name, why_not(name, error)) from error
+            raise PortUnavailable(name, open_error_text(name, error)) from error
         self._fd = int(self._serial.fileno())
         try:
             fcntl.ioctl(self._fd, termios.TIOCEXCL)
         except OSError as error:
             self._serial.close()
-            raise PortUnavailable(name, why_not(name, error)) from error
+            raise PortUnavailable(name, open_error_text(name, error)) from error
         # FTDI adapters hold bytes back for 16 ms unless told not to; others do not know the call.
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
             self._serial.set_low_latency_mode(True)
@@ -99,7 +99,7 @@ class SerialPort:
             raise self._gone(error) from error
 
     def read(self, until: float) -> bytes:
-        """What has arrived, waiting for at least one byte.
+        """Read received bytes; waits for at least one.
 
         Args:
             until: When to give up, by ``time.monotonic`` [s].
@@ -124,7 +124,7 @@ class SerialPort:
         return data
 
     def discard(self) -> None:
-        """Forget what has arrived and was not read.
+        """Discard received bytes.
 
         Raises:
             PortUnavailable: The port is gone.
@@ -135,7 +135,7 @@ class SerialPort:
             raise self._gone(error) from error
 
     def close(self) -> None:
-        """Let go of the port. May be called twice."""
+        """Close the port. May be called twice."""
         if self._serial.is_open:
             with contextlib.suppress(OSError):
                 fcntl.ioctl(self._fd, termios.TIOCNXCL)
@@ -151,7 +151,7 @@ _UNPLUGGED = "the port went away; check the USB cable, the connection is taken u
 
 
 class PortOpener:
-    """Opens one and the same adapter, again and again, wherever it is plugged in.
+    """Opens the same adapter again and again, in whichever socket it is.
 
     Args:
         name: The port as configured.
@@ -167,7 +167,7 @@ class PortOpener:
         self._usb: UsbIdentity | None = None
 
     def __call__(self, baud: int | None = None) -> SerialPort:
-        """The port, open.
+        """Open the port.
 
         Args:
             baud: Another rate, this once.
@@ -184,7 +184,7 @@ class PortOpener:
 
 
 def identity(name: str) -> UsbIdentity | None:
-    """The USB adapter behind a port, if it can be told from others."""
+    """The USB adapter behind a port, if it can be identified."""
     device = os.path.realpath(name)
     for port in list_ports.comports():
         if os.path.realpath(port.device) == device and port.serial_number and port.vid is not None:
@@ -193,7 +193,7 @@ def identity(name: str) -> UsbIdentity | None:
 
 
 def find_again(name: str, usb: UsbIdentity | None) -> str | None:
-    """What to open to get at a port that was known as ``name``.
+    """Find the present name of a port that was known as ``name``.
 
     Args:
         name: As it was asked for.

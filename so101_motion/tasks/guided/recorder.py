@@ -100,7 +100,7 @@ class PathRecorder:
             return
         if state.mode is not self._mode:
             self._end(_ENDED.get(state.mode, "manual mode ended"))
-        elif state.t > self._newest[0] and not state.reading.unheard.intersection(ARM_JOINTS):
+        elif state.t > self._newest[0] and not state.reading.unanswered.intersection(ARM_JOINTS):
             self._take(self._row(state))
             if self.points >= MOST:
                 self._end(f"{MOST} points are as many as one recording may have")

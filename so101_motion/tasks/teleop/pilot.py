@@ -103,11 +103,11 @@ class Pilot:
         self._lock = threading.Lock()
 
     def fit(
-        self, lower: Array, upper: Array, granted: Callable[[MotionLimits], MotionLimits]
+        self, lower: Array, upper: Array, effective_limits: Callable[[MotionLimits], MotionLimits]
     ) -> None:
         """Learn the follower's range, shapes (5,), [rad], and what caps it grants."""
         with self._lock:
-            self._lower, self._upper, self._granted = lower, upper, granted
+            self._lower, self._upper, self._granted = lower, upper, effective_limits
 
     # Deciding
 

@@ -232,7 +232,7 @@ class LocalLeader(Leader):
         jaw = self._arm.jaw
         aperture = jaw.gripper.aperture if jaw is not None else 0.0
         heard = np.ones(6, dtype=bool)
-        for joint in state.reading.unheard:
+        for joint in state.reading.unanswered:
             heard[_PLACE[joint]] = False
         heard[5] &= jaw is not None
         predictor.take(state.t, np.append(state.q, aperture), heard)
@@ -256,7 +256,7 @@ class LocalFollower(Follower):
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
         """See ``Follower.attach``."""
         arm = self._arm.station.arm
-        pilot.fit(*arm.range, arm.granted)
+        pilot.fit(*arm.range, arm.effective_limits)
         self._pilot = pilot
         self._jaw = Jaw(self._arm.jaw.gripper, pilot) if self._arm.jaw is not None else None
         self._end = self._arm.station.executor.listen(lambda _: look())
@@ -268,7 +268,7 @@ class LocalFollower(Follower):
             if executor.state.mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT):
                 executor.hold().result()
         arm, executor = self._arm.station.arm, self._arm.station.executor
-        if arm.state.reading.stray:
+        if arm.state.reading.out_of_range:
             arm.start_retarget(arm.state.q_ref).result()  # which brings them in, slowly
         lower, upper = arm.range
         aim = self._pilot.arm
@@ -325,7 +325,7 @@ class LocalFollower(Follower):
         station = self._arm.station
         state = station.executor.state
         is_fresh = station.clock.now() - state.t < FRESH
-        return is_fresh and not state.reading.unheard and state.mode is not Mode.CALIBRATING
+        return is_fresh and not state.reading.unanswered and state.mode is not Mode.CALIBRATING
 
     @property
     def is_held(self) -> bool:

@@ -124,7 +124,7 @@ class MachineExecutor(MotionRunner):
         """Drive the joints where they are: out of manual mode, or out of a fault."""
         return self._link.run(self._then_look(self._hold()))
 
-    def guide(self, how: Compliance) -> Future[None]:
+    def guide(self, compliance: Compliance) -> Future[None]:
         """Let the arm yield to a hand, as its own configuration says."""
 
         async def guide() -> None:

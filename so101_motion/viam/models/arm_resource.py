@@ -411,10 +411,10 @@ class ArmResource(Arm):
 
     async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
         given = arguments(request, "enabled_for", *MANUAL_RANGES)
-        how = compliance(given, self._arm.compliance)
+        wanted = compliance(given, self._arm.compliance)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
         await self.ready()
-        await self._manual.set(True, seconds, how)
+        await self._manual.set(True, seconds, wanted)
         return {"mode": "manual"}
 
     async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:

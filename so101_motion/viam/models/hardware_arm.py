@@ -74,7 +74,9 @@ class HardwareArm(ArmResource):
         with grpc_statuses():
             wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
             settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
-            asked = replace(wanted.connection.servo_settings(), lets_go=wanted.lets_go)
+            asked = replace(
+                wanted.connection.servo_settings(), releases_at_end=wanted.releases_at_end
+            )
             rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)

@@ -23,9 +23,9 @@ from viam.proto.module import ValidateConfigRequest, ValidateConfigResponse
 from viam.resource.registry import Registry, ResourceCreatorRegistration
 from viam.rpc.server import Server
 
-from so101_motion.common.realtime import steady_interpreter
+from so101_motion.common.realtime import reduce_jitter
 from so101_motion.files import user_storage
-from so101_motion.rig.hardware_rig import leave_all
+from so101_motion.rig.hardware_rig import release_arms_at_end
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.discovery import So101Discovery
@@ -93,7 +93,7 @@ async def run() -> None:
     guard(module.server)
     _end_before_clients(module.server)
     _leave_before_closing(module.server)
-    steady_interpreter()
+    reduce_jitter()
     if sys.platform != "win32":
         hung_up = partial(os.kill, os.getpid(), signal.SIGTERM)
         asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, hung_up)
@@ -124,7 +124,7 @@ def _leave_before_closing(server: Server) -> None:
     close = server.close
 
     async def leave_and_close() -> None:
-        await in_own_thread(leave_all)
+        await in_own_thread(release_arms_at_end)
         await close()  # type: ignore[no-untyped-call]  # likewise
 
     server.close = leave_and_close  # type: ignore[method-assign]  # the SDK asks nobody at its end

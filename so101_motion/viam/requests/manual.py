@@ -31,7 +31,7 @@ class ManualMode:
         self._one_at_a_time = asyncio.Lock()
 
     async def set(
-        self, enabled: bool, enabled_for: float = 0.0, how: Compliance | None = None
+        self, enabled: bool, enabled_for: float = 0.0, compliance: Compliance | None = None
     ) -> None:
         """Yield to a hand, or hold again; done to the end, with its time limit, if once begun.
 
@@ -39,18 +39,20 @@ class ManualMode:
             enabled: Whether the arm shall yield.
             enabled_for: For how long [s]; 0 for no end. Real seconds, even in simulated time: they
                 are a person's.
-            how: How it yields; the arm's own way if not given.
+            compliance: How it yields; the arm's own way if not given.
 
         Raises:
             ConfigError: ``enabled_for`` is negative or absurdly long.
             So101Error: The joints could not be switched.
         """
         checked_number("enabled_for", enabled_for, lower=0.0, upper=LONGEST, unit="s")
-        await finished(self._switch(enabled, enabled_for, how))
+        await finished(self._switch(enabled, enabled_for, compliance))
 
-    async def _switch(self, enabled: bool, enabled_for: float, how: Compliance | None) -> None:
+    async def _switch(
+        self, enabled: bool, enabled_for: float, compliance: Compliance | None
+    ) -> None:
         async with self._one_at_a_time:
-            await in_own_thread(lambda: self._arm.set_manual(enabled, how))
+            await in_own_thread(lambda: self._arm.set_manual(enabled, compliance))
             self.forget()
             if enabled and enabled_for > 0.0:
                 self._timer = asyncio.create_task(self._hold_after(enabled_for))

@@ -199,7 +199,7 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
 
 @pytest.fixture
 def impatient():
-    worker = PlanningWorker(quiet=0.5)
+    worker = PlanningWorker(hang_timeout=0.5)
     worker.start().result()
     yield worker
     worker.close()

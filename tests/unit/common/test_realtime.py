@@ -5,7 +5,11 @@ import threading
 
 import pytest
 
-from so101_motion.common.realtime import be_ordinary, go_first, steady_interpreter
+from so101_motion.common.realtime import (
+    reduce_jitter,
+    restore_normal_priority,
+    use_realtime_priority,
+)
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
@@ -13,7 +17,7 @@ def test_only_the_thread_that_asks_goes_first_and_what_it_starts_does_not():
     seen = []
 
     def ask():
-        allowed = go_first()
+        allowed = use_realtime_priority()
         child = threading.Thread(target=lambda: seen.append(os.sched_getscheduler(0)))
         seen.append((allowed, os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK))
         child.start()
@@ -52,7 +56,7 @@ def unsteady():
 
 
 def test_a_steady_interpreter_takes_short_turns_and_leaves_alone_what_is_there(unsteady):
-    in_a_thread(steady_interpreter)
+    in_a_thread(reduce_jitter)
     assert sys.getswitchinterval() == pytest.approx(0.0005)
     assert gc.get_freeze_count() > 10_000
 
@@ -62,9 +66,9 @@ def test_all_threads_of_a_steady_program_go_before_others_and_its_children_need_
     before = niceness()
 
     def begin():
-        steady_interpreter()
+        reduce_jitter()
         mine, of_a_new_thread = niceness(), in_a_thread(niceness)
-        be_ordinary()
+        restore_normal_priority()
         return mine, of_a_new_thread, niceness()
 
     mine, of_a_new_thread, afterwards = in_a_thread(begin)
@@ -78,8 +82,8 @@ def test_all_threads_of_a_steady_program_go_before_others_and_its_children_need_
 def test_a_niceness_that_somebody_has_chosen_stays(unsteady):
     def begin():
         os.setpriority(os.PRIO_PROCESS, 0, 7)
-        steady_interpreter()
-        be_ordinary()
+        reduce_jitter()
+        restore_normal_priority()
         return niceness()
 
     assert in_a_thread(begin) == 7

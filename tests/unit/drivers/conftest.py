@@ -93,4 +93,4 @@ def port():
 @pytest.fixture
 def bus(port):
     """The driver's bus on ``port``."""
-    return Bus(port, names={3: "elbow_flex"}, patience=0.0)
+    return Bus(port, names={3: "elbow_flex"}, reply_timeout=0.0)

@@ -27,7 +27,7 @@ def arm(clock, port):
         gravity=lambda q: np.array([0.0, -0.9, 0.0, 0.0, 0.0, 0.0]),
         speed=math.pi,
         acceleration=10.0,
-        patience=0.0,
+        reply_timeout=0.0,
     )
 
 

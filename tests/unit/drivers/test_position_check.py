@@ -3,7 +3,7 @@ import math
 import pytest
 
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
-from so101_motion.drivers.position_check import CLOSE, FASTEST, SCATTER, Belief
+from so101_motion.drivers.position_check import CLOSE, FASTEST, SCATTER, PositionCheck
 
 DEG = math.radians(1.0) * TICKS_PER_RAD
 
@@ -11,7 +11,7 @@ DEG = math.radians(1.0) * TICKS_PER_RAD
 @pytest.fixture
 def belief():
     """A joint known to be at 1000 ticks at 0 s."""
-    belief = Belief()
+    belief = PositionCheck()
     belief.begin(0, 1000, 0.0)
     return belief
 
@@ -22,7 +22,7 @@ def judge(belief, ticks, t):
 
 @pytest.mark.parametrize("ticks", [-1, -32000, 4096, 32767])
 def test_a_position_that_no_encoder_has_is_never_believed(ticks):
-    assert not judge(Belief(), ticks, 0.0)
+    assert not judge(PositionCheck(), ticks, 0.0)
 
 
 @pytest.mark.parametrize("off", [3.0 * DEG, -45.0 * DEG, 170.0 * DEG])
@@ -73,7 +73,7 @@ def test_a_joint_that_flicks_through_its_play_is_believed_but_not_yet_sure(belie
 
 @pytest.mark.parametrize("seam", [4094, 0])
 def test_the_seam_is_a_place_like_any_other(seam):
-    belief = Belief()
+    belief = PositionCheck()
     belief.begin(0, seam, 0.0)
     assert judge(belief, (seam + 3) % 4096, 0.01)
     assert judge(belief, (seam - 3) % 4096, 0.02)

@@ -100,7 +100,7 @@ def test_a_file_that_the_sensor_saves_to_may_be_missing_and_no_other():
     file = Path("/data/mine.json")
     names_it = replace(PORT, calibration_file=file)
     saves_to_it = replace(names_it, timeout=None, fallback_file=file)
-    assert saves_to_it.is_file_to_come
-    assert names_it.with_arm((1, 2, 3, 4, 5)).joined_with(saves_to_it).is_file_to_come
-    assert not names_it.is_file_to_come
-    assert not names_it.joined_with(SENSOR).is_file_to_come
+    assert saves_to_it.may_file_be_missing
+    assert names_it.with_arm((1, 2, 3, 4, 5)).joined_with(saves_to_it).may_file_be_missing
+    assert not names_it.may_file_be_missing
+    assert not names_it.joined_with(SENSOR).may_file_be_missing

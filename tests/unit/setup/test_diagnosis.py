@@ -1,7 +1,7 @@
 import pytest
 
 from so101_motion.calib.motors.arm_identification import ServoFacts
-from so101_motion.drivers.bus.reply_counters import Tally
+from so101_motion.drivers.bus.reply_counters import ReplyCounter
 from so101_motion.setup.diagnosis import Examination, explain
 
 JOINTS = {
@@ -18,7 +18,7 @@ HEALTHY = {
 }  # fmt: skip
 
 
-def seen(*, missing=(), unexpected_ids=(), tallies=None, **changes):
+def seen(*, missing=(), unexpected_ids=(), counters=None, **changes):
     """Six healthy servos, but for ``elbow_flex = {register: value}`` and the like."""
     servos = {
         i: ServoFacts(servo_id=i, held=HEALTHY | changes.get(joint, {}))
@@ -26,11 +26,11 @@ def seen(*, missing=(), unexpected_ids=(), tallies=None, **changes):
         if i not in missing
     }
     heard = tuple(sorted({*servos, *unexpected_ids}))
-    return Examination(names=JOINTS, heard=heard, servos=servos, tallies=tallies or {})
+    return Examination(names=JOINTS, heard=heard, servos=servos, counters=counters or {})
 
 
 def test_nothing_is_wrong_with_a_healthy_arm():
-    assert explain(seen(tallies={3: Tally(answers=1000, lost=3)})) == ()
+    assert explain(seen(counters={3: ReplyCounter(answers=1000, lost=3)})) == ()
 
 
 @pytest.mark.parametrize(
@@ -61,15 +61,15 @@ def test_nothing_is_wrong_with_a_healthy_arm():
         (seen(elbow_flex={"firmware_minor": 9}), ["different firmware", "3.9"]),
         (seen(gripper={"present_voltage": 112}), ["12.1 V at the base", "11.2 V at the end"]),
         (
-            seen(tallies={3: Tally(answers=900, corrupt=100)}),
+            seen(counters={3: ReplyCounter(answers=900, corrupt=100)}),
             ["elbow_flex", "10.0 %", "same id"],
         ),
         (
-            seen(tallies={3: Tally(answers=900, lost=100)}),
+            seen(counters={3: ReplyCounter(answers=900, lost=100)}),
             ["elbow_flex", "10.0 %", "no answer", "cable"],
         ),
         (
-            seen(tallies={i: Tally(answers=900, lost=100 + i) for i in JOINTS}),
+            seen(counters={i: ReplyCounter(answers=900, lost=100 + i) for i in JOINTS}),
             ["10.1 %", "whichever servo", "too busy"],
         ),
     ],

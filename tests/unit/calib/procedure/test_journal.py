@@ -13,7 +13,7 @@ from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS, default
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import CalibrationError
-from so101_motion.rig.joint_setup import survey
+from so101_motion.rig.joint_setup import find_joints
 
 BEFORE = {joint: Held(homing_offset=-i, range_min=600 + i) for i, joint in enumerate(JOINTS)}
 MEANWHILE = {joint: Held(homing_offset=100 + i) for i, joint in enumerate(JOINTS)}
@@ -136,7 +136,7 @@ def test_while_a_servo_is_silent_nothing_is_touched(arm, file):
 def test_whoever_looks_at_the_servos_first_ends_what_was_interrupted(arm, file):
     hold(arm, MEANWHILE)
     journal.write(file, DECIDED)
-    found = survey(
+    found = find_joints(
         arm.bus,
         {joint: SERVO_IDS[joint] for joint in JOINTS},
         required=JOINTS,

@@ -48,8 +48,8 @@ def test_a_sync_write_reaches_every_servo_and_nobody_answers(port, bus):
 def test_a_dead_servo_costs_the_others_nothing(port, bus):
     port.world.disconnect(3)
     assert positions(bus).keys() == {1, 2, 4, 5, 6}
-    assert bus.tallies[3].lost == 1
-    assert all(bus.tallies[i].lost == 0 for i in IDS if i != 3)
+    assert bus.counters[3].lost == 1
+    assert all(bus.counters[i].lost == 0 for i in IDS if i != 3)
 
 
 def test_servos_given_up_are_asked_first_and_once(port, bus):
@@ -63,7 +63,7 @@ def test_only_those_who_did_not_answer_are_asked_again(port, bus):
     port.world.disconnect(2)
     positions(bus, tries=3)
     assert [packet[7:-1] for packet in port.sent] == [bytes(IDS), b"\x02", b"\x02"]
-    assert bus.tallies[2].retries == 2
+    assert bus.counters[2].retries == 2
 
 
 def test_a_silent_servo_is_an_error_that_names_servo_joint_register_and_tries(port, bus):
@@ -87,7 +87,7 @@ def test_a_silent_servo_is_given_more_time_in_the_end(port):
     port.read = noted
     port.world.disconnect(3)
     with pytest.raises(NoReply):
-        Bus(port, patience=0.001).read(3, POSITION)
+        Bus(port, reply_timeout=0.001).read(3, POSITION)
     assert len(limits) == 1 + RETRIES
     assert limits[-1] - limits[-2] > 0.02
 
@@ -97,27 +97,27 @@ def test_answers_that_stay_garbled_are_an_error_with_the_bytes(port, bus):
     with pytest.raises(CorruptReply, match="nonsense") as info:
         bus.read(3, POSITION)
     assert info.value.raw
-    assert bus.tallies[3].corrupt == 1 + RETRIES
+    assert bus.counters[3].corrupt == 1 + RETRIES
 
 
 def test_lost_answers_are_asked_for_again(port, bus):
     port.faults.loss = 0.3
     for _ in range(50):
         assert bus.read(1, POSITION) == 2048
-    assert bus.tallies[1].retries > 5
+    assert bus.counters[1].retries > 5
 
 
 def test_status_bits_never_cost_a_reading_and_are_latched(port, bus):
     port.world.warm(3, 80.0)
     port.world.advance(1.0)
     assert bus.read(3, reg.PRESENT_TEMPERATURE) == 80
-    assert bus.tallies[3].faults == Fault.OVERHEATED
+    assert bus.counters[3].faults == Fault.OVERHEATED
     port.world.servo(3).drive.motor.temperature = 30.0
     port.world.cool(3)
     port.world.advance(2.0)
     assert bus.ping(3) == Fault.NONE
-    assert bus.tallies[3].faults == Fault.NONE
-    assert bus.tallies[3].latched == Fault.OVERHEATED
+    assert bus.counters[3].faults == Fault.NONE
+    assert bus.counters[3].latched == Fault.OVERHEATED
 
 
 def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question(port, bus):
@@ -207,6 +207,6 @@ def test_two_servos_with_one_id_are_noticed_as_garbage(port, bus):
 
 def test_counters_go_on_with_the_next_bus(port, bus):
     bus.ping(1)
-    following = Bus(port, tallies=bus.tallies, patience=0.0)
+    following = Bus(port, counters=bus.counters, reply_timeout=0.0)
     following.ping(1)
-    assert bus.tallies[1].answers == 2
+    assert bus.counters[1].answers == 2

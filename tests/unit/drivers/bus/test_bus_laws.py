@@ -48,7 +48,7 @@ def make(wired, seed, late_by):
         for row, value in ((reg.GOAL_VELOCITY, 60 + number), (reg.P_GAIN, 20 + number)):
             servo.write(bytes((row.address, *row.encode(value))))
         servo.drive.volts = 7.0 + 0.3 * number
-    return port, Bus(port, patience=0.0)
+    return port, Bus(port, reply_timeout=0.0)
 
 
 def believe(port, bus, request):
@@ -110,9 +110,9 @@ def test_at_five_percent_loss_and_two_percent_corruption_a_read_practically_neve
     port.faults.loss, port.faults.corrupt = 0.05, 0.02
     for _ in range(3000):
         assert bus.read(3, reg.P_GAIN) == 23
-    tally = bus.tallies[3]
-    assert tally.answers == 3000
-    assert tally.lost + tally.corrupt == tally.retries == pytest.approx(226, abs=60)
+    counter = bus.counters[3]
+    assert counter.answers == 3000
+    assert counter.lost + counter.corrupt == counter.retries == pytest.approx(226, abs=60)
 
 
 @pytest.mark.parametrize("seed", range(300))

@@ -102,12 +102,12 @@ class Torn:
 def test_a_cut_answer_to_one_servo_is_asked_for_again(servo_id, missing):
     low = (-3 - servo_id) & 0xFF  # with FF FF in the place of what is missing, this adds up
     for high in range(16):
-        bus = Bus(Torn(bytes((low, high)), missing), patience=0.0)
+        bus = Bus(Torn(bytes((low, high)), missing), reply_timeout=0.0)
         assert bus.read(servo_id, reg.PRESENT_POSITION) == low + 256 * high
 
 
 def test_a_register_that_looks_like_a_header_can_be_read_even_so():
-    bus = Bus(Torn(b"\xff\xff\x00\x00\x00", 1), patience=0.0)
+    bus = Bus(Torn(b"\xff\xff\x00\x00\x00", 1), reply_timeout=0.0)
     assert bus.read_block(3, 50, 5) == b"\xff\xff\x00\x00\x00"
 
 
@@ -117,6 +117,6 @@ def test_an_answer_that_never_comes_whole_is_an_error():
             self._asked = 0
             super().write(data)
 
-    bus = Bus(AlwaysTorn(bytes(((-3 - 3) & 0xFF, 7)), 2), patience=0.0)
+    bus = Bus(AlwaysTorn(bytes(((-3 - 3) & 0xFF, 7)), 2), reply_timeout=0.0)
     with pytest.raises(BusError):
         bus.read(3, reg.PRESENT_POSITION)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from so101_motion.control.executor import Executor, Tolerances
-from so101_motion.drivers.bus.bus import Bus, patience_in
+from so101_motion.drivers.bus.bus import Bus, reply_timeout_in
 from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.feetech import feetech_arm
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
@@ -48,7 +48,7 @@ def make_loop(wired, clock):
         port = WaitingPort(now=clock.now)
         arm = FeetechArm(
             lambda: port, clock, MAPS, gravity=lambda q: np.zeros(6), speed=math.pi,
-            acceleration=10.0, patience=patience_in(dt),
+            acceleration=10.0, reply_timeout=reply_timeout_in(dt),
         )  # fmt: skip
         tolerances = Tolerances(
             settle_position=feetech_arm.SETTLE_POSITION,
@@ -125,6 +125,6 @@ def test_who_answers_first_gives_the_others_no_more_time(port):
 
     port.read, port.chunk = noted, 1
     port.world.disconnect(6)
-    Bus(port, patience=0.007).sync_read(range(1, 7), 56, 2)
+    Bus(port, reply_timeout=0.007).sync_read(range(1, 7), 56, 2)
     assert len(limits) > 5 * 8
     assert max(limits) == limits[0]

@@ -1,7 +1,7 @@
 from itertools import pairwise
 
 from so101_motion.drivers.bus.registers import END
-from so101_motion.drivers.bus.stale_replies import OVERDUE, Stragglers
+from so101_motion.drivers.bus.stale_replies import OVERDUE, StaleReplies
 
 POSITION, CURRENT = 56, 69
 
@@ -19,7 +19,7 @@ def lengths(stragglers, count, now, servos=(1,), **options):
 
 
 def test_the_next_question_has_another_length_while_an_answer_is_overdue():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     stragglers.missed(3, 2, now=1.0)
     stragglers.missed(3, 3, now=1.1)
     assert lengths(stragglers, 1, 1.2, (3,), again=True) == [4]
@@ -30,7 +30,7 @@ def test_the_next_question_has_another_length_while_an_answer_is_overdue():
 
 
 def test_a_copy_of_an_answer_is_reckoned_with_for_a_while():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     asked = lengths(stragglers, 10, 0.0)
     assert all(one != other for one, other in pairwise(asked))
     assert set(asked) <= set(range(2, 7))
@@ -38,14 +38,14 @@ def test_a_copy_of_an_answer_is_reckoned_with_for_a_while():
 
 
 def test_a_control_cycle_asks_for_the_same_again_without_a_change():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     assert lengths(stragglers, 5, 0.0, (1, 2, 3), again=True) == [2] * 5
     stragglers.span((1, 2), CURRENT, 2, 0.0, again=True)
     assert lengths(stragglers, 1, 0.0, (1, 2), again=True) == [4], "copies of either are about"
 
 
 def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_with():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     for k in range(15):
         (length,) = lengths(stragglers, 1, 0.01 * k, again=True, most=16)
         assert length == 2 + k
@@ -55,14 +55,14 @@ def test_where_there_is_no_time_for_a_longer_one_the_oldest_straggler_is_put_up_
 
 
 def test_some_lengths_can_be_told_apart_however_slow_the_wire():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     for length in range(2, 9):
         stragglers.missed(1, length, 0.0)
     assert lengths(stragglers, 1, 0.1, again=True, most=-3) == [9]
 
 
 def test_what_is_needed_is_asked_for_even_at_the_end_of_the_registers():
-    stragglers = Stragglers()
+    stragglers = StaleReplies()
     for length in range(END):
         stragglers.missed(1, length, 0.0)
     assert stragglers.span((1,), END - 1, 1, 0.1) == (END - 1, 1)

@@ -29,7 +29,7 @@ def socket(clock, port):
 
 @pytest.fixture
 def connection(clock, socket):
-    return Connection(socket.open, clock, names={1: "shoulder_pan"}, patience=0.0)
+    return Connection(socket.open, clock, names={1: "shoulder_pan"}, reply_timeout=0.0)
 
 
 def test_the_port_is_opened_when_it_is_first_needed_and_kept(socket, connection):
@@ -68,4 +68,4 @@ def test_a_lost_port_is_closed_counted_and_tried_again_soon(clock, port, connect
     clock.advance(FIRST_WAIT)
     assert connection.bus() is not before
     assert connection.losses == 1
-    assert connection.bus().tallies[1].answers == 1
+    assert connection.bus().counters[1].answers == 1

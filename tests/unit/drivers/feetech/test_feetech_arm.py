@@ -37,7 +37,7 @@ class Stand:
             self.clock,
             MAPS if maps is None else maps,
             gravity=gravity,
-            patience=0.0,
+            reply_timeout=0.0,
             **caps,
         )
         return self.arm

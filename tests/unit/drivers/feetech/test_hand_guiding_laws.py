@@ -52,7 +52,7 @@ class Guided:
             gravity=WEIGHT,
             speed=math.radians(220.0),
             acceleration=17.0,
-            patience=0.0,
+            reply_timeout=0.0,
         )
         reading = arm.read()
         arm.write(reading.q, reading.q_jaw)

@@ -3,7 +3,7 @@ import pytest
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.protocol import Answer
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
-from so101_motion.drivers.feetech.joint_estimate import Whereabouts
+from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 
 PAN, LIFT = 0, 1
 
@@ -11,7 +11,7 @@ PAN, LIFT = 0, 1
 @pytest.fixture
 def at():
     """Two joints of six, with servos 7 and 8."""
-    return Whereabouts({PAN: JointMap(servo_id=7), LIFT: JointMap(servo_id=8)})
+    return JointEstimate({PAN: JointMap(servo_id=7), LIFT: JointMap(servo_id=8)})
 
 
 def seen(at, q, wanted, now=0.0):

@@ -59,7 +59,7 @@ class Found:
     @property
     def left(self):
         """Joints that get no goal."""
-        return {JOINTS.index(joint) for joint in self.arm.read().stray}
+        return {JOINTS.index(joint) for joint in self.arm.read().out_of_range}
 
     def open(self, maps):
         self.arm = FeetechArm(
@@ -69,7 +69,7 @@ class Found:
             gravity=WEIGHT,
             speed=math.radians(220.0),
             acceleration=17.0,
-            patience=0.0,
+            reply_timeout=0.0,
         )
         reading = self.arm.read()
         self.arm.write(reading.q, reading.q_jaw)

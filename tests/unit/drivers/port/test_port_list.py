@@ -6,7 +6,12 @@ from dataclasses import dataclass
 import pytest
 from serial.tools import list_ports
 
-from so101_motion.drivers.port.port_list import adapters_without_port, find_ports, obstacle, why_not
+from so101_motion.drivers.port.port_list import (
+    adapters_without_port,
+    find_ports,
+    open_error_text,
+    port_problem,
+)
 
 KIT = {"vid": 0x1A86, "pid": 0x55D3, "product": "USB Single Serial"}
 CHEAP = {"vid": 0x1A86, "pid": 0x7523, "product": "USB Serial"}
@@ -176,14 +181,14 @@ def test_ports_of_the_user_come_first_under_his_names_and_once(machine):
 
 
 def test_a_missing_port_is_told(machine):
-    assert "no such port; check the USB cable" in obstacle(str(machine.folder / "ttyACM0"))
+    assert "no such port; check the USB cable" in port_problem(str(machine.folder / "ttyACM0"))
 
 
 def test_a_port_somebody_has_open_is_told_without_opening_it(machine):
     device = machine.plug("ttyACM0", **KIT)
-    assert obstacle(device) is None
+    assert port_problem(device) is None
     with open(device):
-        reason = obstacle(device)
+        reason = port_problem(device)
     assert f"process {os.getpid()}, this program" in reason
     assert reason.endswith("end that first")
 
@@ -192,7 +197,7 @@ def test_a_port_somebody_has_open_is_told_without_opening_it(machine):
 def test_a_forbidden_port_is_told(machine):
     device = machine.plug("ttyACM0", **KIT)
     os.chmod(device, 0)
-    assert "not allowed" in obstacle(device)
+    assert "not allowed" in port_problem(device)
 
 
 def test_permission_names_the_group_that_owns_the_port(machine, monkeypatch):
@@ -204,15 +209,15 @@ def test_permission_names_the_group_that_owns_the_port(machine, monkeypatch):
     monkeypatch.setattr(
         grp, "getgrgid", lambda asked: {gid: grp.struct_group(("uucp", "", 1, []))}[asked]
     )
-    assert "usermod -aG uucp" in why_not(device, error)
+    assert "usermod -aG uucp" in open_error_text(device, error)
     monkeypatch.setattr(grp, "getgrgid", lambda asked: grp.struct_group(("root", "", 0, [])))
-    assert "udev rule" in why_not(device, error)
-    assert "usermod -aG dialout" in why_not("/dev/nowhere", error)
+    assert "udev rule" in open_error_text(device, error)
+    assert "usermod -aG dialout" in open_error_text("/dev/nowhere", error)
 
 
 def test_windows_is_not_asked_for_what_it_cannot_tell(monkeypatch):
     monkeypatch.setattr(sys, "platform", "win32")
-    assert obstacle("COM3") is None
+    assert port_problem("COM3") is None
 
 
 @pytest.fixture

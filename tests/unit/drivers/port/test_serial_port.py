@@ -7,7 +7,7 @@ import pytest
 
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.drivers.port import serial_port as port_module
-from so101_motion.drivers.port.port_list import holders, why_not
+from so101_motion.drivers.port.port_list import open_error_text, programs_using
 from so101_motion.drivers.port.serial_port import PortOpener, SerialPort, UsbIdentity, find_again
 
 
@@ -89,7 +89,7 @@ def test_a_link_to_a_port_in_use_is_refused_too(terminal, port, tmp_path):
     with pytest.raises(PortUnavailable, match="in use") as info:
         SerialPort(str(link))
     assert info.value.port == str(link)
-    assert holders(str(link))
+    assert programs_using(str(link))
 
 
 def test_a_closed_port_can_be_opened_again(terminal, port):
@@ -111,7 +111,7 @@ def test_something_that_is_no_port_is_reported(tmp_path):
 
 
 def test_forbidden_ports_say_which_group_to_join():
-    said = why_not("/dev/ttyACM0", PermissionError(13, "Permission denied"))
+    said = open_error_text("/dev/ttyACM0", PermissionError(13, "Permission denied"))
     assert "dialout" in said
 
 

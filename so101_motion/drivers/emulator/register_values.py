@@ -1,4 +1,4 @@
-"""From stored registers to the numbers the drive works with, and from measurements back."""
+"""Convert stored registers to the drive's settings, and measurements to registers."""
 
 from __future__ import annotations
 
