@@ -73,7 +73,7 @@ async def test_the_time_limit_of_manual_mode_ends_the_recording_and_it_is_kept(
 ):
     await ask(client, "record_path", name="short", enabled_for=0.3)
     await lead(arm, client, [5, 0, 0, 0, 0])
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while await client.get_manual_mode():
             await advance(client, 0.01)
         while not (tmp_path / "paths" / "short.json").exists():
@@ -120,7 +120,7 @@ async def test_a_stop_a_cancelled_call_and_a_newer_move_end_a_replay(arm, client
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await task
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(30):
             while await client.is_moving():
                 await advance(client, 0.01)
 

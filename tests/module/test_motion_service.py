@@ -9,7 +9,7 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_parent import config_of, until
-from harness.in_process_module import arm_client, in_time, new_arm
+from harness.in_process_module import advance, arm_client, in_time, new_arm
 from viam.components.arm import JointPositions
 from viam.proto.common import (
     GeometriesInFrame,
@@ -239,12 +239,13 @@ async def test_what_cannot_be_is_refused_in_a_sentence(motion, component, destin
 
 
 async def test_giving_up_the_call_stops_the_arm(arm, motion):
-    call = asyncio.ensure_future(in_time(arm, motion.move("arm", at(100, -200, 150)), 0.01))
+    call = asyncio.ensure_future(motion.move("arm", at(100, -200, 150)))
     await until(lambda: arm.resource.rig.arm.is_moving)
+    await advance(arm, 0.1)
     call.cancel()
     with pytest.raises(asyncio.CancelledError):
         await call
-    await arm.stop()
+    await until(lambda: arm.resource.rig.arm.newest_motion.future.done())
     assert not arm.resource.rig.arm.is_moving
     assert np.linalg.norm(await tool(arm) - (100, -200, 150)) > 10
 

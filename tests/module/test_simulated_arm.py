@@ -1,6 +1,7 @@
 import asyncio
 import json
 import math
+from contextlib import suppress
 from datetime import timedelta
 
 import numpy as np
@@ -276,10 +277,19 @@ async def test_cancelling_a_call_brings_the_arm_to_rest(client, arm):
     assert np.max(np.abs(np.subtract(await positions(client), ELSEWHERE))) > 1.0
 
 
+async def start_before_the_deadline(client, goal):
+    """A move with a deadline, under way; a busy machine needs more time to plan it."""
+    for seconds in (0.3, 1.0, 3.0, 10.0):
+        with suppress(GRPCError, asyncio.TimeoutError):
+            call = client.move_to_joint_positions(joints(*goal), timeout=seconds)
+            return await start(client, call)
+        await ended(client)
+    raise AssertionError("it is never under way before its deadline")
+
+
 async def test_a_deadline_brings_the_arm_to_rest(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
-    call = client.move_to_joint_positions(joints(*ELSEWHERE), timeout=0.3)
-    move = await start(client, call)
+    move = await start_before_the_deadline(client, ELSEWHERE)
     with pytest.raises((GRPCError, asyncio.TimeoutError)):
         await move
     await ended(client)
@@ -415,7 +425,7 @@ async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
 async def test_manual_mode_ends_by_itself_when_it_was_given_a_time(client):
     await client.set_manual_mode(True, enabled_for=1)
     assert await client.get_manual_mode()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         while await client.get_manual_mode():
             await advance(client, 0.01)
 
@@ -431,7 +441,7 @@ async def test_a_time_limit_that_viam_s_message_cannot_carry_is_not_sent(client)
 async def test_the_request_of_ours_carries_parts_of_a_second(client, seconds):
     await client.do_command({"command": "enter_manual_mode", "enabled_for": seconds})
     assert await client.get_manual_mode()
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(30):
         while await client.get_manual_mode():
             await advance(client, 0.01)
 

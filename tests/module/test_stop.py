@@ -20,6 +20,7 @@ from viam.services.motion import MotionClient
 from viam.services.motion.service import MotionRPCService
 
 from so101_motion.common.errors import SUPERSEDED, Interrupted
+from so101_motion.common.modes import Mode
 from so101_motion.rig.hardware_rig import TICK
 from so101_motion.viam.models.motion_service import So101Motion
 
@@ -95,7 +96,7 @@ async def error_of(call):
 
 async def at_rest(arm, client):
     """The arm rests, nothing is under way, and time changes nothing about it."""
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(30):
         while await client.is_moving():
             await advance(client, 0.01)
             await asyncio.sleep(0.001)
@@ -110,7 +111,14 @@ async def gone(call):
     call.cancel()
     with suppress(asyncio.CancelledError):
         await call
-    await asyncio.sleep(0.02)
+
+
+@asynccontextmanager
+async def registered(arm):
+    """What is asked for in the block is the arm's newest motion when the block ends."""
+    before = arm.rig.arm.newest_motion
+    yield
+    await until(lambda: arm.rig.arm.newest_motion is not before)
 
 
 async def test_the_first_cycle_after_a_stop_is_slower_whatever_is_being_planned(arm, motion):
@@ -168,8 +176,8 @@ def stream(client):
 
 async def test_a_client_that_leaves_while_its_stream_is_opened_leaves_nothing(arm, client):
     async with under_way(arm, client) as move:
-        opening = stream(client)  # waits until the arm rests, which time must pass for
-        await asyncio.sleep(0.02)
+        async with registered(arm):
+            opening = stream(client)  # waits until the arm rests, which time must pass for
         await gone(opening)
         assert (await error_of(move)).status is Status.ABORTED
     await at_rest(arm, client)
@@ -179,9 +187,10 @@ async def test_manual_mode_that_was_asked_for_has_its_time_limit_although_nobody
     async with under_way(arm, client):
         request = {"command": "enter_manual_mode", "enabled_for": 0.2}
         asking = asyncio.ensure_future(client.do_command(request))
-        await asyncio.sleep(0.02)
+        while arm.rig.arm.state.mode is Mode.MOVING:
+            await advance(client, 0.01)
         asking.cancel()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(30):
             while not await client.get_manual_mode():
                 await advance(client, 0.01)
             while await client.get_manual_mode():
@@ -264,8 +273,8 @@ async def test_a_move_takes_over_from_a_jog(arm, client):
 @pytest.mark.parametrize("source", SOURCES)
 async def test_a_stop_ends_what_waits_for_the_arm_to_rest(arm, client, motion, source):
     async with under_way(arm, client):
-        call = asyncio.ensure_future(SOURCES[source](client, motion))
-        await asyncio.sleep(0.05)
+        async with registered(arm):
+            call = asyncio.ensure_future(SOURCES[source](client, motion))
         await client.stop()
         assert (await error_of(call)).status is Status.CANCELLED
     await at_rest(arm, client)
