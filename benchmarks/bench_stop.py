@@ -91,9 +91,11 @@ class Target:
 
     Attributes:
         socket: Where it listens.
+        pid: Its process.
     """
 
     socket: str
+    pid: int
 
     @contextlib.contextmanager
     def connected(self) -> Any:
@@ -141,7 +143,26 @@ async def abandoned_plans(target: Target) -> None:
             await asyncio.wait(plans, timeout=0.5)
             for plan in plans:
                 plan.cancel()
-            await asyncio.gather(*plans, return_exceptions=True)
+            await asyncio.wait(plans)
+            _ = [plan.cancelled() or plan.exception() for plan in plans]  # refusals are expected
+
+
+async def hung_planner(target: Target) -> None:
+    """Ask for plans, and stop the planning process as soon as there is one; again and again."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            plan = asyncio.ensure_future(planner.do_command({"preview": _request(y=120.0)}))
+            await asyncio.sleep(0.2)
+            for child in _children(target.pid):
+                os.kill(child, signal.SIGSTOP)
+            await asyncio.wait([plan], timeout=10.0)
+            plan.cancel()
+            await asyncio.gather(plan, return_exceptions=True)
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
 async def polling(target: Target, clients: int = 20, rate: float = 10.0) -> None:
@@ -161,6 +182,7 @@ ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
     "nothing else": nothing,
     "one plan after the other": planning,
     "50 abandoned plans": abandoned_plans,
+    "a hung planner": hung_planner,
     "20 polling clients": polling,
     "200 clients, 1 Hz each": lambda target: polling(target, clients=200, rate=1.0),
     "texts of 1 MB": sending(stop_attacks.long_texts),
@@ -207,7 +229,7 @@ def _hopeless() -> dict[str, Any]:
     }
 
 
-def attack(name: str, socket: str) -> None:
+def attack(name: str, socket: str, pid: str) -> None:
     """Be the attacker until terminated; a refusal of the module is none of its business."""
 
     async def go_on() -> None:
@@ -217,7 +239,7 @@ def attack(name: str, socket: str) -> None:
         print("begun", flush=True)
         while True:
             with contextlib.suppress(Exception):
-                await ATTACKS[name](Target(socket=socket))
+                await ATTACKS[name](Target(socket=socket, pid=int(pid)))
             await asyncio.sleep(0.01)
 
     with contextlib.suppress(asyncio.CancelledError):
@@ -225,10 +247,11 @@ def attack(name: str, socket: str) -> None:
 
 
 @contextlib.asynccontextmanager
-async def attacked(name: str, socket: str) -> AsyncIterator[None]:
+async def attacked(name: str, target: Target) -> AsyncIterator[None]:
     """Have an attacker in a process of its own."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "benchmarks.bench_stop", "--attack", name, str(socket),
+        sys.executable, "-m", "benchmarks.bench_stop",
+        "--attack", name, target.socket, str(target.pid),
         stdout=asyncio.subprocess.PIPE,
     )  # fmt: skip
     assert process.stdout is not None
@@ -301,13 +324,19 @@ async def stops(name: str, n: int, record: Path) -> list[float]:
         other, planner = stop_attacks.ARM, stop_attacks.PLANNER
         await running.add(parent.ARM, parent.SIMULATED, {}, other)
         await running.add(parent.MOTION, MOTION_MODEL, {"arm": other}, planner)
-        await servos.let_go()
-        await asyncio.sleep(2.0)  # the weight is taken up
-        with Target(socket=str(running.socket)).connected() as channel:
+        target = Target(socket=str(running.socket), pid=running.process.pid)
+        with target.connected() as channel:
             stopper = Stopper(channel)
             await stopper.prepare()
+
+            async def holds() -> bool:
+                return (await stopper.arm.get_status())["state"] == "holding"
+
+            await parent.until(holds)
+            await servos.let_go()
+            await asyncio.sleep(2.0)  # the weight is taken up
             await stopper.arm.move_to_joint_positions(_pan(MIDDLE_DEG))
-            async with attacked(name, str(running.socket)):
+            async with attacked(name, target):
                 return [moment async for moment in _stopped(stopper, n)]
 
 
@@ -365,6 +394,8 @@ def row(name: str, n: int) -> dict[str, Any]:
         for arrival, delay in beyond
     )
     cycles = _common.summary(took / PERIOD)
+    moves = written[:, 1] != 0.0
+    late = (np.diff(written[:, 0]) - PERIOD)[moves[:-1] & moves[1:]]
     return {
         "meanwhile": name,
         **_common.summary(took),
@@ -372,6 +403,8 @@ def row(name: str, n: int) -> dict[str, Any]:
         "max [cycles]": cycles["max"],
         "over 2 cycles": len(beyond),
         "of those while the machine stood still": excused,
+        "setpoints late by over 2 ms [%]": 100.0 * float(np.mean(late > 2e-3)),
+        "latest setpoint [ms]": 1e3 * float(late.max()),
         "over 10 cycles": int(np.count_nonzero(took > bound)),
         "bar": f"p99 {P99_CYCLES:g} cycles, never {MAX_CYCLES:g}",
     }
@@ -397,6 +430,6 @@ if __name__ == "__main__":
         sys.argv.remove("--module")
         module()
     elif "--attack" in sys.argv:
-        attack(*sys.argv[2:4])
+        attack(*sys.argv[2:5])
     else:
         main()

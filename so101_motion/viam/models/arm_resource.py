@@ -9,10 +9,12 @@ and is done in the event loop's thread, for the kinematic model belongs to one t
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +25,7 @@ from viam.resource.base import ResourceBase
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import SUPERSEDED, MotionError
+from so101_motion.common.errors import SUPERSEDED, ConfigError, MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
@@ -40,6 +42,7 @@ from so101_motion.viam.conversion.planner_options import (
     cloud_in,
     to_goal_cloud,
 )
+from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.models.dependencies import motion_name, motion_service
 from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
 from so101_motion.viam.requests.commands import (
@@ -65,7 +68,16 @@ def scene_of(wanted: ArmConfig) -> Scene:
     Raises:
         ConfigError: An obstacle cannot be meant; the message names it.
     """
-    return Scene(floor_z=wanted.floor_z, obstacles=obstacles_from(wanted.obstacles))
+    if len(wanted.obstacles) > MOST_THINGS:
+        given = f"{len(wanted.obstacles)} obstacles"
+        raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
+    return _scene(wanted.floor_z, json.dumps(wanted.obstacles))
+
+
+@lru_cache(maxsize=8)
+def _scene(floor_z: float | None, obstacles: str) -> Scene:
+    """Remembered: ``validate_config`` builds it in a thread, the event loop needs it again."""
+    return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

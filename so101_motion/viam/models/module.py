@@ -14,6 +14,7 @@ import asyncio
 import os
 import signal
 import sys
+from contextlib import suppress
 from functools import partial
 
 from grpclib import GRPCError
@@ -21,6 +22,7 @@ from viam.logging import getLogger
 from viam.module.module import Module
 from viam.proto.module import ValidateConfigRequest, ValidateConfigResponse
 from viam.resource.registry import Registry, ResourceCreatorRegistration
+from viam.resource.types import API, Model
 from viam.rpc.server import Server
 
 from so101_motion.common.realtime import reduce_jitter
@@ -72,9 +74,16 @@ class So101Module(Module):
     async def validate_config(self, request: ValidateConfigRequest) -> ValidateConfigResponse:
         """Check a configuration.
 
+        A thousand obstacles take a tenth of a second, so they are checked in a thread first; the
+        SDK's check on the event loop then finds them checked.
+
         Raises:
             GRPCError: What is wrong with it, without the type that the SDK puts before it.
         """
+        config = request.config
+        with suppress(Exception):  # the SDK says what is wrong
+            api, model = API.from_string(config.api), Model.from_string(config.model)
+            await asyncio.to_thread(Registry.lookup_validator(api, model), config)
         try:
             return await super().validate_config(request)
         except GRPCError as error:
