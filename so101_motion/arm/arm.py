@@ -1,4 +1,4 @@
-"""Plan for an arm, move it, retarget it, lead it and stop it.
+"""Plan for an arm, move it, retarget it, jog it and stop it.
 
 Any thread may call. A call that moves returns a ``Motion`` at once; waiting for it is the caller's
 choice. A new motion supersedes the one under way: that slows to rest and ends with
@@ -110,7 +110,7 @@ class Arm:
 
     @property
     def newest_motion(self) -> Motion:
-        """What was asked for last, planning included; over when nothing is under way."""
+        """The motion asked for last, planning included; over when nothing is under way."""
         return self._motions.current
 
     def T_base(self, frame: str = "tool") -> SE3:
@@ -144,11 +144,11 @@ class Arm:
 
     @property
     def ceiling(self) -> JointCaps:
-        """What no motion exceeds, whatever it asks for; braking does."""
+        """The caps that no motion may exceed; braking may."""
         return self._ceiling
 
     def set_ceiling(self, ceiling: JointCaps) -> None:
-        """Set what no motion may exceed from now on; the arm's own caps are lowered to it."""
+        """Set the caps that no motion may exceed; lowers the arm's own caps to them."""
         self._ceiling = ceiling
         self._caps = JointCaps(
             speed=min(self._caps.speed, ceiling.speed),
@@ -177,7 +177,7 @@ class Arm:
 
     @property
     def range(self) -> JointRange:
-        """Between which joint angles it may be sent."""
+        """The range of joint angles that it may be sent to."""
         return self._range
 
     def set_range(self, lower: Array, upper: Array) -> None:
@@ -195,7 +195,7 @@ class Arm:
         q_start: Array | None = None,
         q_jaw: float | None = None,
     ) -> Plan:
-        """Plan from where the arm is wanted now, or will be then; moves nothing.
+        """Plan from the arm's present reference, or from ``q_start``; moves nothing.
 
         Args:
             goal: What is wanted.
@@ -261,7 +261,7 @@ class Arm:
         return self._motions.start(run)
 
     def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
-        """Turn from the present motion straight towards ``q_goal``, shape (5,), [rad].
+        """Move from the present motion straight to ``q_goal``, shape (5,), [rad], without a stop.
 
         For a stream of goals (teleoperation, dragging). Nothing is planned: joint and motion limits
         are kept, collisions are not checked.
@@ -281,7 +281,7 @@ class Arm:
                 lambda: executor.retarget(q_goal, caps, channel=Channel.ARM), executor.interrupt
             )
 
-        return self._motions.turn(begin)
+        return self._motions.take_over(begin)
 
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
         """Take time-stamped points once the arm rests; supersedes what is under way."""
@@ -293,7 +293,7 @@ class Arm:
         return self.start_stream(limits=limits).opened.result()
 
     def open_jog(self, *, limits: MotionLimits | None = None, frame: str = "tool") -> Jog:
-        """Let the tool be led by velocities, poses and points; supersedes what is under way.
+        """Jog the tool with velocities, poses and points; supersedes what is under way.
 
         Blocks until the arm rests. It keeps clear of itself, of the present scene, and of
         configurations in which its load is too heavy.
@@ -360,7 +360,7 @@ class Arm:
             self._executor.hold().result()
 
     def set_torque(self, on: bool) -> None:
-        """Hold the joints, the jaw too, or let go of them: the arm then sinks under its weight."""
+        """Hold all joints, the jaw too, or release them: the arm then sinks under its weight."""
         if on:
             self._executor.hold().result()
         else:

@@ -219,7 +219,7 @@ class Gripper:
         return pursuit
 
     def regrip(self) -> None:
-        """Press again on what the last grab holds, after the joints were held anew.
+        """Press again on the gripped object, after the joints were held anew.
 
         Being held anew takes the force away, for every goal is then where its joint stands. The
         jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.

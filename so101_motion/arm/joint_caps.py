@@ -1,4 +1,4 @@
-"""How fast and how far the joints of one arm may be sent.
+"""The caps on speed and acceleration of an arm's joints, and the range of their angles.
 
 ``JointCaps`` are for motions that name no limits of their own. ``JointRange`` is the model's limits
 narrowed by the calibration, for each arm's stops are a little elsewhere.
@@ -30,7 +30,7 @@ measured now on this side of it, now on that."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCaps:
-    """Caps that hold for every joint alike.
+    """Caps on speed and acceleration, the same for all joints.
 
     Attributes:
         speed: [rad/s].
@@ -80,7 +80,7 @@ def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) 
 
 
 class JointRange(NamedTuple):
-    """Between which angles the joints may be.
+    """The range of the joint angles.
 
     Attributes:
         lower: Smallest joint angles, shape (5,), [rad].
@@ -91,14 +91,14 @@ class JointRange(NamedTuple):
     upper: Array
 
     def narrowed(self, lower: Array, upper: Array) -> JointRange:
-        """What is both in this range and between these angles, shapes (5,), [rad]."""
+        """This range, narrowed to these angles, shapes (5,), [rad]."""
         return JointRange(
             frozen_array(np.maximum(self.lower, lower), (5,)),
             frozen_array(np.minimum(self.upper, upper), (5,)),
         )
 
     def with_tolerance(self) -> JointRange:
-        """All that is not refused, ``TOLERANCE`` included."""
+        """This range, widened by ``TOLERANCE``: all angles that ``check`` accepts."""
         return JointRange(self.lower - TOLERANCE, self.upper + TOLERANCE)
 
     def check(self, q: Array) -> None:

@@ -123,7 +123,7 @@ class Motion:
             return running
 
     def take_outcome(self, done: Future[None]) -> None:
-        """End as ``done`` did: the callback for motions that need no thread of their own."""
+        """End with the outcome of ``done``; a callback for motions without a thread."""
         error = done.exception()
         if error is not None:
             self.future.set_exception(error)

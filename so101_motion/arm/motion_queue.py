@@ -28,7 +28,7 @@ completes then."""
 
 @dataclass(frozen=True, slots=True)
 class Opening(Generic[S]):
-    """A led motion that begins as soon as the arm rests.
+    """A jog or pursuit that begins as soon as the arm rests.
 
     Attributes:
         motion: Registered already; interrupting it ends the opening, too.
@@ -89,7 +89,7 @@ class MotionQueue:
         play: Callable[[S], S],
         halt: Callable[[Future[None], str], object],
     ) -> Opening[S]:
-        """Play what somebody leads, once the arm rests; returns at once.
+        """Play a source, such as a jog, once the arm rests; returns at once.
 
         Args:
             prepare: Makes the source, on another thread.
@@ -113,8 +113,8 @@ class MotionQueue:
         motion.future.add_done_callback(end)
         return Opening(motion, opened)
 
-    def turn(self, begin: Callable[[Motion], Future[None]]) -> Motion:
-        """Begin a motion that takes over at full speed.
+    def take_over(self, begin: Callable[[Motion], Future[None]]) -> Motion:
+        """Begin a motion that takes over without a stop.
 
         Args:
             begin: Begins the motion that it is given; returns at once what completes at its end.

@@ -50,7 +50,7 @@ class Kind(IntEnum):
 
 
 class Scenes:
-    """The scenes that went over a line of late. Both ends keep one, and both forget alike."""
+    """The scenes sent last. Both ends keep the same ones."""
 
     def __init__(self) -> None:
         self._known: OrderedDict[bytes, Scene] = OrderedDict()
@@ -69,7 +69,7 @@ class Scenes:
 
 
 class _Sender(pickle.Pickler):
-    """Pickles a value, scenes by their digest once they have been sent, large arrays apart."""
+    """Pickles a value: scenes sent before by their digest, large arrays as separate parts."""
 
     def __init__(self, scenes: Scenes) -> None:
         self.stream = io.BytesIO()
@@ -97,7 +97,7 @@ class _Sender(pickle.Pickler):
 
 
 class _Receiver(pickle.Unpickler):
-    """The other end of ``_Sender``."""
+    """Unpickles what ``_Sender`` pickled."""
 
     def __init__(self, parts: Sequence[Part], scenes: Scenes) -> None:
         # Read-only, so that the arrays made from them are.

@@ -1,4 +1,4 @@
-"""Make plans for the process that started this one, and end with it.
+"""The planning process: make plans for the parent process, and end with it.
 
 It answers one request after the other. While it works on one, the planner calls a checkpoint every
 few milliseconds (``planning/checkpoint.py``): that looks whether the plan is still wanted and the

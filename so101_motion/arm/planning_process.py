@@ -1,4 +1,4 @@
-"""Start the planning process, ask it for plans, and notice when it dies or hangs.
+"""Start the planning process, ask it for plans, and detect when it dies or hangs.
 
 Why not ``multiprocessing``: its ``spawn`` runs the user's own script a second time in the child,
 which surprises everyone whose script opens an arm at top level, and it keeps a tracker process
@@ -47,11 +47,11 @@ main()
 
 
 class ChildDied(Exception):
-    """The child ended, or was ended because it hung; says how."""
+    """The planning process ended, or was killed because it hung; the message says how."""
 
 
 class PlanningProcess:
-    """A planning process. Its methods are for one thread, but for ``wake``, ``kill`` and ``pid``.
+    """A planning process. For one thread, except ``wake``, ``kill`` and ``pid``.
 
     Args:
         hang_timeout: After how long without a sign of life it hangs [s], see ``HANG_TIMEOUT``.
@@ -133,7 +133,7 @@ class PlanningProcess:
             each.close()
 
     def _converse(self, awaited: Kind) -> object:
-        """What comes with the next message of a kind; the child may take its time."""
+        """Wait for the next message of a kind; returns its content."""
         try:
             while True:
                 kind, parts = self._line.receive()
@@ -161,7 +161,7 @@ class PlanningProcess:
             raise ChildDied(f"showed no sign of life for {silent:.1f} s")
 
     def _how(self) -> str:
-        """How the child ended, which it has."""
+        """How the child ended, in words; only after it has."""
         try:
             code = self._child.wait(self._hang_timeout)
         except subprocess.TimeoutExpired:
@@ -198,7 +198,7 @@ def _search_path() -> list[str]:
 
 @contextlib.contextmanager
 def _deaf() -> Iterator[None]:
-    """A child begun meanwhile never hears Ctrl-C and the like, not even while it still imports.
+    """Block signals such as Ctrl-C, so that a child started in this block ignores them.
 
     A terminal sends them to parent and child alike, a service manager may; what this thread blocks,
     the child inherits. Its parent decides when it ends.
@@ -212,7 +212,7 @@ def _deaf() -> Iterator[None]:
 
 
 def _stands_still(pid: int) -> bool:
-    """Whether a process neither runs, wants to, nor waits for a disk; False where unknown."""
+    """Whether a process sleeps without disk access; False if that is not known."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text()
     except OSError:

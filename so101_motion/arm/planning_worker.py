@@ -1,4 +1,4 @@
-"""Make plans in a process of their own.
+"""Make plans in a separate process, and replace it when it dies.
 
 Planning holds the interpreter lock for milliseconds at a time, and a control loop in the same
 process then misses its ticks. So the planner lives in a child: it is started once, loads the model

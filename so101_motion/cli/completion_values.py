@@ -36,11 +36,11 @@ def completed_poses(
 ) -> list[CompletionItem]:
     """Named poses: those that come with the arm, and the user's own."""
     from so101_motion.common.named_poses import POSES
-    from so101_motion.files.saved_poses import PoseBook
+    from so101_motion.files.saved_poses import SavedPoses
 
     names = [pose.name for pose in POSES]
     with contextlib.suppress(So101Error):
-        names += [pose.name for pose in PoseBook().own()]
+        names += [pose.name for pose in SavedPoses().own()]
     return _fitting(names, incomplete)
 
 

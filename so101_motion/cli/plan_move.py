@@ -126,10 +126,10 @@ def _scene(file: Path | None) -> Scene | None:
 def _posed(name: str) -> Array:
     """The joint angles of a named pose, be it the arm's or the user's own."""
     from so101_motion.common.errors import ConfigError, quoted
-    from so101_motion.files.saved_poses import PoseBook
+    from so101_motion.files.saved_poses import SavedPoses
 
     try:
-        return PoseBook().find(name).q
+        return SavedPoses().find(name).q
     except ConfigError as error:
         raise click.BadParameter(
             f"{quoted(error.value)} {error.reason}", param_hint="'--pose'"

@@ -68,7 +68,7 @@ def restore_normal_priority() -> None:
 
 
 def _change_niceness(before: int, after: int) -> None:
-    """Unless somebody has chosen another one for us."""
+    """Set the niceness ``after``, unless it is no longer ``before``."""
     try:
         if os.getpriority(os.PRIO_PROCESS, 0) == before:
             os.setpriority(os.PRIO_PROCESS, 0, after)

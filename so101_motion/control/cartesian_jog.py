@@ -1,4 +1,4 @@
-"""Lead the tool by hand, with velocities, poses and points that are sent again and again.
+"""Jog the tool with velocities, poses and points that are sent again and again.
 
 The I/O thread asks for the next setpoint in every tick, and a :class:`~.planning.servo.Servo` makes
 it up on the spot from what was asked for last; it keeps every limit and stays clear of everything.
@@ -65,7 +65,7 @@ class Jog:
     def twist(
         self, linear: ArrayLike, angular: ArrayLike = (0.0, 0.0, 0.0), *, in_tool: bool = False
     ) -> None:
-        """Move the tool at a velocity for ``DEADMAN`` or until something else is asked for.
+        """Move the tool at a velocity for ``DEADMAN`` or until the next request.
 
         Where limits or obstacles do not allow this speed the tool moves slower.
 
@@ -91,7 +91,7 @@ class Jog:
         self._ask(before if same else wanted)  # the line that the tool is on goes on
 
     def to_pose(self, T_base_tool: SE3) -> None:
-        """Go to a pose in as straight a line as the joints can, and stay there.
+        """Move to a pose, as straight as the joints allow, and stay there.
 
         The position comes first, the orientation as far as five joints can.
 
@@ -103,7 +103,7 @@ class Jog:
         self._ask(T_base_tool)
 
     def to_point(self, p_base: ArrayLike) -> None:
-        """Go to a point with the tool's origin, whatever its orientation, and stay there.
+        """Move the tool's origin to a point, with any orientation, and stay there.
 
         Args:
             p_base: The point in the base frame, shape (3,), [m].
@@ -121,7 +121,7 @@ class Jog:
 
     @property
     def held_by(self) -> tuple[str, ...]:
-        """What keeps the tool from moving as asked, such as ``"the jaw close to the floor"``.
+        """Why the tool does not move as asked, such as ``"the jaw close to the floor"``.
 
         Nothing while it does. Brought up to date ten times a second.
         """
@@ -139,7 +139,7 @@ class Jog:
 
     @property
     def start(self) -> Setpoint:
-        """Where it begins, at rest."""
+        """The first setpoint, at rest."""
         return Setpoint(q=self._servo.q, qd=np.zeros(5), qdd=np.zeros(5))
 
     @property
@@ -148,7 +148,7 @@ class Jog:
         return self._over
 
     def sample(self, k: int) -> Setpoint:
-        """Where the arm shall be in the next tick, whichever it is."""
+        """The setpoint of the next tick; ``k`` is ignored."""
         step = self._servo.step(self._target(), self._q_jaw())
         self._over = self._closing and not (step.qd.any() or step.qdd.any())
         if self._ticks % _TOLD_EVERY == 0:
@@ -157,7 +157,7 @@ class Jog:
         return Setpoint(q=step.q, qd=step.qd, qdd=step.qdd)
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """To rest along the path from the last setpoint on that is known to be free."""
+        """Brake along the path from the last setpoint that is known to be free."""
         dt, path = self._dt, self._servo.path_to_rest()
         path = np.concatenate((path, path[-1:]))
         qd, qdd = (path[2:] - path[:-2]) / (2.0 * dt), np.diff(path, 2, axis=0) / dt**2

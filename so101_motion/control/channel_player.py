@@ -1,4 +1,4 @@
-"""Play the motion of one channel, the arm's five joints or the jaw, and judge how it goes.
+"""Play the motion of one channel, the arm's five joints or the jaw, and check that joints follow.
 
 The executor calls a ``ChannelPlayer`` once a tick with the tick's number ``k``: first ``step``
 (where should the joints be now?), then, with what was measured, ``check`` (are they there?).
@@ -116,7 +116,7 @@ class ChannelPlayer:
 
     @property
     def command(self) -> Array:
-        """Where the joints are to be sent now, shape (n,), [rad]: to the reference.
+        """The command of this tick, shape (n,), [rad]: the reference.
 
         But one outside its limits is wanted where it is, unless a motion takes it in.
         """
@@ -126,7 +126,7 @@ class ChannelPlayer:
 
     @property
     def speed(self) -> Array:
-        """How fast the joints are wanted there, shape (n,), [rad/s].
+        """The velocity of the command, shape (n,), [rad/s].
 
         NaN for one that stays where it is because it did not follow.
         """
@@ -134,11 +134,11 @@ class ChannelPlayer:
         return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
 
     def rest_at(self, q: Array) -> None:
-        """The reference is ``q`` from now on, at rest; nothing is under way."""
+        """Set the reference to ``q``, at rest; no motion is under way then."""
         self.reference = _at_rest(q)
 
     def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
-        """Take in where the joints are, shape (n,), [rad], and which are outside their limits."""
+        """Note the measured angles, shape (n,), [rad], and the joints outside their limits."""
         self._recovery.update(q, out_of_range)
         if self._recovery and self._motion is None:
             self.reference = _at_rest(self._recovery.inside(self.reference.q))
@@ -198,7 +198,7 @@ class ChannelPlayer:
             self._conclude(previous.source.future, Interrupted(SUPERSEDED))
 
     def stop(self, by: str, waiting: Future[None] | None = None) -> None:
-        """Slow down to rest, the motion's own path permitting along that path.
+        """Slow down to rest, along the motion's own path where possible.
 
         Args:
             by: What ends the motion; a stop that is already under way keeps its first reason.
@@ -215,14 +215,14 @@ class ChannelPlayer:
             self._slow_down(motion, Interrupted(by))
 
     def halt(self, error: MotionError) -> None:
-        """The commands did not go out for so long that the joints stand; stay where they are."""
+        """End the motion where the joints stand, because no command went out for too long."""
         motion = self._motion
         if motion is not None and motion.ending is None:
             self.reference = _at_rest(self.reference.q)
             self._slow_down(motion, error)
 
     def fail(self, error: BaseException) -> None:
-        """The joints cannot be reached any more: everything ends with ``error``."""
+        """End the motion with ``error``, because the joints cannot be reached any more."""
         motion, self._motion = self._motion, None
         if motion is not None:
             for future in (motion.source.future, *motion.waiting):
@@ -246,7 +246,7 @@ class ChannelPlayer:
         self._wanted.append(self.reference.q)
 
     def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
-        """Compare what was measured in this tick with what is wanted; may end the motion.
+        """Compare the measured joints of this tick with the reference; may end the motion.
 
         Args:
             q: Measured angles, shape (n,), [rad].
@@ -291,7 +291,7 @@ class ChannelPlayer:
         motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:
-        """End the motion if one of its joints is in trouble."""
+        """End the motion if one of its joints has an alarm."""
         joints = self._channel.joints
         troubled = [joint for joint in joints if joint in alarms]
         if troubled:

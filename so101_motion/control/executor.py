@@ -1,4 +1,4 @@
-"""The one thread that talks to the servos of a port.
+"""Run the I/O thread: the only thread that talks to the servos of a port.
 
 How it works. An ``Executor`` owns a driver and a thread. The thread sleeps until the next tick is
 due or somebody wakes it, and a tick is always the same: take the requests, ask each channel where
@@ -69,7 +69,7 @@ _IDLE_PERIOD = 0.05
 
 
 class Executor:
-    """Moves the joints of one port and says where they are. All methods: from any thread.
+    """Moves the joints of one port and reports their state. Any thread may call any method.
 
     Use it in a ``with`` block or call ``start`` and ``close``.
 
@@ -120,7 +120,7 @@ class Executor:
         self._listeners: tuple[Callable[[JointState], None], ...] = ()
 
     def start(self) -> None:
-        """Read the joints, hold them where they are, begin to listen; ``state`` is there then.
+        """Read the joints, hold them where they are, and start the thread; sets ``state``.
 
         Raises:
             Exception: What the driver raised; it has been closed.
@@ -191,7 +191,7 @@ class Executor:
     def retarget(
         self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
     ) -> Future[None]:
-        """Turn to ``q_goal``, shape (n,), [rad], from the present motion without stopping.
+        """Move to ``q_goal``, shape (n,), [rad], from the present motion without a stop in between.
 
         The motion under way ends with ``Interrupted("a newer motion")``. The future ends like that
         of ``execute``; while the channel is being stopped it raises ``MotionError``.
@@ -226,7 +226,7 @@ class Executor:
         self._control.recent.on_failure = listener
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
-        """How hard a stop of ``channel`` brakes, whatever the motion's own caps."""
+        """The limits with which a stop of ``channel`` brakes, whatever the motion's own caps."""
         return self._control.stop_limits(channel)
 
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
@@ -259,7 +259,7 @@ class Executor:
         return future
 
     def listen(self, listener: Callable[[JointState], None]) -> Callable[[], None]:
-        """Look at the joints in every period, moving or not, and tell ``listener`` every snapshot.
+        """Read the joints in every period, moving or not, and pass each snapshot to ``listener``.
 
         It is called on the I/O thread, also while the joints cannot be reached, and must be brief.
 
@@ -288,7 +288,7 @@ class Executor:
         return self.ask(lambda control: control.guide(compliance))
 
     def release(self) -> Future[None]:
-        """Let go of the joints, so that they can be moved by hand; refused while they move."""
+        """Switch torque off, so that the joints can be moved by hand; refused while they move."""
         return self.ask(JointController.release)
 
     def call(self, job: Callable[[JointDriver], T]) -> Future[T]:
@@ -329,7 +329,7 @@ class Executor:
             self._leave()
 
     def _turn(self) -> float:
-        """Do what is due now; returns when to look again [s]."""
+        """Serve requests and the tick that is due; return when to run again [s]."""
         now = self._clock.now()
         if not self._control.is_moving:
             self._beat.restart(now)

@@ -1,4 +1,4 @@
-"""Control the joints of one port, a tick at a time: mode, torque, both channels, the snapshot.
+"""Control the joints of one port, tick by tick: mode, torque, both channels, the snapshot.
 
 ``JointController`` has neither a thread nor a lock, and it never waits: the executor calls it on
 its one thread with the time and the number of the tick.
@@ -110,21 +110,21 @@ class JointController:
 
     @property
     def is_busy(self) -> bool:
-        """Whether every tick counts, and not only now and then a look."""
+        """Whether the joints need every tick, not only an occasional reading."""
         return self.is_moving or self.mode is Mode.GUIDING or self._watch is not None
 
     def stop_limits(self, channel: Channel) -> MotionLimits:
-        """How hard a stop of ``channel`` brakes."""
+        """The limits with which a stop of ``channel`` brakes."""
         return self._player(channel).stop_limits
 
     def start(self, now: float, *, holding: bool) -> None:
-        """See where the joints are, perhaps hold them there, publish the first snapshot."""
+        """Read the joints, hold them there if wanted, and publish the first snapshot."""
         if holding:
             self._seed()
         self.tick(now, 0)
 
     def play(self, source: MotionSource, channel: Channel) -> None:
-        """Play ``source`` from the coming tick on, or raise why that cannot be."""
+        """Play ``source`` from the coming tick on, or raise why that is not possible."""
         self._require(Event.MOVE, channel)
         self._player(channel).begin(source, self.k)
         self._enter(Event.MOVE)
@@ -136,13 +136,13 @@ class JointController:
         channel: Channel,
         future: Future[None],
     ) -> None:
-        """Turn to ``q_goal`` from what is under way, or raise why that cannot be."""
+        """Move to ``q_goal`` from the present motion, or raise why that is not possible."""
         self._require(Event.MOVE, channel)
         self._player(channel).retarget(q_goal, limits, future, self.k)
         self._enter(Event.MOVE)
 
     def stop(self, channels: Collection[Channel], by: str, waiting: Future[None]) -> None:
-        """Slow down; ``waiting`` completes when all of ``channels`` are at rest."""
+        """Slow ``channels`` down; ``waiting`` completes when all are at rest."""
         if self.mode is Mode.GUIDING and Channel.ARM in channels:
             try:
                 self.hold()
@@ -167,7 +167,7 @@ class JointController:
         self.outcomes.conclude(waiting)
 
     def hold(self) -> None:
-        """Drive the joints where they are now; nothing to do when they are driven already."""
+        """Switch torque on where the joints are; does nothing if it is on already."""
         if self.mode in (Mode.HOLDING, Mode.MOVING, Mode.STOPPING):
             return
         self._require(Event.HOLD)
@@ -197,7 +197,7 @@ class JointController:
         self._enter(Event.GUIDE)
 
     def release(self) -> None:
-        """Let go of the joints, unless something moves."""
+        """Switch torque off, unless something moves."""
         self._require(Event.RELEASE)
         if self.is_moving:
             raise MotionError("the jaw is moving; stop it or wait for its end")
@@ -207,7 +207,7 @@ class JointController:
         self._fault = None
 
     def call(self, job: Callable[[JointDriver], T]) -> T:
-        """Let ``job`` have the driver while nothing moves.
+        """Run ``job`` with the driver while nothing moves.
 
         Raises:
             MotionError: Something moves, or the bus is lent.
@@ -218,7 +218,7 @@ class JointController:
         return job(self._driver)
 
     def call_and_rehold(self, job: Callable[[JointDriver], T]) -> T:
-        """Let ``job`` change what the driver's angles mean; held and guided joints hold then.
+        """Run a job that changes what the driver's angles mean, and hold the joints anew.
 
         Raises:
             MotionError: Something moves.
@@ -233,7 +233,7 @@ class JointController:
                     self._seed()
 
     def lend(self, purpose: str, job: Callable[[JointDriver], None]) -> None:
-        """Give the bus away; until ``take_back`` everything else is refused.
+        """Lend the bus; until ``take_back`` all other requests are refused.
 
         Args:
             purpose: What for; errors name it.
@@ -272,7 +272,7 @@ class JointController:
         self._driver.close()
 
     def tick(self, now: float, late: int, missed: int = 0) -> None:
-        """Write, read, publish, judge.
+        """Run one tick: write, read, publish, check.
 
         Args:
             now: The time [s].
@@ -307,7 +307,7 @@ class JointController:
         self._republish()
 
     def fail(self, error: Exception) -> None:
-        """The joints cannot be reached: FAULT, and everything under way ends with ``error``."""
+        """Enter FAULT and end all motions with ``error``, because the joints cannot be reached."""
         if self.mode is Mode.GUIDING:
             with suppress(Exception):  # what can still be reached holds where it is
                 self._driver.guide(None)
@@ -328,7 +328,7 @@ class JointController:
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
-        """What the driver raises here is a fault, and the caller's to hear of as well."""
+        """Turn what the driver raises in this block into a fault, and raise it again."""
         try:
             yield
         except Exception as error:
@@ -344,13 +344,13 @@ class JointController:
         self._fault = None
 
     def _yield_to_push(self, reading: JointReading) -> None:
-        """What was pushed until its servo gave up stays there; the jaw's grip is left alone."""
+        """Let joints stay that were pushed until their servo gave up; the jaw's grip stays."""
         missing = reading.unanswered | reading.unconfirmed
         if missing.isdisjoint(ARM_JOINTS) and self._arm.yield_to_push(reading.alarms, reading.q):
             self._driver.write(self._arm.command, float(self._jaw.command[0]))
 
     def _looked(self) -> JointReading:
-        """Where the joints are; asked again until each has answered and another answer agrees."""
+        """Read the joints until two readings of each agree."""
         reading = self._driver.read()
         missing = reading.unanswered | reading.unconfirmed
         for _ in range(_LOOKS - 1):
@@ -426,7 +426,7 @@ class JointController:
         }
 
     def _republish(self) -> None:
-        """Bring the snapshot's words up to date with what was just decided."""
+        """Publish the snapshot again with the mode and motions that were just decided."""
         state, words = self.state, self._words()
         if state is not None and any(getattr(state, name) != now for name, now in words.items()):
             self.state = replace(state, **words)

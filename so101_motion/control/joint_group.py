@@ -1,4 +1,4 @@
-"""Name the joints that move together, and the tolerances of their motions."""
+"""The two groups of joints, arm and jaw, and the tolerances of their motions."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 
 
 class Channel(Enum):
-    """What moves together."""
+    """A group of joints that move together."""
 
     ARM = "arm"
     JAW = "jaw"
@@ -22,7 +22,7 @@ class Channel(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tolerances:
-    """When a motion has arrived, and when it is lost.
+    """When a motion counts as arrived, and when as lost.
 
     The defaults suit the simulated arm; a real servo resolves 0.0015 rad and sags under load, so
     its driver comes with wider ones. All values chosen.

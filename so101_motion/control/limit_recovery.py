@@ -27,7 +27,7 @@ RECOVERY_TIME = 5.0
 
 
 class LimitRecovery:
-    """The joints of a channel that are outside their limits. Used by the I/O thread only.
+    """Brings in the joints of a channel that are outside their limits; I/O thread only.
 
     Args:
         joints: The channel's joints.
@@ -62,11 +62,11 @@ class LimitRecovery:
         self._any = bool(self.mask.any())
 
     def inside(self, q: Array) -> Array:
-        """``q``, shape (n,), [rad], but for the joints outside where they will be taken."""
+        """``q``, shape (n,), [rad], with the joints outside moved to where they will be brought."""
         return np.where(self.mask, self._inside, q)
 
     def left_alone(self, q: Array) -> Array:
-        """``q``, shape (n,), [rad], but for the joints outside where they are."""
+        """``q``, shape (n,), [rad], with the joints outside where they are now."""
         return np.where(self.mask, self._q, q)
 
     def farthest(self) -> tuple[str, float]:

@@ -32,7 +32,7 @@ class MotionSource(Protocol):
         """The first setpoint."""
 
     def sample(self, k: int) -> Setpoint:
-        """Where the joints shall be in tick ``k``, counted from the first setpoint.
+        """The setpoint of tick ``k``, counted from the first setpoint.
 
         Raises:
             MotionError: There is no further setpoint; the joints are to be stopped.
@@ -43,7 +43,7 @@ class MotionSource(Protocol):
         """Whether the last sample was the last setpoint, at rest."""
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """How to come to rest from the last setpoint, ``now``, within ``limits``."""
+        """The motion that comes to rest from the last setpoint, ``now``, within ``limits``."""
 
 
 S = TypeVar("S", bound=MotionSource)
@@ -69,7 +69,7 @@ class PlannedMotion:
         return self._trajectory.sample(0.0)
 
     def sample(self, k: int) -> Setpoint:
-        """Where the joints shall be in tick ``k``."""
+        """The setpoint of tick ``k``."""
         self._k = k
         return self._trajectory.sample(k * self._trajectory.dt)
 
@@ -79,7 +79,7 @@ class PlannedMotion:
         return self._k >= len(self._trajectory) - 1
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """To rest, along the path if the joints can keep to it."""
+        """Brake along the trajectory's path if possible, else each joint by itself."""
         dt = self._trajectory.dt
         if now.qd.any():
             return online.stop_on_path(self._trajectory, self._k * dt, limits, dt)

@@ -17,7 +17,7 @@ from so101_motion.control.joint_group import Channel
 
 
 def running_future() -> Future[Any]:
-    """A future that nobody can cancel: what it stands for ends by being stopped."""
+    """A future that cannot be cancelled, because its motion must be stopped instead."""
     future: Future[Any] = Future()
     future.set_running_or_notify_cancel()
     return future
@@ -25,7 +25,7 @@ def running_future() -> Future[Any]:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Something to be done between two ticks.
+    """A job for the I/O thread, run between two ticks.
 
     Attributes:
         future: What comes of it.
@@ -42,7 +42,7 @@ class Request:
 
 
 class RequestQueue:
-    """Requests from any thread to one; every method returns at once.
+    """The requests of all threads to the I/O thread; every method returns at once.
 
     Args:
         wake: Set when there is something new.
@@ -127,26 +127,26 @@ class RequestQueue:
     # For the thread that serves
 
     def take(self) -> list[Request]:
-        """What has come since the last time, stops first."""
+        """Take the new requests, stops first."""
         with self._lock:
             taken = [*self._stops, *self._requests]
             self._stops, self._requests = [], []
         return taken
 
     def is_over(self, *, moving: bool) -> bool:
-        """Whether it is time to leave; later stops then find everything at rest."""
+        """Whether the thread may end; stops that come later complete at once."""
         with self._lock:
             self._over = self._closing and not moving and not self._stops
             return self._over
 
     def leave(self) -> None:
-        """Nobody serves from now on."""
+        """Note that the thread has ended; later requests fail at once."""
         with self._lock:
             self._closing = self._over = True
 
 
 class Outcomes:
-    """What futures complete with: noted during a tick, told at its end. For the I/O thread only.
+    """Results of futures: noted during a tick, set at its end; I/O thread only.
 
     Futures complete after the snapshot that shows their effect, for their callbacks look at it.
     """

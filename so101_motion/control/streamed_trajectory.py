@@ -51,7 +51,7 @@ _SLACK = 1.01  # what rounding of the sender's times and angles may add to a fig
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TimedPoint:
-    """Where the arm shall be at one instant.
+    """A point of a stream: joint angles at one instant.
 
     Attributes:
         t: Time since the beginning of the stream [s].
@@ -68,7 +68,7 @@ class TimedPoint:
 
 
 class Stream:
-    """Takes points and hands out setpoints; a ``MotionSource`` made by ``Arm.start_stream``.
+    """Turns streamed points into setpoints; a ``MotionSource`` made by ``Arm.start_stream``.
 
     Args:
         q_start: The arm's reference when the stream opens, shape (5,), [rad].
@@ -146,7 +146,7 @@ class Stream:
 
     @property
     def is_primed(self) -> bool:
-        """Whether there are points enough to begin."""
+        """Whether there are enough points to begin."""
         return self._kernel is not None
 
     @property
@@ -161,12 +161,12 @@ class Stream:
 
     @property
     def ahead(self) -> float:
-        """How far the newest point is ahead of what is being played [s]."""
+        """How far the newest point is ahead of the point being played [s]."""
         t = self._knots[0]
         return float(t[-1]) - self._t_played if len(t) else 0.0
 
     def sample(self, k: int) -> Setpoint:
-        """Where the arm shall be in tick ``k``; at the start until there are points enough.
+        """The setpoint of tick ``k``; the start until there are enough points.
 
         Raises:
             MotionError: The points have run out.
@@ -178,7 +178,7 @@ class Stream:
         return self._now
 
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
-        """To rest, every joint for itself: what comes next is not known."""
+        """Brake each joint by itself, because the coming points are not known."""
         if self._tail is not None:
             return self._tail[1].brake(now, limits)
         return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
@@ -199,7 +199,7 @@ class Stream:
         return motion.sample(k - since)
 
     def at(self, t: float) -> Setpoint:
-        """Where the points lead the arm at ``t`` [s]; at time 0 it is at the start, at rest."""
+        """The smoothed joint angles at ``t`` [s]; the start, at rest, at time 0."""
         self._t_played = t
         if self._kernel is None:
             return self.start

@@ -1,4 +1,4 @@
-"""Files that change in one step, and one writer at a time.
+"""Write files in one step, with one writer at a time.
 
 A reader sees what was there before or what is there now, never half of it, whenever the computer
 or the process stops. Writers that first read (to keep what others wrote) take the folder's lock;
@@ -34,7 +34,7 @@ writing takes milliseconds."""
 
 
 def write(path: Path, data: bytes) -> None:
-    """Let ``path`` hold ``data``, in one step and for good.
+    """Write ``data`` to ``path`` in one step, and flush it to the disk.
 
     What a link points to is written, with the permissions it has. What is no file, such as
     ``/dev/stdout``, is written to as it is.
@@ -47,7 +47,7 @@ def write(path: Path, data: bytes) -> None:
     if mode is not None and not stat.S_ISREG(mode):
         path.write_bytes(data)
         return
-    tidy(path.parent)
+    remove_old_leftovers(path.parent)
     beside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
     try:
         with beside.open("wb") as file:
@@ -63,7 +63,7 @@ def write(path: Path, data: bytes) -> None:
 
 
 def flush(folder: Path) -> None:
-    """Let new and removed names in ``folder`` survive a power cut as well."""
+    """Flush new and removed file names in ``folder`` to the disk."""
     if sys.platform == "win32":
         return  # folders cannot be opened there; the file system sees to it by itself
     opened = os.open(folder, os.O_RDONLY)
@@ -73,8 +73,8 @@ def flush(folder: Path) -> None:
         os.close(opened)
 
 
-def tidy(folder: Path) -> None:
-    """Remove what writers left behind in ``folder`` when they were killed a while ago."""
+def remove_old_leftovers(folder: Path) -> None:
+    """Remove old temporary files that killed writers left in ``folder``."""
     now = time.time()  # as the file system has it
     for left in folder.glob(".*.tmp"):
         with contextlib.suppress(OSError):  # somebody else's, or gone already
@@ -85,8 +85,8 @@ def tidy(folder: Path) -> None:
 _OURS = re.compile(r"\.\d+-\d+\.tmp$")
 
 
-def sweep(folder: Path, *names: str) -> None:
-    """Remove what writers of these files left behind when they were killed; with the lock held."""
+def remove_leftovers(folder: Path, *names: str) -> None:
+    """Remove temporary files of ``names`` that killed writers left; the lock must be held."""
     for name in names:
         for left in folder.glob(f".{glob.escape(name)}.*.tmp"):
             left.unlink(missing_ok=True)

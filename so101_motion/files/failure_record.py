@@ -1,4 +1,4 @@
-"""The last second before a failure, kept as a file that somebody can look at or send on.
+"""Save the joint states of the last second before a failure to a file.
 
 A motion that fails tells in one sentence why; how it came about is in the states of the second
 before, one for each cycle. They go into a folder of the user's own files, the newest ``KEPT``:
@@ -35,7 +35,7 @@ _numbers = itertools.count(1)
 
 
 def folder() -> Path:
-    """Where the records are.
+    """The folder of the records.
 
     Raises:
         ConfigError: This user has no home.
@@ -44,7 +44,7 @@ def folder() -> Path:
 
 
 def newest() -> tuple[Path, ...]:
-    """The records there are, the newest first."""
+    """List the records, the newest first."""
     try:
         found = folder().glob("*.json")
     except ConfigError:
@@ -53,7 +53,7 @@ def newest() -> tuple[Path, ...]:
 
 
 class FailureRecorder:
-    """Writes down what came before failures. Used by the I/O thread, but for ``latest``.
+    """Saves the states before each failure. Used by the I/O thread, except ``latest``.
 
     Args:
         source: Whose failures, such as the name of the port.
@@ -68,7 +68,7 @@ class FailureRecorder:
         self._writing: threading.Thread | None = None
 
     def record(self, error: Exception, states: tuple[JointState, ...]) -> None:
-        """Have ``states`` written by another thread, and say in ``error`` where they are."""
+        """Write ``states`` on another thread, and add the file's path to ``error``."""
         if not states:
             return
         now = datetime.now(UTC)

@@ -1,4 +1,4 @@
-"""Reading small JSON files that anybody may have written.
+"""Read small JSON files strictly: no repeated names, no huge or deeply nested content.
 
 What the standard parser lets through is not let through here: a name given twice (the first would
 be lost without a word), files of any size or depth, things that only look like files. Numbers that
@@ -38,7 +38,7 @@ class Object(dict[str, object]):
 
 
 def read(path: Path) -> object:
-    """What the JSON file at ``path`` holds.
+    """Read and parse the JSON file at ``path``.
 
     Raises:
         CalibrationError: It cannot be read, or is no JSON.
@@ -47,7 +47,7 @@ def read(path: Path) -> object:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The bytes of a small file.
+    """Read the bytes of a small file.
 
     Raises:
         CalibrationError: It cannot be read, or is no small file.
@@ -72,7 +72,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def parse(data: bytes, name: str) -> object:
-    """What JSON in ``data`` says.
+    """Parse JSON.
 
     Raises:
         CalibrationError: It is no JSON; the message calls it ``name``.
@@ -91,5 +91,5 @@ def parse(data: bytes, name: str) -> object:
 
 
 def shown(value: object) -> str:
-    """``value`` as it is shown in a message: one line, not long, printable everywhere."""
+    """``value`` as text for a message: one short, printable line."""
     return quoted(value)

@@ -1,4 +1,4 @@
-"""All poses with a name: those that come with the arm, and the user's own in a file.
+"""Named poses: the built-in ones, and the user's own in a file.
 
 The user's own lie in ``poses.json`` in the user's data directory::
 
@@ -25,8 +25,8 @@ MOST = 200
 """How many poses somebody may have. Chosen; a list of more is of no use to anybody."""
 
 
-class PoseBook:
-    """The poses that can be gone to by name.
+class SavedPoses:
+    """The named poses.
 
     Args:
         path: The file of the user's own; the one in the user's data directory if not given.
@@ -50,7 +50,7 @@ class PoseBook:
         return tuple(_pose(number, each) for number, each in enumerate(given, 1))
 
     def find(self, name: str) -> NamedPose:
-        """The pose called ``name``, be it the arm's or the user's own.
+        """The pose called ``name``, built in or the user's own.
 
         Raises:
             ConfigError: There is none; the message names the nearest.
@@ -61,7 +61,7 @@ class PoseBook:
         return known[name]
 
     def save(self, name: str, q: Array) -> NamedPose:
-        """Keep joint angles ``q``, shape (5,), [rad], as ``name``; a pose of that name is replaced.
+        """Save joint angles ``q``, shape (5,), [rad], as ``name``; replaces a pose of that name.
 
         Raises:
             ConfigError: The name cannot be used, or the file cannot be written.
@@ -77,7 +77,7 @@ class PoseBook:
         return pose
 
     def rename(self, name: str, new: str) -> None:
-        """Call the user's own pose ``name`` by another name.
+        """Rename the user's own pose ``name``.
 
         Raises:
             ConfigError: There is no such pose, or the new name is taken or cannot be used.
@@ -93,7 +93,7 @@ class PoseBook:
         self._change(change)
 
     def delete(self, name: str) -> None:
-        """Forget the user's own pose ``name``.
+        """Delete the user's own pose ``name``.
 
         Raises:
             ConfigError: There is no such pose, or the file cannot be written.

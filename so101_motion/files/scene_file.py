@@ -1,4 +1,4 @@
-"""A scene as people write it: a JSON file, or the ``obstacles`` of a component's configuration.
+"""Read and write scenes as JSON: in a file, or in the ``obstacles`` attribute of a component.
 
 Millimetres and degrees, with the unit in every name, in the arm's base frame::
 
@@ -76,7 +76,7 @@ _THING = (
 
 
 def read_scene(path: Path) -> Scene:
-    """The scene in a file.
+    """Read the scene in a file.
 
     Raises:
         ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
@@ -95,7 +95,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def write_scene(scene: Scene, path: Path) -> None:
-    """Save a scene; meshes are written out as vertices and triangles.
+    """Write a scene to a file; meshes become vertices and triangles.
 
     Raises:
         ConfigError: The file cannot be written.
@@ -107,7 +107,7 @@ def write_scene(scene: Scene, path: Path) -> None:
 
 
 def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
-    """The scene in what a file holds.
+    """Make a scene from the parsed JSON of a file.
 
     Args:
         content: As ``json`` reads it.
@@ -150,7 +150,7 @@ def _margin(given: Attributes) -> float:
 
 
 def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obstacle, ...]:
-    """A list of obstacles.
+    """Make obstacles from a parsed JSON list.
 
     Args:
         value: The entries as ``json`` reads them.
@@ -163,7 +163,7 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
 
 
 def scene_to(scene: Scene) -> dict[str, object]:
-    """A scene as a file holds it; ``scene_from`` reads it back."""
+    """Turn a scene into JSON values; ``scene_from`` reads them back."""
     content: dict[str, object] = {
         "floor_z_mm": None if scene.floor_z is None else _rounded(to_mm(scene.floor_z)),
         "margin_mm": _rounded(to_mm(scene.margin)),
@@ -195,7 +195,7 @@ Entry = Mapping[str, Any]
 
 
 def _entries(key: str, value: object) -> Iterator[Entry]:
-    """The entries of a list, one by one; what is wrong with one is said with its place."""
+    """The entries of a list, one by one; an error names the entry's place."""
     if not isinstance(value, (list, tuple)):
         raise ConfigError(key, value, "must be a list of objects")
     for i, entry in enumerate(value):
@@ -208,7 +208,7 @@ def _entries(key: str, value: object) -> Iterator[Entry]:
 
 @contextmanager
 def _about(entry: Entry) -> Iterator[None]:
-    """Say in errors which thing they are about."""
+    """Add the entry's name to errors."""
     try:
         yield
     except ConfigError as error:
@@ -374,5 +374,5 @@ def _form(shape: Shape) -> dict[str, object]:
 
 
 def _rounded(length_mm: float) -> float:
-    """As one would write it; a nanometre is enough."""
+    """Round to a nanometre."""
     return round(float(length_mm), 6)

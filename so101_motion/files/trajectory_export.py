@@ -1,4 +1,4 @@
-"""A trajectory as a file: CSV and JSON for programs, MCAP for Foxglove, Rerun and PlotJuggler.
+"""Export trajectories: CSV and JSON for programs, MCAP for Foxglove, Rerun and PlotJuggler.
 
 CSV and JSON are in degrees, as people read them, with the unit in every name, or under LeRobot's
 names and in its units (``LeRobot``). MCAP holds ROS 2 messages and thus radians:
@@ -66,7 +66,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LeRobot:
-    """How LeRobot counts: degrees from the middle of a joint's travel, per cent for the jaw.
+    """LeRobot's units: degrees from the middle of a joint's travel, per cent for the jaw.
 
     The columns have LeRobot's names, ``shoulder_pan.pos`` and so on. Of a run they are an
     ``action`` and an ``observation.state``, as in its data sets.
@@ -83,12 +83,12 @@ class LeRobot:
         object.__setattr__(self, "middles", frozen_array(self.middles, (5,)))
 
     def rows(self, q: Array) -> Array:
-        """Joint angles (m, 5) [rad] as LeRobot has them, with the jaw, shape (m, 6)."""
+        """Joint angles (m, 5) [rad] in LeRobot's units, with the jaw, shape (m, 6)."""
         return np.column_stack([to_deg(q - self.middles), np.full(len(q), 100.0 * self.aperture)])
 
 
 def export(motion: Trajectory | Run, path: Path, *, lerobot: LeRobot | None = None) -> None:
-    """Write a motion of the five arm joints to a file whose name says the format.
+    """Write a motion of the five arm joints to a file; the name's ending chooses the format.
 
     Args:
         motion: As planned, or as it was carried out.
@@ -107,7 +107,7 @@ def export(motion: Trajectory | Run, path: Path, *, lerobot: LeRobot | None = No
 
 
 def encoded(motion: Trajectory | Run, name: str, *, lerobot: LeRobot | None = None) -> bytes:
-    """What ``export`` would write to a file called ``name``; else like it."""
+    """The bytes that ``export`` would write to a file called ``name``; else like it."""
     check_name(name, lerobot=lerobot is not None)
     suffix, rows = Path(name).suffix.lower(), _rows(motion)
     return _FORMATS[suffix](rows, name) if lerobot is None else _LEROBOT[suffix](rows, lerobot)
@@ -135,7 +135,7 @@ def check_name(name: str, *, lerobot: bool = False) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Rows:
-    """What is written, a row for each of the m times.
+    """The table that is written, a row for each of the m times.
 
     Attributes:
         t: [s].

@@ -1,4 +1,4 @@
-"""Where this user's programs keep their data."""
+"""Find the folder in which programs keep their data for this user."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def user_data() -> Path:
-    """The folder for what programs keep for this user.
+    """The data folder of this user.
 
     Raises:
         OSError: This user has no home.

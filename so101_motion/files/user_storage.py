@@ -1,4 +1,4 @@
-"""Small JSON files of the user's own: named poses, programs.
+"""Read and write the user's own small JSON files: poses, programs, guided paths.
 
 They lie in the data directory of the user the program runs as, begin with a ``"schema"`` that says
 what they are and in which version, and are there whole or not at all, whenever the computer stops.
@@ -33,7 +33,7 @@ _WIDEST_DEG = 360.0
 
 
 def folder() -> Path:
-    """Where the user's files are.
+    """The folder of the user's files.
 
     Raises:
         ConfigError: This user has no home.
@@ -44,16 +44,16 @@ def folder() -> Path:
         raise ConfigError("home", None, f"there is no place for files: {error}") from error
 
 
-def tidy() -> None:
-    """Remove what writers of the user's files left behind when they were killed."""
-    with suppress(ConfigError):  # no home, nothing to tidy
+def remove_old_leftovers() -> None:
+    """Remove temporary files that killed writers of the user's files left."""
+    with suppress(ConfigError):  # no home, nothing to remove
         home = folder()
         for each in (home, *(inner for inner in home.glob("*") if inner.is_dir())):
-            atomic.tidy(each)
+            atomic.remove_old_leftovers(each)
 
 
 def checked_name(name: object, *, what: str) -> str:
-    """A name as it is kept: without blanks around it.
+    """Check a name and strip the blanks around it.
 
     Args:
         name: What somebody typed, or what a file says.
@@ -76,7 +76,7 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)\s*(\..*)?", re.IGNORECASE
 
 
 def refuse_reserved(name: str, *, what: str) -> None:
-    """Refuse what Windows takes for a device or cuts short, so that files can be taken there.
+    """Refuse names that Windows reserves or cuts short, so that files can be copied there.
 
     Raises:
         ConfigError: No file can be called that.
@@ -86,7 +86,7 @@ def refuse_reserved(name: str, *, what: str) -> None:
 
 
 def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, object]:
-    """What the file at ``path`` holds.
+    """Read the JSON object in the file at ``path``.
 
     Args:
         path: The file.
@@ -120,7 +120,7 @@ def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, obj
 def write(
     path: Path, content: Mapping[str, object], *, schema: str, indent: int | None = 1
 ) -> None:
-    """Let the file at ``path`` hold ``content``; its folder is made if need be.
+    """Write ``content`` to the file at ``path``; makes its folder if need be.
 
     Raises:
         ConfigError: It cannot be written; it is as it was.
@@ -136,7 +136,7 @@ def write(
 
 @contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep others who change files beside ``path`` out, for reading it and writing it anew.
+    """Lock the folder of ``path``, so that the file can be read, changed and written back.
 
     Raises:
         ConfigError: The folder cannot be used.
@@ -152,12 +152,12 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def joints_to_deg(q: Array) -> list[float]:
-    """Joint angles as they are written; a ten-thousandth of a degree is far below a servo's."""
+    """Joint angles in degrees, rounded to a ten-thousandth, as files hold them."""
     return [round(float(angle), 4) + 0.0 for angle in to_deg(q)]
 
 
 def joints_from_deg(given: object, *, key: str) -> Array:
-    """Joint angles as a file says them, shape (5,), [rad].
+    """Joint angles from a file, shape (5,), [rad].
 
     Raises:
         ConfigError: Not five angles.

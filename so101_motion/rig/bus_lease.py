@@ -1,4 +1,4 @@
-"""Lend the bus, to calibrate the servos or to set them up, while nothing else moves them.
+"""Lend the bus to a calibration or a motor setup, while nothing else may move the servos.
 
 ``BusLease`` fits ``calib.access.BusAccess``. ``HardwareRig.lend_bus`` makes them, one at a time for
 a port. From then on motions, torque and questions about servos are refused with a sentence that
@@ -28,7 +28,7 @@ _log = logging.getLogger(__name__)
 
 
 class BusLease:
-    """The bus of a port, ours until we give it back; from any thread but the port's own.
+    """A loan of a port's bus until ``give_back``. Any thread but the port's may use it.
 
     Use it in a ``with`` block or call ``give_back``.
 
@@ -135,7 +135,7 @@ class BusLease:
         self._end(hold)
 
     def abandon(self) -> None:
-        """Give back after the borrower is gone; hold if any joint is held, so that no arm falls."""
+        """Give the bus back for a borrower that ended; joints that are held stay held."""
         try:
             self._end(None)
         except So101Error as error:

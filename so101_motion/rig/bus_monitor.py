@@ -29,7 +29,7 @@ _END = reg.PRESENT_POSITION.address + reg.PRESENT_POSITION.size
 
 
 class BusMonitor:
-    """A port with servos that are not to be touched. Used by the I/O thread, but for what it shows.
+    """Reads the servos of a port without driving them. Other threads may read its attributes.
 
     Args:
         opener: Opens the port, wherever its adapter is by now; at other rates for a while.
@@ -80,7 +80,7 @@ class BusMonitor:
             self._connection = self._connect()
 
     def look(self) -> None:
-        """Bring ``positions`` up to date, if it is time and the port is there."""
+        """Update ``positions`` if a reading is due and the port is open."""
         now = self._clock.now()
         if now < self._due or self._baud != self._opener.baud:
             return
@@ -91,7 +91,7 @@ class BusMonitor:
             self.positions = {}
 
     def let_go(self) -> None:
-        """Switch the torque of all off that answer.
+        """Switch the torque of all servos that answer off.
 
         Raises:
             BusError: One did not obey.
@@ -99,7 +99,7 @@ class BusMonitor:
         self.on_bus(self._let_go)
 
     def close(self) -> None:
-        """Let go of the port; the servos stay as they are."""
+        """Close the port; the servos stay as they are."""
         self._connection.close()
 
     def _connect(self) -> Connection:

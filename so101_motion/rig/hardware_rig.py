@@ -56,7 +56,7 @@ def open_simulated(
     q_jaw_start: float = JAW_CLOSED,
     clock: Clock | None = None,
 ) -> Rig:
-    """A simulated arm and gripper, ready to move; the planning process is warming up.
+    """Open a simulated arm and gripper, ready to move; starts the planning process.
 
     Args:
         speed: Joint speed cap [rad/s].
@@ -77,7 +77,7 @@ def open_simulated(
 
 
 def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED) -> Rig:
-    """A simulated gripper; the arm it is on stands still, and no planning process is started.
+    """Open a simulated gripper on an arm that stands still; starts no planning process.
 
     Args:
         q_jaw_start: Where the jaw stands [rad].
@@ -123,7 +123,7 @@ class HardwareRig(Rig):
         return self._shared.not_ready(self._asked.required())
 
     def require_ready(self) -> None:
-        """See that the servos have been found.
+        """Raise unless the servos have been found.
 
         Raises:
             NotReady: They have not; who does not answer, and since when.
@@ -176,7 +176,7 @@ class HardwareRig(Rig):
         return self._shared.is_on(port)
 
     def reload(self) -> None:
-        """Take up the calibration anew, from the file or the servos; the arm stays where it is.
+        """Load the calibration again, from the file or the servos; the arm stays where it is.
 
         Raises:
             MotionError: Something moves.
@@ -230,7 +230,7 @@ class HardwareRig(Rig):
 def open_hardware(
     settings: ServoSettings, *, clock: Clock | None = None, reply_timeout: float | None = None
 ) -> HardwareRig:
-    """The arm and gripper on a serial port; nothing moves by being opened.
+    """Open the arm and gripper on a serial port; opening moves nothing.
 
     Several may be opened on one port: they share it, and what they ask for must agree. As long as
     none asks for a servo, nobody need be there and nothing is driven: that is for ``lend_bus``.
@@ -289,7 +289,7 @@ def _on_port(port: str) -> SharedPort | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortUse:
-    """What the components of this process do with a port.
+    """How the components of this process use a port.
 
     Attributes:
         settings: What they ask of it.
@@ -303,7 +303,7 @@ class PortUse:
 
 
 def use_of(port: str) -> PortUse | None:
-    """What this process does with a port, by any of its names; None if nothing.
+    """How this process uses a port, by any of its names; None if it does not.
 
     Asks nobody on the bus and waits for nobody.
     """
@@ -322,7 +322,7 @@ _hardware: list[SharedPort] = []
 
 
 def release_arms_at_end() -> None:
-    """Bring every arm that is to be let go of at the end to rest, and let go of it.
+    """Stop and release every arm that is configured to be released at the end.
 
     Called when the process ends in order, before the rigs are closed. An arm that cannot be reached
     stays as it is; the log says so.
@@ -333,7 +333,7 @@ def release_arms_at_end() -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """A program that ends without closing leaves arms at rest, not ones in mid-motion."""
+    """Close all rigs when the program ends, so that no arm is left in mid-motion."""
     release_arms_at_end()
     for live in tuple(_hardware):
         live.close()

@@ -1,4 +1,4 @@
-"""Find the servos on a bus, and what their ticks mean.
+"""Find the servos on a bus and the calibration of each.
 
 For each servo the calibration file counts first, then what the servo itself has stored, then the
 defaults. It is asked again at each start without a file. Where zero is: see ``zero``; only a file
@@ -31,7 +31,7 @@ _TRY_PERIOD = 0.25  # [s] between two tries to find the servos
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSetup:
-    """One joint's calibration, where it came from, and what that makes of ticks.
+    """One joint's calibration, its source, and the joint map made from it.
 
     Attributes:
         calibration: The record.
@@ -48,7 +48,7 @@ class JointSetup:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSetups:
-    """What was found.
+    """The joints whose servos were found.
 
     Attributes:
         setups: By joint, for every joint that has a servo.
@@ -113,7 +113,7 @@ def find_joints(
 def joint_map(
     joint: str, found: JointCalibration, *, is_filed: bool, jaw_closed: float, zero: Zero
 ) -> JointMap:
-    """Ticks to radians for one joint.
+    """Make the map from ticks to radians of one joint.
 
     The jaw's zero is such that the closed end of its travel is the model's closed jaw.
 
@@ -152,7 +152,7 @@ def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: 
 
 
 def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
-    """End a calibration that a crash interrupted, before anybody goes by what it left."""
+    """End a calibration that a crash interrupted, before its data is used."""
     try:
         said = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
@@ -161,7 +161,7 @@ def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
 
 
 def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tuple[str, ...]]:
-    """What the file says; a bad file is a note, for the servos know as well."""
+    """Read the file; a bad file gives a note, because the servos hold a calibration as well."""
     if path is None:
         return None, ()
     try:
@@ -176,7 +176,7 @@ def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tupl
 
 
 def _elsewhere(path: Path) -> str:
-    """Where else there is a file of that name, in words: the published module lost track of its."""
+    """Say where else a file of that name is; the published module moved its files."""
     if path.exists():
         return ""
     others = [str(f.path) for f in file_search.find() if f.path.name == path.name and f.stored]

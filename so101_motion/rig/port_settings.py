@@ -1,4 +1,4 @@
-"""Settings that components ask of a serial port, and whether they go together."""
+"""The settings that components ask of a serial port, and how they are combined."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from so101_motion.drivers.bus.defaults import BAUDRATE, GRIPPER_ID, SERVO_IDS, T
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:
-    """What components ask of a port.
+    """The settings that one or more components ask of a port.
 
     Attributes:
         port: The serial port as given.
@@ -68,7 +68,7 @@ class ServoSettings:
         return replace(self, gripper_id=gripper_id)
 
     def joined_with(self, other: ServoSettings) -> ServoSettings:
-        """What both ask for together.
+        """Combine the settings of two components.
 
         Raises:
             ConfigError: They contradict each other; the message names every such setting.

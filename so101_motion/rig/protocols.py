@@ -17,7 +17,7 @@ from so101_motion.common.clock import Clock
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmConnection:
-    """Whether an arm can be reached.
+    """The state of the connection to an arm.
 
     Attributes:
         to: What it is to, in words that fit behind "the": ``"arm on /dev/ttyACM0"``.
@@ -35,7 +35,7 @@ class ArmConnection:
         return self.problem is None
 
     def words(self, now: float) -> str:
-        """How it is, for people.
+        """Its state in words.
 
         Args:
             now: The time on the rig's clock [s].

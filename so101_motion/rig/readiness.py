@@ -14,7 +14,7 @@ answers takes 0.02 s."""
 
 
 class Readiness:
-    """Of the servos of one port.
+    """Whether the servos of one port have been found.
 
     Args:
         clock: What time it is.
@@ -51,7 +51,7 @@ class Readiness:
         return f"{self._why} (tried for {tried:.0f} s, and tried again every second)"
 
     def reset(self) -> None:
-        """Other servos are asked for from now on."""
+        """Start again, because other servos are asked for."""
         self.is_asked = self.is_found = False
         self._why = None
         self._begun = self._due = self._clock.now()
@@ -62,17 +62,17 @@ class Readiness:
         self._due = self._clock.now() + RETRY_PERIOD
 
     def found(self) -> None:
-        """The servos have been found and set up."""
+        """Note that the servos have been found and set up."""
         self.is_asked = self.is_found = True
         self._why = None
 
     def end_try(self, error: BusError) -> None:
-        """They have not."""
+        """Note that a try failed."""
         if not self.is_found:
             self._why = error
 
     def require_found(self) -> None:
-        """See that they have been found.
+        """Raise unless the servos have been found.
 
         Raises:
             NotReady: They have not.

@@ -1,4 +1,4 @@
-"""An arm and a gripper on one driver, with their I/O thread and their planner.
+"""Put an arm and a gripper together on one driver, with an I/O thread and a planner.
 
 Whose driver that is, ``hardware_rig.py`` decides. All rigs of a process share one planning process,
 which ends with the last of them.
@@ -130,7 +130,7 @@ def acquire_worker() -> PlanningWorker:
 
 
 def release_worker() -> None:
-    """One user less; the last one ends the planning process."""
+    """Give the planning process back; the last user ends it."""
     global _worker, _worker_users
     with _worker_lock:
         _worker_users -= 1

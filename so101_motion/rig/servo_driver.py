@@ -1,4 +1,4 @@
-"""Drive the servos of one port, with their calibration, and say how they are.
+"""Drive the servos of one port with their calibration, and report their health.
 
 ``ServoDriver`` is the ``JointDriver`` of a real arm. ``FeetechArm`` moves the bytes; this module
 decides before:
@@ -101,7 +101,7 @@ class ServoDriver:
         self.on_found: Callable[[], None] | None = None
 
     def probe(self) -> None:
-        """See that the port can be opened; asks no servo.
+        """Check that the port can be opened; asks no servo.
 
         Raises:
             PortUnavailable: It cannot.
@@ -117,11 +117,11 @@ class ServoDriver:
         self._begin(self.settings, self.settings.timeout or 0.0)
 
     def monitor_only(self) -> None:
-        """Instead of ``connect``, when nobody asks for a servo: look at those that answer."""
+        """Only monitor the servos that answer; for use instead of ``connect``."""
         self._monitor = self._finder.monitor(self.settings)
 
     def forget(self) -> None:
-        """Let go of the port; ``find`` looks for whom the settings ask for by then."""
+        """Close the port; ``find`` opens it again and looks for the servos asked for by then."""
         self.close()
         self.no_reading = self._last = _no_reading()
         self.readiness.reset()
@@ -166,7 +166,7 @@ class ServoDriver:
         self._driver().write(q_cmd, q_jaw_cmd, qd_cmd)
 
     def set_torque(self, on: bool) -> None:
-        """Hold the joints at the goal written last, or let go of them."""
+        """Switch torque on at the last written goal, or switch it off."""
         if self._monitor is not None and not on:
             self._monitor.let_go()
         else:
@@ -211,7 +211,7 @@ class ServoDriver:
     # Lending the bus, on the I/O thread
 
     def lend(self) -> None:
-        """Leave the servos as they are; ``lent`` is for the borrower."""
+        """Lend the bus: leave the servos as they are, and monitor them."""
         self.close()
         self._is_lent = True
         self._monitor = self._finder.monitor(self.settings)
@@ -258,12 +258,12 @@ class ServoDriver:
 
     @property
     def health(self) -> tuple[JointHealth, ...]:
-        """How each servo is, base to jaw."""
+        """The health of each servo, base to jaw."""
         return self._arm.health if self._arm is not None else ()
 
     @property
     def has_port(self) -> bool:
-        """Whether the port is there, whatever answers on it."""
+        """Whether the port is open, whichever servos answer."""
         return self.is_connected or self.readiness.has_port
 
     @property
@@ -274,7 +274,7 @@ class ServoDriver:
 
     @property
     def is_ours(self) -> bool:
-        """Whether the servos are ours to drive."""
+        """Whether this program drives the servos, or may."""
         return self._monitor is None
 
     @property
@@ -289,7 +289,7 @@ class ServoDriver:
 
     @property
     def holds(self) -> bool | None:
-        """Whether any servo drives its joint, ours or not; None if nobody answers."""
+        """Whether any servo holds its joint, ours or not; None if none answers."""
         if self._monitor is None:
             return self.is_driving if self.is_connected else None
         return bool(self._monitor.driven) if self._monitor.positions else None

@@ -1,4 +1,4 @@
-"""Find the servos on a port, and make a driver of them."""
+"""Find the servos on a port and make a driver for them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class ServoFinder:
     def find_joints(
         self, settings: ServoSettings, required: Collection[str], timeout: float
     ) -> JointSetups:
-        """Look who is there and what is known of them, before a driver takes the port.
+        """Find the servos and their calibration, before a driver opens the port.
 
         Raises:
             BusError: The port cannot be opened, or went away.
@@ -71,7 +71,7 @@ class ServoFinder:
             bus.close()
 
     def arm(self, found: JointSetups, on_command: CommandListener) -> FeetechArm:
-        """Take the servos of ``found`` in hand; ``on_command`` hears of all that is sent.
+        """Make the driver of the joints ``found``; ``on_command`` is called for each command.
 
         Raises:
             BusError: One of them cannot be reached or set up.
@@ -96,12 +96,12 @@ class ServoFinder:
         return arm
 
     def monitor(self, settings: ServoSettings) -> BusMonitor:
-        """Look at the servos and leave them alone."""
+        """Make a monitor that reads the servos without driving them."""
         ids = settings.ids()
         return BusMonitor(self.open_port, self._clock, ids=ids, reply_timeout=self._reply_timeout)
 
     def look(self, settings: ServoSettings, required: Collection[str]) -> None:
-        """See at a glance that all answer who are required.
+        """Check quickly that all required servos answer.
 
         Raises:
             PortUnavailable: The port cannot be opened, or went away.
@@ -121,7 +121,7 @@ class ServoFinder:
         *,
         tries: int = 1 + RETRIES,
     ) -> None:
-        """See that all answer who are required; ``tries`` as in ``Bus.answering``.
+        """Check that all required servos answer; ``tries`` as in ``Bus.answering``.
 
         Raises:
             NoReply: Who does not.

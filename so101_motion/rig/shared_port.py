@@ -64,7 +64,7 @@ _CALM = (Mode.HOLDING, Mode.LIMP, Mode.FAULT)
 
 
 class SharedPort:
-    """The rig of a port, and how many use it. ``hardware_rig.py`` calls its methods one at a time.
+    """The rig of a port and its users. ``hardware_rig.py`` calls its methods one at a time.
 
     Args:
         settings: What its first user asks of it.
@@ -127,7 +127,7 @@ class SharedPort:
         self.take_ranges()
 
     def leave(self) -> None:
-        """Let go of the joints if that is how they are to be left."""
+        """Release the joints if the settings say so."""
         if not self.servos.settings.releases_at_end:
             return
         try:
@@ -141,7 +141,7 @@ class SharedPort:
         return device in (self._device, os.path.realpath(self.servos.settings.port))
 
     def take_ranges(self) -> None:
-        """Let arm and gripper know how far their joints go by the calibration in force."""
+        """Set the joint ranges of arm and gripper from the calibration in force."""
         self.rig.arm.set_range(self.servos.lower, self.servos.upper)
         jaw = self.servos.setups.get(GRIPPER_JOINT)
         if jaw is not None:
@@ -155,7 +155,7 @@ class SharedPort:
     # Letting another component in
 
     def join(self, settings: ServoSettings) -> ServoSettings:
-        """What all would ask for together.
+        """Combine ``settings`` with those of all other users.
 
         Raises:
             ConfigError: ``settings`` contradict the others.
@@ -172,7 +172,7 @@ class SharedPort:
         return joined
 
     def admit(self, joined: ServoSettings) -> None:
-        """Ask for what ``joined`` says; what it asks for beyond the present is set up.
+        """Use the settings ``joined``; sets up the servos that were not used before.
 
         While the bus is lent that waits until it is given back.
 
@@ -184,7 +184,7 @@ class SharedPort:
         self.servos.settings = joined
 
     def rebuild(self, settings: ServoSettings) -> None:
-        """Set the servos up anew; held joints stay put, and what nobody drove until now is held."""
+        """Set the servos up anew; all joints are held where they are."""
         executor, first = self.rig.executor, not self.servos.in_force.required()
         executor.call_and_rehold(lambda _: self._rebuild(settings)).result()
         if first and settings.required():
@@ -231,7 +231,7 @@ class SharedPort:
         return f"{self._trouble or plain} (it is asked again with every request)"
 
     def set_up_soon(self) -> Future[None]:
-        """Have what is asked for set up by the port's thread, unless it is in force.
+        """Have the port's thread set the servos up, unless they are.
 
         Returns:
             Done when that was tried once, whatever came of it.
@@ -251,7 +251,7 @@ class SharedPort:
         return tried
 
     def _forget(self, control: JointController) -> None:
-        """Forget servos that were only looked at, if there are some to be driven now."""
+        """Stop monitoring if there are servos to be driven now."""
         servos = self.servos
         if control.mode is Mode.LIMP and not servos.is_ours and servos.settings.required():
             servos.forget()
@@ -272,7 +272,7 @@ class SharedPort:
             self.rig.gripper.regrip()
 
     def _on_found(self) -> None:
-        """The servos have answered at last: have them hold where they stand."""
+        """Hold the servos where they stand, now that they have been found."""
         self.take_ranges()
         _log.info("the servos on %s have been found", self.servos.settings.port)
         self._holding = self.rig.executor.hold()

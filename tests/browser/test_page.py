@@ -13,7 +13,7 @@ from viser import _messages
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import Rig
@@ -234,7 +234,7 @@ def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) 
     guest.until(lambda: guest.says("The arm is already there."))
     guest.press("set as target")
     guest.until(lambda: guest.target_mm() == ready_mm)
-    assert [pose.name for pose in PoseBook().own()] == ["<i>mine</i>"]
+    assert [pose.name for pose in SavedPoses().own()] == ["<i>mine</i>"]
     guest.press("delete")
     guest.until(lambda: guest.says("Deleted <i>mine</i>."))
     guest.page.get_by_text("My poses").click()

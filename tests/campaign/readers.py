@@ -24,7 +24,7 @@ from so101_motion.drivers.bus.protocol import Answers
 from so101_motion.drivers.emulator.codec import Listener, frame
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hand import parse_script
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.collision.shape_files import read_shape
@@ -252,7 +252,7 @@ def all_readers(folder=None):
         Reader("scene", of_file(read_scene), (_json(_SCENE),)),
         Reader("program", of_file(program_files.read), (_json(_PROGRAM),)),
         Reader("guided path", of_file(guided_files.read), (_guided_path(folder),)),
-        Reader("poses", of_file(lambda path: PoseBook(path).own()), (_json(_POSES),)),
+        Reader("poses", of_file(lambda path: SavedPoses(path).own()), (_json(_POSES),)),
         Reader("attributes", _read_attributes(_KINDS), tuple(map(_json, _ATTRIBUTES))),
         Reader("world state", _read_world, (_world(_mesh(_PLY), _cloud(_PCD_BINARY)),)),
         Reader("mesh", _read_geometry(_mesh), (_STL, _PLY, _PLY_BINARY)),

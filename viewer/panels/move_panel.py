@@ -7,7 +7,7 @@ from collections.abc import Callable
 import viser
 
 from so101_motion.common.geometry import Array
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 
@@ -54,7 +54,7 @@ class MovePart(Part):
             self.page.show(plan)
         self._stage = Stage(context, model=model, on_drag=self._dragged)
         self._arm_panel = ArmPanel(context.gui, title=title, stops=stops)
-        self._plan_panel = PlanPanel(context, self.page, PoseList(PoseBook(), self.page))
+        self._plan_panel = PlanPanel(context, self.page, PoseList(SavedPoses(), self.page))
         self._pictures = 0
 
     def _dragged(self, p_base: Array) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import NamedPose
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 
 from ..page import texts
 from ..page.screen_state import Sentence
@@ -26,7 +26,7 @@ class PoseList:
         name: What the next one is called.
     """
 
-    def __init__(self, book: PoseBook, page: ViewModel) -> None:
+    def __init__(self, book: SavedPoses, page: ViewModel) -> None:
         self._book, self._page = book, page
         self.poses: tuple[NamedPose, ...] = ()
         self.chosen: str | None = None

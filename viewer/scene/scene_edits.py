@@ -124,18 +124,18 @@ def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
 def free_name(scene: Scene, wanted: str) -> str:
     """``wanted`` with the first number behind it that makes it new."""
     taken = {FLOOR, *LINKS, *(each.name for each in things(scene))}
-    stem = tidy(wanted)[: LONGEST_NAME - 4] or "thing"
+    stem = without_blanks(wanted)[: LONGEST_NAME - 4] or "thing"
     return next(name for k in count(1) if (name := f"{stem} {k}") not in taken)
 
 
-def tidy(name: str) -> str:
+def without_blanks(name: str) -> str:
     """A name without line breaks and spaces that nobody sees."""
     return " ".join(name.split())
 
 
 def renamed(scene: Scene, name: str, new: str) -> Scene:
     """``scene`` with a thing renamed; ``ConfigError`` if the name cannot be used."""
-    new = checked_name(tidy(new), what="obstacle")
+    new = checked_name(without_blanks(new), what="obstacle")
     thing_named(scene, name)
     if new != name and new in (FLOOR, *LINKS, *(each.name for each in things(scene))):
         raise ConfigError("name", new, "is taken; each thing needs its own name")

@@ -115,7 +115,7 @@ class WorldModel:
 
     def rename(self, new: str) -> None:
         """Rename the selected thing; ``ConfigError`` if the name cannot be used."""
-        new = scene_edits.tidy(new)
+        new = scene_edits.without_blanks(new)
         if new != self._name():
             self._change(scene_edits.renamed(self.scene, self._name(), new), "Renamed.")
             self.selected = new

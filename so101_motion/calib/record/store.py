@@ -254,7 +254,7 @@ def _last_other(now: Stored) -> Stored:
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     with record.writing(path), atomic.locked(path.parent):
-        atomic.sweep(path.parent, path.name, zero_path(path).name)
+        atomic.remove_leftovers(path.parent, path.name, zero_path(path).name)
         yield
 
 

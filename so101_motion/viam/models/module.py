@@ -98,7 +98,7 @@ async def run() -> None:
     set_machine(lambda: module.parent)
     for model in MODELS:
         module.add_model_from_registry(model.API, model.MODEL)
-    await asyncio.to_thread(user_storage.tidy)
+    await asyncio.to_thread(user_storage.remove_old_leftovers)
     guard(module.server)
     _end_before_clients(module.server)
     _leave_before_closing(module.server)

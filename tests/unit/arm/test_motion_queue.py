@@ -84,11 +84,11 @@ def test_a_turn_begins_before_it_ends_the_motion_under_way(motions, told) -> Non
         assert not first.future.done()
         return motion.begin(lambda: running, lambda running, by: told.append(by))
 
-    turn = motions.turn(begin)
+    take_over = motions.take_over(begin)
     with pytest.raises(Interrupted, match="a newer motion"):
         first.result(5.0)
     running.set_result(None)
-    turn.result(5.0)
+    take_over.result(5.0)
     assert told == ["rest"]
 
 
@@ -99,7 +99,7 @@ def test_a_turn_that_cannot_begin_leaves_the_motion_under_way_alone(motions) -> 
         raise MotionError("not now")
 
     with pytest.raises(MotionError, match="not now"):
-        motions.turn(refuses)
+        motions.take_over(refuses)
     assert motions.current is first
     assert not first.future.done()
 
@@ -157,7 +157,7 @@ def test_a_stop_waits_for_nobody_who_is_beginning_something(motions, told) -> No
         go_on.wait(5.0)
         return Future()
 
-    turning = threading.Thread(target=lambda: motions.turn(begin))
+    turning = threading.Thread(target=lambda: motions.take_over(begin))
     turning.start()
     assert beginning.wait(5.0)
     stopping = threading.Thread(target=lambda: motions.interrupt("stop"))
@@ -180,7 +180,7 @@ def test_a_motion_ended_before_it_began_does_not_touch_the_arm(motions, told, ho
     else:
         running: Future[None] = Future()
         running.set_result(None)
-        motions.turn(lambda motion: running)
+        motions.take_over(lambda motion: running)
     gate.set()
     with pytest.raises(Interrupted, match="stop" if how == "interrupted" else "a newer motion"):
         second.result(5.0)

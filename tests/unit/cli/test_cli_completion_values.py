@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from so101_motion.cli import main
 from so101_motion.drivers.port import port_list
 from so101_motion.drivers.port.port_list import FoundPort
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
 
@@ -38,7 +38,7 @@ def offered(*words: str) -> list[str]:
 
 def test_poses_are_offered_those_of_ones_own_too() -> None:
     assert offered("plan", "--pose", "") == ["plain,home", "plain,ready", "plain,rest"]
-    PoseBook().save("over the mug", np.zeros(5))
+    SavedPoses().save("over the mug", np.zeros(5))
     assert offered("move", "--sim", "--pose", "o") == ["plain,over the mug"]
 
 

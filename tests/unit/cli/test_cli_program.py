@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 from so101_motion.cli import main
 from so101_motion.cli.program import _wait
 from so101_motion.common.errors import NoReply
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
 A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
@@ -65,7 +65,7 @@ def test_what_is_no_program_is_refused_with_the_nearest() -> None:
 
 
 def test_a_pose_of_ones_own_can_be_gone_to() -> None:
-    PoseBook().save("over the mug", A)
+    SavedPoses().save("over the mug", A)
     result = so101("plan", "--sim", "--pose", "over the mug", "--json")
     assert result.exit_code == 0, result.output
     np.testing.assert_allclose(json.loads(result.stdout)["q_goal_deg"], np.degrees(A), atol=1e-3)

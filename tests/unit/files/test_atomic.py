@@ -43,7 +43,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
 def test_sweeping_removes_only_what_writers_of_that_file_left(tmp_path):
     for name in (".a[1].json.7-8.tmp", ".b.json.7-8.tmp", "a[1].json", "a.tmp"):
         (tmp_path / name).write_text("")
-    atomic.sweep(tmp_path, "a[1].json")
+    atomic.remove_leftovers(tmp_path, "a[1].json")
 
     assert sorted(os.listdir(tmp_path)) == [".b.json.7-8.tmp", "a.tmp", "a[1].json"]
 

@@ -11,28 +11,28 @@ from hypothesis import strategies as st
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.named_poses import POSES
 from so101_motion.files import user_storage
-from so101_motion.files.saved_poses import MOST, PoseBook
+from so101_motion.files.saved_poses import MOST, SavedPoses
 
 Q = np.radians([10.0, -40.0, 35.0, 60.0, 0.0])
 
 
 @pytest.fixture
-def book(tmp_path: Path) -> PoseBook:
-    return PoseBook(tmp_path / "new folder" / "poses.json")
+def book(tmp_path: Path) -> SavedPoses:
+    return SavedPoses(tmp_path / "new folder" / "poses.json")
 
 
-def test_without_a_file_there_are_the_poses_of_the_arm(book: PoseBook) -> None:
+def test_without_a_file_there_are_the_poses_of_the_arm(book: SavedPoses) -> None:
     assert book.own() == ()
     assert book.find("rest") is next(pose for pose in POSES if pose.name == "rest")
 
 
-def test_a_saved_pose_is_found_again_by_whoever_asks_next(book: PoseBook, tmp_path: Path) -> None:
+def test_a_saved_pose_is_found_again_by_whoever_asks_next(book: SavedPoses, tmp_path: Path) -> None:
     book.save("  over the mug ", Q)
-    found = PoseBook(tmp_path / "new folder" / "poses.json").find("over the mug")
+    found = SavedPoses(tmp_path / "new folder" / "poses.json").find("over the mug")
     np.testing.assert_allclose(found.q, Q, atol=1e-6)
 
 
-def test_saving_under_the_same_name_replaces_in_place(book: PoseBook) -> None:
+def test_saving_under_the_same_name_replaces_in_place(book: SavedPoses) -> None:
     book.save("a", Q)
     book.save("b", Q)
     book.save("a", 2.0 * Q)
@@ -40,7 +40,7 @@ def test_saving_under_the_same_name_replaces_in_place(book: PoseBook) -> None:
     np.testing.assert_allclose(book.find("a").q, 2.0 * Q, atol=1e-6)
 
 
-def test_a_pose_can_be_renamed_and_deleted(book: PoseBook) -> None:
+def test_a_pose_can_be_renamed_and_deleted(book: SavedPoses) -> None:
     book.save("a", Q)
     book.save("b", Q)
     book.rename("a", "c")
@@ -60,14 +60,14 @@ def test_a_pose_can_be_renamed_and_deleted(book: PoseBook) -> None:
     ],
 )
 def test_names_that_cannot_be_used_are_refused_and_nothing_is_written(
-    book: PoseBook, name: str, reason: str
+    book: SavedPoses, name: str, reason: str
 ) -> None:
     with pytest.raises(ConfigError, match=reason):
         book.save(name, Q)
     assert book.own() == ()
 
 
-def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: PoseBook) -> None:
+def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: SavedPoses) -> None:
     book.save("mug", Q)
     book.save("cup", Q)
     with pytest.raises(ConfigError, match="is taken"):
@@ -80,7 +80,7 @@ def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: PoseBook) ->
         book.find("mugg")
 
 
-def test_there_is_an_end_to_how_many_there_may_be(book: PoseBook, tmp_path: Path) -> None:
+def test_there_is_an_end_to_how_many_there_may_be(book: SavedPoses, tmp_path: Path) -> None:
     poses = [{"name": f"p{k}", "q_deg": [0, 0, 0, 0, 0]} for k in range(MOST)]
     (tmp_path / "new folder").mkdir()
     file = tmp_path / "new folder" / "poses.json"
@@ -115,7 +115,7 @@ def test_a_broken_file_says_what_is_wrong_and_is_left_alone(
 ) -> None:
     file = tmp_path / "poses.json"
     file.write_text(text)
-    book = PoseBook(file)
+    book = SavedPoses(file)
     with pytest.raises(ConfigError, match=reason):
         book.own()
     with pytest.raises(ConfigError, match=reason):
@@ -127,14 +127,14 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "poses.json"
     file.write_bytes(b" " * (user_storage.LARGEST + 1))
     with pytest.raises(ConfigError, match="larger than"):
-        PoseBook(file).own()
+        SavedPoses(file).own()
 
 
 def test_the_file_of_the_user_is_in_the_data_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    PoseBook().save("mine", Q)
+    SavedPoses().save("mine", Q)
     assert (tmp_path / "so101_motion" / "poses.json").is_file()
 
 

@@ -9,7 +9,7 @@ from so101_viewer.panels.poses import PoseList
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 
 
 class PretendedPage:
@@ -39,7 +39,7 @@ def page() -> PretendedPage:
 
 @pytest.fixture
 def shelf(tmp_path: Path, page: PretendedPage) -> PoseList:
-    return PoseList(PoseBook(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
+    return PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
 
 
 def names(shelf: PoseList) -> list[str]:
@@ -86,6 +86,6 @@ def test_a_broken_file_is_told_and_the_page_opens_all_the_same(
     tmp_path: Path, page: PretendedPage
 ) -> None:
     (tmp_path / "poses.json").write_text("{")
-    shelf = PoseList(PoseBook(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
+    shelf = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
     assert shelf.poses == ()
     assert "is not JSON" in page.said[0]
