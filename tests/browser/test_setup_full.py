@@ -316,7 +316,7 @@ def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
     person.presses("Next")
     person.sees("devrel:so101:arm")
     person.reloads("devrel:so101:arm")
-    snippet = person.guest.page.locator("pre").first.inner_text()
+    snippet = person.guest.page.locator("textarea").first.input_value()
     components = json.loads(snippet)["components"]
     assert components[0]["attributes"]["port"] == kit.port
     assert components[0]["attributes"]["calibration_file"].endswith("_calibration.json")

@@ -17,6 +17,7 @@ from so101_motion.common.units import to_deg
 
 from ..page import markup, texts
 from ..page.markup import Bar
+from ..page.stop_button import add_stop
 
 _WIDTH = 290
 _KEYS = "Space or Esc stops, P plans; no key moves the arm."
@@ -44,25 +45,13 @@ class ArmPanel:
         panel = gui.add_panel()
         with panel.add_tab("Arm", viser.Icon.ROBOT):
             self._state = gui.add_html("")
-            button = gui.add_button(
-                "STOP", color="red", icon=viser.Icon.HAND_STOP, hint="Space or Escape does the same"
-            )
+            self.stop_widgets = add_stop(gui, *stops)
             self._joints = gui.add_html("")
             gui.add_html(markup.small(_KEYS))
         panel.dock_left()
         panel.set_width(_WIDTH)
         self._on_phones = gui.add_html("", order=-20.0)
         self.panel = panel
-        icon = viser.Icon.HAND_STOP
-        keys = (
-            gui.add_command("Stop the arm (Space)", hotkey="space", icon=icon),
-            gui.add_command("Stop the arm (Escape)", hotkey="escape", icon=icon),
-        )
-        self.stop_widgets = (button, *keys)
-        for stop in stops:
-            button.on_click(_ignoring_event(stop))
-            for command in keys:
-                command.on_trigger(_ignoring_event(stop))
 
     def show(self, state: JointState, bounds: tuple[Array, Array], *, lost: bool = False) -> None:
         """Show the state and the joints between their limits.
@@ -88,10 +77,3 @@ def _bars(state: JointState, bounds: tuple[Array, Array]) -> list[Bar]:
     opened = 100.0 * (state.q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED)
     jaw = Bar(name="gripper", value=opened, lower=0.0, upper=100.0, unit="%", warns=False)
     return [*bars, jaw]
-
-
-def _ignoring_event(call: Callable[[], None]) -> Callable[[object], None]:
-    def handler(_event: object) -> None:
-        call()
-
-    return handler

@@ -132,15 +132,6 @@ def saved(title: str, path: str, lines: Iterable[str]) -> str:
     )
 
 
-def to_copy(text: str) -> str:
-    """A text to be copied: one click selects all of it."""
-    return (
-        '<pre style="margin:.4em .8em;padding:.6em;font-size:.72em;line-height:1.35;'
-        "max-height:22em;overflow:auto;border-radius:.4em;background:#8882;"
-        f'user-select:all;cursor:copy">{escape(text)}</pre>'
-    )
-
-
 def link(url: str, text: str) -> str:
     """A link to another page of ours."""
     return (

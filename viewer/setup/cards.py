@@ -31,15 +31,6 @@ _PAD = "padding:.25em .8em"
 _VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
 
 
-def headline(title: str, about: str) -> str:
-    """The workflow and how far it is."""
-    return (
-        f'<div style="{_PAD};padding-top:.6em">'
-        f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
-        f'<div style="font-size:.82em;color:{DIM}">{escape(about)}</div></div>'
-    )
-
-
 def choice(workflow: Workflow) -> str:
     """What there is to know of a workflow before one chooses it."""
     return (

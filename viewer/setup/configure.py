@@ -14,6 +14,7 @@ from so101_motion.setup import port_selection
 from so101_motion.setup.setup_steps import CONFIGURE
 from so101_motion.viam.suggested_config import configuration
 
+from ..page import markup
 from . import calibration_cards, cards
 from .calibration_target import SetupTarget
 from .page import StepPage
@@ -95,13 +96,9 @@ class ConfigurePage(StepPage):
                 "", f"The machine has it in force already. Its calibration is in {saved}: give its"
                 " arm and gripper this calibration_file, if they have not."
             )  # fmt: skip
-        else:
-            said += cards.instruction(
-                "", "For a Viam machine: paste this into Configure, then JSON. A click selects all"
-                " of it."
-            )  # fmt: skip
         self._about.content = said
-        self._snippet.content = calibration_cards.to_copy(self._text) if self._text else ""
+        about = "For a Viam machine: paste this into Configure, then JSON."
+        self._snippet.content = markup.to_copy(about, self._text) if self._text else ""
         self._keep.visible = bool(self._text)
         self._show_ways(target)
 
@@ -129,7 +126,7 @@ class ConfigurePage(StepPage):
             self._do("opening the preview", partial(SetupPreview, serve), self._show_preview)
 
     def _show_preview(self, outlook: SetupPreview) -> None:
-        self._setup.opened.append(outlook)
+        self._setup.opened.callback(outlook.close)
         self._url, self._is_shown = outlook.url, False
 
     def _take(self, text: str) -> None:

@@ -95,7 +95,7 @@ class FinalTestPage(StepPage):
         """Make the widgets."""
         self._todo = gui.add_html("")
         self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
-        self._agree = gui.add_checkbox("PathLine is clear", False, visible=False)
+        self._agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
         self._start = gui.add_button(
             "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
         )

@@ -17,6 +17,7 @@ from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
 from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, WORKFLOWS, Workflow
 
+from ..page import markup
 from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from . import cards
@@ -210,7 +211,7 @@ class SetupPart(Part):
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
             about = self._left_behind or "From a box of parts to a moving arm. What do you need?"
-            self._head.content = cards.headline("Set up an arm", about)
+            self._head.content = markup.headline("Set up an arm", about)
             earlier = wizard.interrupted
             self._resume.visible = earlier is not None
             self._resume.label = "" if earlier is None else f"Go on with: {earlier.title}"
@@ -218,7 +219,7 @@ class SetupPart(Part):
             return
         waits = self.setup.target is None and wizard.place > 0
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
-        self._head.content = cards.headline(wizard.workflow.title, about)
+        self._head.content = markup.headline(wizard.workflow.title, about)
         self._steps.content = cards.step_list(wizard.rows(self.setup.known))
         self._torque.content = cards.torque(self.setup.torque.told)
         reason = self._reason()

@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection
 import numpy as np
 import viser
 
-from so101_motion.common.geometry import SE3, Array, rotation_angle
+from so101_motion.common.geometry import Array
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..scene.robot_view import Color, RobotView
+from ..scene.robot_view import Color, RobotView, looks_different
 
 MOVED_LINK = {
     "shoulder_pan": "shoulder_link",
@@ -86,10 +86,5 @@ class Picture:
             return
         T_base = self._model.link_placements(q, q_jaw)
         self._ghost.move(T_base)
-        self._ghost.show({link for link in T_base if _apart(T_base[link], self._T_arm[link])})
-
-
-def _apart(T: SE3, other: SE3) -> bool:
-    """Whether two placements differ to the eye."""
-    turned = rotation_angle(T.R.T @ other.R)
-    return bool(np.linalg.norm(T.p - other.p) > 0.002 or turned > np.radians(1.0))
+        T_arm = self._T_arm
+        self._ghost.show({link for link in T_base if looks_different(T_base[link], T_arm[link])})

@@ -9,19 +9,20 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from so101_motion.calib.motors.progress import SetupProgress
 from so101_motion.calib.record.record import Calibration
 from so101_motion.common.errors import So101Error
-from so101_motion.rig.protocols import RigLike
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.findings import Findings
 from so101_motion.setup.setup_steps import SetupState
 
 from ..page.page_context import PageContext
+from ..server.host import ServedPage
 from .calibration_target import FixedArm, SetupTarget
 from .picture import Picture
 from .torque import TorqueWatch
@@ -31,28 +32,8 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 
-class Closable(Protocol):
-    """Something that was opened."""
-
-    def close(self) -> None:
-        """End it."""
-        ...
-
-
-class ServedPreview(Closable, Protocol):
-    """A preview that is being served."""
-
-    def url_for_once(self) -> str:
-        """A link that opens it once."""
-        ...
-
-
-class ServesPreview(Protocol):
-    """Serves a preview of an arm; ``so101_viewer.serve`` does."""
-
-    def __call__(self, rig: RigLike, *, port: int, title: str) -> ServedPreview:
-        """Serve it; ``port`` 0 is any free one."""
-        ...
+ServesPreview = Callable[..., ServedPage]
+"""Serves a preview of an arm: ``so101_viewer.serve``."""
 
 
 @dataclass(slots=True)
@@ -85,7 +66,7 @@ class SetupContext:
     before: Calibration = field(default_factory=dict)
     saved: Path | None = None
     tested: Check | None = None
-    opened: list[Closable] = field(default_factory=list)
+    opened: ExitStack = field(default_factory=ExitStack)
     doing: str = ""
     trouble: Exception | None = None
     torque: TorqueWatch = field(default_factory=TorqueWatch)
@@ -120,7 +101,7 @@ class SetupContext:
         Args:
             doing: What that is, for people, such as ``"looking for the motor"``.
             call: What to run.
-            then: FixedArm the result, on the page's thread. After an error there is none; the error
+            then: Takes the result, on the page's thread. After an error there is none; the error
                 is in ``trouble``.
 
         Returns:
@@ -188,7 +169,6 @@ class SetupContext:
 
     def close(self) -> None:
         """Let go of the target, and wait for whatever runs."""
-        for opened in self.opened:
-            opened.close()
+        self.opened.close()
         self.put_away()
         self._workers.shutdown(wait=True)

@@ -8,6 +8,7 @@ import viser
 
 from ..page.page_context import PageContext
 from ..page.part import Part
+from ..page.stop_button import add_stop
 from . import cards
 from .setup_context import SetupContext
 from .torque import TorqueText
@@ -27,20 +28,9 @@ class StopPanel(Part):
         panel = gui.add_panel()
         with panel.add_tab("Arm", viser.Icon.ROBOT):
             self._torque = gui.add_html("")
-            icon = viser.Icon.HAND_STOP
-            button = gui.add_button(
-                "STOP", color="red", icon=icon, hint="Space or Escape does the same"
-            )
+            self.widgets = add_stop(gui, self._stop)
         panel.dock_left()
         panel.set_width(_WIDTH)
-        keys = (
-            gui.add_command("Stop the arm (Space)", hotkey="space", icon=icon),
-            gui.add_command("Stop the arm (Escape)", hotkey="escape", icon=icon),
-        )
-        self.widgets = (button, *keys)
-        button.on_click(lambda _event: self._stop())
-        for key in keys:
-            key.on_trigger(lambda _event: self._stop())
 
     def refresh(self) -> bool:
         """Whether the torque has changed."""
