@@ -19,9 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from viam.components.arm import Arm, JointPositions, KinematicsFileFormat, Mesh, MoveOptions, Pose
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import Geometry, PoseInFrame, ResourceName
-from viam.resource.base import ResourceBase
+from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
@@ -43,6 +41,7 @@ from so101_motion.viam.conversion.planner_options import (
     to_goal_cloud,
 )
 from so101_motion.viam.conversion.world_state import MOST_THINGS
+from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.dependencies import motion_name, motion_service
 from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
 from so101_motion.viam.requests.commands import (
@@ -99,11 +98,7 @@ class ArmSettings:
     approach_tolerance: float | None
 
     @classmethod
-    def of(
-        cls,
-        wanted: ArmConfig,
-        dependencies: Mapping[ResourceName, ResourceBase],
-    ) -> ArmSettings:
+    def of(cls, wanted: ArmConfig, dependencies: Dependencies) -> ArmSettings:
         """What a configuration says of it.
 
         Raises:
@@ -127,7 +122,7 @@ class ArmSettings:
         )
 
 
-class ArmResource(Arm):
+class ArmResource(Configured, Arm):
     """An arm component.
 
     Args:
@@ -135,8 +130,6 @@ class ArmResource(Arm):
         rig: What it moves; closed with the component.
         settings: How it behaves.
     """
-
-    CONFIG: ClassVar[type[ArmConfig]]
 
     NEEDS_SERVOS: ClassVar[frozenset[str]] = frozenset()
     """The commands that are refused until the servos have been found; the others need none."""
@@ -163,11 +156,10 @@ class ArmResource(Arm):
         }
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; a motion service named in them is a required dependency."""
-        settings = cls.CONFIG.from_attributes(convert.from_struct(config.attributes))
-        scene_of(settings)
-        return ([motion_name(settings.motion)] if settings.motion else []), []
+    def needed(cls, wanted: ArmConfig) -> Sequence[str]:
+        """The motion service that is to plan for it, if one is named."""
+        scene_of(wanted)  # refuses obstacles that cannot be meant
+        return [motion_name(wanted.motion)] if wanted.motion else []
 
     # Where it is
 

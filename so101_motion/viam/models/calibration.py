@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any, ClassVar
 
 from viam.components.sensor import Sensor
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.calib.record import store
@@ -23,12 +20,13 @@ from so101_motion.viam.attribute_table import CALIBRATION_FILE
 from so101_motion.viam.component_config import CalibrationConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.requests.await_motion import carried_out
 from so101_motion.viam.requests.calibration_commands import CalibrationCommands
 from so101_motion.viam.requests.commands import answer
 
 
-class So101Calibration(Sensor):
+class So101Calibration(Configured, Sensor):
     """Motor setup and calibration, told by readings and driven by commands.
 
     It shares the port with an arm and a gripper and needs neither. Until a command wants the bus,
@@ -41,6 +39,7 @@ class So101Calibration(Sensor):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:calibration")
+    READ = staticmethod(CalibrationConfig.from_attributes)
 
     def __init__(self, name: str, calibrator: Calibrator, first_try: Future[None]) -> None:
         super().__init__(name)
@@ -49,27 +48,16 @@ class So101Calibration(Sensor):
         self._commands = CalibrationCommands(calibrator).commands
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; there are no dependencies."""
-        CalibrationConfig.from_attributes(convert.from_struct(config.attributes))
-        return [], []
-
-    @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    def build(
+        cls, name: str, wanted: CalibrationConfig, dependencies: Dependencies
     ) -> So101Calibration:
-        """Build the component from its configuration; no servo need be there."""
-        with grpc_statuses():
-            wanted = CalibrationConfig.from_attributes(convert.from_struct(config.attributes))
-            rig = open_without_waiting(_asked(wanted))
+        """The sensor of a port; no servo need be there."""
+        rig = open_without_waiting(_asked(wanted))
         try:
-            sensor = cls(config.name, Calibrator(rig, wanted.joints), rig.first_try)
+            return cls(name, Calibrator(rig, wanted.joints), rig.first_try)
         except BaseException:
             rig.close()
             raise
-        for key in wanted.unused:
-            sensor.logger.info("%s has no effect here", key)
-        return sensor
 
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
         """How far calibration and motor setup are, and where the joints are."""

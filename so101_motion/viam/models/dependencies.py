@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import cast
 
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.viam.models.configured import Dependencies
 
 
 def motion_name(service: str) -> str:
@@ -17,9 +15,7 @@ def motion_name(service: str) -> str:
     return service if "/" in service else f"rdk:service:motion/{service}"
 
 
-def motion_service(
-    name: str | None, dependencies: Mapping[ResourceName, ResourceBase]
-) -> MotionService | None:
+def motion_service(name: str | None, dependencies: Dependencies) -> MotionService | None:
     """The motion service of that name; None when none is named.
 
     Raises:

@@ -9,8 +9,6 @@ from typing import Any, ClassVar
 
 from google.protobuf import json_format
 from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 from viam.services.discovery import Discovery as DiscoveryService
 from viam.utils import dict_to_struct
@@ -20,12 +18,13 @@ from so101_motion.setup.port_report import PortReport, Suggestion
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.requests.commands import Command, Request, answer, arguments
 from so101_motion.viam.suggested_config import frame_json
 
 
-class So101Discovery(DiscoveryService):
+class So101Discovery(Configured, DiscoveryService):
     """Finds arms.
 
     Args:
@@ -34,6 +33,7 @@ class So101Discovery(DiscoveryService):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:discovery")
+    READ = staticmethod(ports_asked_for)
 
     def __init__(self, name: str, ports: Sequence[str]) -> None:
         super().__init__(name)
@@ -41,18 +41,11 @@ class So101Discovery(DiscoveryService):
         self._commands: dict[str, Command] = {"report": self._report}
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; there are no dependencies."""
-        ports_asked_for(convert.from_struct(config.attributes))
-        return [], []
-
-    @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    def build(
+        cls, name: str, wanted: tuple[str, ...], dependencies: Dependencies
     ) -> So101Discovery:
-        """Build the service from its configuration; it looks at nothing yet."""
-        with grpc_statuses():
-            return cls(config.name, ports_asked_for(convert.from_struct(config.attributes)))
+        """The service; it looks at nothing yet."""
+        return cls(name, wanted)
 
     async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
         """Complete configurations for what is plugged in; takes less than two seconds.

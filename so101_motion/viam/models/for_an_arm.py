@@ -6,22 +6,17 @@ service; it is looked up when it is needed, and may be built later or be rebuilt
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Self
-
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.component_config import arm_served
-from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.configured import Configured, Dependencies
 
 
-class ServiceForAnArm:
+class ServiceForAnArm(Configured):
     """A service whose only attribute is ``arm``, the name of the arm it serves.
 
     Args:
@@ -29,23 +24,16 @@ class ServiceForAnArm:
         arm: Name of the arm; None for the only one.
     """
 
+    READ = staticmethod(arm_served)
+
     def __init__(self, name: str, arm: str | None) -> None:
         super().__init__(name)  # type: ignore[call-arg]  # the constructor of the service
         self._arm_name = arm
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; the arm is no dependency."""
-        arm_served(convert.from_struct(config.attributes))
-        return [], []
-
-    @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
-    ) -> Self:
-        """Build the service from its configuration."""
-        with grpc_statuses():
-            return cls(config.name, arm_served(convert.from_struct(config.attributes)))
+    def build(cls, name: str, wanted: str | None, dependencies: Dependencies) -> Self:
+        """The service for the arm of that name; the arm is no dependency."""
+        return cls(name, wanted)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """Which arm is served, or why none can be; without a name any of them may be meant."""

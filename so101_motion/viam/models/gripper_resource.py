@@ -15,6 +15,7 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.rig.hardware_rig import Rig
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.configured import Configured
 from so101_motion.viam.requests.await_motion import in_own_thread, rest
 from so101_motion.viam.requests.commands import Command, Request, answer
 
@@ -24,7 +25,7 @@ def clamped(percentage: float) -> float:
     return min(max(percentage, 0.0), 100.0)
 
 
-class GripperResource(Gripper):
+class GripperResource(Configured, Gripper):
     """A gripper component.
 
     Args:

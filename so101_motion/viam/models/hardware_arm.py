@@ -8,9 +8,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from viam.components.arm import JointPositions
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.arm.joint_caps import JointCaps
@@ -22,6 +19,7 @@ from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, ArmSettings, scene_of
+from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.commands import Request
 from so101_motion.viam.requests.further_servos import FurtherServos
 from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
@@ -44,7 +42,7 @@ class HardwareArm(ArmResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:arm")
-    CONFIG = HardwareArmConfig
+    READ = staticmethod(HardwareArmConfig.from_attributes)
     NEEDS_SERVOS = frozenset(
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
@@ -67,17 +65,13 @@ class HardwareArm(ArmResource):
         }
 
     @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
-    ) -> HardwareArm:
-        """Build the component from its configuration; nothing moves."""
-        with grpc_statuses():
-            wanted = HardwareArmConfig.from_attributes(convert.from_struct(config.attributes))
-            settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
-            asked = replace(
-                wanted.connection.servo_settings(), releases_at_end=wanted.releases_at_end
-            )
-            rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
+    def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
+        """The component; nothing moves."""
+        settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
+        asked = replace(
+            wanted.connection.servo_settings(), releases_at_end=wanted.releases_at_end
+        )
+        rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
         try:
             ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
             rig.arm.set_ceiling(ceiling)
@@ -87,13 +81,10 @@ class HardwareArm(ArmResource):
             rig.arm.set_load(wanted.load)
             rig.arm.scene = scene
             rig.warm_up()
-            arm = cls(config.name, rig, settings, wanted.servo_ids)
+            return cls(name, rig, settings, wanted.servo_ids)
         except BaseException:
             rig.close()
             raise
-        for key in wanted.unused:
-            arm.logger.info("%s has no effect here", key)
-        return arm
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
         """Measured joint angles; one that is a little outside the served limits is told inside."""

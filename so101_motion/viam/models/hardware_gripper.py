@@ -8,9 +8,6 @@ from contextlib import suppress
 from typing import Any, ClassVar
 
 from viam.components.gripper import Gripper
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.arm.motion_handle import Motion
@@ -24,6 +21,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.viam.component_config import HardwareGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.requests.await_motion import arrival, left_alone
@@ -50,6 +48,7 @@ class HardwareGripper(GripperResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:gripper")
+    READ = staticmethod(HardwareGripperConfig.from_attributes)
     NEEDS_NO_SERVO = frozenset(
         {
             "controller_status", "calibrate_positions", "set_motion_params", "get_motion_params",
@@ -77,20 +76,17 @@ class HardwareGripper(GripperResource):
         }
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; an arm named in them is a required dependency."""
-        wanted = HardwareGripperConfig.from_attributes(convert.from_struct(config.attributes))
-        return ([wanted.arm] if wanted.arm else []), []
+    def needed(cls, wanted: HardwareGripperConfig) -> Sequence[str]:
+        """The arm that it belongs to, if it is named."""
+        return [wanted.arm] if wanted.arm else []
 
     @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    def build(
+        cls, name: str, wanted: HardwareGripperConfig, dependencies: Dependencies
     ) -> HardwareGripper:
-        """Build the component from its configuration; nothing moves."""
-        with grpc_statuses():
-            wanted = HardwareGripperConfig.from_attributes(convert.from_struct(config.attributes))
-            rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
-        gripper = cls(config.name, rig, wanted)
+        """The component; nothing moves."""
+        rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
+        gripper = cls(name, rig, wanted)
         if wanted.arm and wanted.connection and not _same_port(rig, wanted):
             gripper.logger.warning(
                 "port %s is not that of arm %s; the arm's is used",

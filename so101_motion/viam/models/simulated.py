@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.arm.joint_caps import JointCaps
@@ -17,9 +13,8 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.rig.hardware_rig import TICK, Rig, open_simulated
 from so101_motion.viam.component_config import SimulatedArmConfig
-from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource, ArmSettings, scene_of
+from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.await_motion import in_own_thread
 from so101_motion.viam.requests.commands import Request, arguments, in_deg
 
@@ -37,7 +32,7 @@ class SimulatedArm(ArmResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
-    CONFIG = SimulatedArmConfig
+    READ = staticmethod(SimulatedArmConfig.from_attributes)
 
     _left: ClassVar[dict[str, Array]] = {}
     """Where arms that were closed stood, by name, shape (5,), [rad]: a new configuration closes an
@@ -51,27 +46,22 @@ class SimulatedArm(ArmResource):
         }
 
     @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    def build(
+        cls, name: str, wanted: SimulatedArmConfig, dependencies: Dependencies
     ) -> SimulatedArm:
-        """Build the component from its configuration."""
-        with grpc_statuses():
-            wanted = SimulatedArmConfig.from_attributes(convert.from_struct(config.attributes))
-            settings = ArmSettings.of(wanted, dependencies)
-            rig = open_simulated(
-                speed=wanted.speed,
-                acceleration=wanted.acceleration,
-                scene=scene_of(wanted),
-                q_start=cls._left.pop(config.name, None),
-                clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
-            )
+        """The component, where the one of this name was left."""
+        settings = ArmSettings.of(wanted, dependencies)
+        rig = open_simulated(
+            speed=wanted.speed,
+            acceleration=wanted.acceleration,
+            scene=scene_of(wanted),
+            q_start=cls._left.pop(name, None),
+            clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
+        )
         ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
         rig.arm.set_ceiling(ceiling)
         rig.arm.set_load(wanted.load)
-        arm = cls(config.name, rig, settings)
-        for key in wanted.unused:
-            arm.logger.info("%s has no effect here", key)
-        return arm
+        return cls(name, rig, settings)
 
     async def close(self) -> None:
         """Stop and let go of everything; an arm built under this name next stands where it did."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from viam.components.gripper import Gripper
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
-from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 
 from so101_motion.arm.gripper import JAW_CLOSED
@@ -19,6 +16,7 @@ from so101_motion.rig.hardware_rig import Rig, open_simulated_gripper
 from so101_motion.viam.component_config import SimulatedGripperConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
+from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
 from so101_motion.viam.requests.await_motion import arrival, left_alone
 from so101_motion.viam.requests.commands import Request, arguments
@@ -34,6 +32,7 @@ class SimulatedGripper(GripperResource):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
+    READ = staticmethod(SimulatedGripperConfig.from_attributes)
 
     _left: ClassVar[dict[str, float]] = {}
     """Where the jaws that were closed stood, by name [rad]; as for the simulated arm."""
@@ -46,20 +45,12 @@ class SimulatedGripper(GripperResource):
         self._commands |= {"set_position": self._set_position, "get_position": self._get_position}
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; there are no dependencies."""
-        SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
-        return [], []
-
-    @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
+    def build(
+        cls, name: str, wanted: SimulatedGripperConfig, dependencies: Dependencies
     ) -> SimulatedGripper:
-        """Build the component from its configuration."""
-        with grpc_statuses():
-            wanted = SimulatedGripperConfig.from_attributes(convert.from_struct(config.attributes))
-            q_jaw = cls._left.pop(config.name, JAW_CLOSED)
-            return cls(config.name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
+        """The component, where the one of this name was left."""
+        q_jaw = cls._left.pop(name, JAW_CLOSED)
+        return cls(name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
 
     # Moving
 

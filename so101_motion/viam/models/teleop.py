@@ -14,8 +14,6 @@ from typing import Any, ClassVar, cast
 
 from viam.components.arm import Arm
 from viam.components.gripper import Gripper
-from viam.proto.app.robot import ComponentConfig
-from viam.proto.common import ResourceName
 from viam.resource.base import ResourceBase
 from viam.resource.types import Model
 from viam.services.generic import Generic
@@ -42,6 +40,7 @@ from so101_motion.tasks.teleop.sides import Follower, Leader
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.models.teleop_remote import (
     HORIZON,
@@ -57,7 +56,7 @@ RECORDINGS = "recordings"
 """The folder in the module's data directory that records are written to."""
 
 
-class So101Teleop(Generic):
+class So101Teleop(Configured, Generic):
     """Lets one arm follow another.
 
     Args:
@@ -67,12 +66,13 @@ class So101Teleop(Generic):
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:teleop")
+    READ = staticmethod(TeleopConfig.from_attributes)
 
     def __init__(
         self,
         name: str,
         config: TeleopConfig,
-        dependencies: Mapping[ResourceName, ResourceBase],
+        dependencies: Dependencies,
     ) -> None:
         super().__init__(name)
         self._config, self._dependencies = config, dependencies
@@ -88,19 +88,14 @@ class So101Teleop(Generic):
         }
 
     @classmethod
-    def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
-        """Check the attributes; arms and grippers named in them are required dependencies."""
-        wanted = TeleopConfig.from_attributes(convert.from_struct(config.attributes))
-        return list(wanted.dependencies), []
+    def needed(cls, wanted: TeleopConfig) -> Sequence[str]:
+        """The arms and grippers that are named."""
+        return list(wanted.dependencies)
 
     @classmethod
-    def new(
-        cls, config: ComponentConfig, dependencies: Mapping[ResourceName, ResourceBase]
-    ) -> So101Teleop:
-        """Build the service from its configuration; it starts by itself only if told to."""
-        with grpc_statuses():
-            wanted = TeleopConfig.from_attributes(convert.from_struct(config.attributes))
-            service = cls(config.name, wanted, dependencies)
+    def build(cls, name: str, wanted: TeleopConfig, dependencies: Dependencies) -> So101Teleop:
+        """The service; it starts by itself only if told to."""
+        service = cls(name, wanted, dependencies)
         if wanted.auto_start:
             service._starting = asyncio.ensure_future(service._start_alone())
         return service
