@@ -21,7 +21,7 @@ from so101_motion.cli.sources import AnySource, MachineSource, Source, any_sourc
 
 if TYPE_CHECKING:
     from so101_motion.common.state import JointState
-    from so101_motion.rig.hardware_rig import HardwareRig
+    from so101_motion.rig.bus_lease import BusLease
     from so101_motion.rig.rig import Rig
     from so101_motion.viam.client import MachineRig
 
@@ -154,30 +154,23 @@ def _local(source: Source) -> list[Figure]:
 
         with open_simulated() as rig, busy_message("listening to the control loop"):
             return [_lateness(rig)]
-    from so101_motion.cli.port_choice import look_at
-    from so101_motion.rig.hardware_rig import open_hardware
-    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.cli.port_choice import lent_bus, look_at
 
     report = look_at(source.port)
-    settings = ServoSettings(port=source.port, baudrate=report.baudrate, timeout=None)
-    with closing(open_hardware(settings)) as rig:
+    with lent_bus(report, "a benchmark") as (rig, lease):
         with busy_message("listening to the control loop"):
             late = _lateness(rig)
         if not report.servo_ids:
             return [late]
         with busy_message("asking the servos"):
-            return [late, _bus(rig, report.servo_ids)]
+            return [late, _bus(lease, report.servo_ids)]
 
 
-def _bus(rig: HardwareRig, servo_ids: Sequence[int]) -> Figure:
+def _bus(lease: BusLease, servo_ids: Sequence[int]) -> Figure:
     """Reading all servos, as the control loop does in every period."""
     from so101_motion.setup.findings import listen
 
-    loan = rig.lend_bus("a benchmark")
-    try:
-        heard = loan.call(lambda bus: listen(bus, servo_ids))
-    finally:
-        loan.abandon()
+    heard = lease.call(lambda bus: listen(bus, servo_ids))
     return Figure(
         name="bus",
         words=f"reading {len(servo_ids)} servos",

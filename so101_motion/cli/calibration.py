@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -305,16 +304,9 @@ def _held_by_servos(port: str | None) -> Mapping[str, Mapping[str, int]]:
     from so101_motion.calib.record.record import SERVO_IDS
     from so101_motion.cli import port_choice
     from so101_motion.cli.shared import quietly
-    from so101_motion.rig.hardware_rig import open_hardware
-    from so101_motion.rig.servo_driver import ServoSettings
     from so101_motion.setup.checkup import held
 
     report = port_choice.find_arm(port)
-    settings = ServoSettings(port=report.port.name, baudrate=report.baudrate, timeout=None)
-    with quietly(), closing(open_hardware(settings)) as rig:
-        loan = rig.lend_bus("a comparison")
-        try:
-            seen = loan.call(look)
-        finally:
-            loan.abandon()
+    with quietly(), port_choice.lent_bus(report, "a comparison") as (_, lease):
+        seen = lease.call(look)
     return {joint: held(seen.servos[i]) for joint, i in SERVO_IDS.items() if i in seen.servos}

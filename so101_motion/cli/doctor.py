@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from so101_motion.rig.hardware_rig import Rig
     from so101_motion.setup.checkup import Check
     from so101_motion.setup.findings import Findings
+    from so101_motion.setup.port_report import PortReport
 
 _FAILURES = 2
 """How many failures a report has: the newest, and one to compare it with. Chosen."""
@@ -151,7 +152,7 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
         planning_trouble=seen.planning_trouble,
     )
     file = report.calibration if calibration is None else store.resolve(str(calibration))
-    return _with_arm(_with_file(seen, file), report.baudrate)
+    return _with_arm(_with_file(seen, file), report)
 
 
 def _with_file(seen: Findings, file: Path | None) -> Findings:
@@ -167,21 +168,14 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
         return replace(seen, file_trouble=str(error))
 
 
-def _with_arm(seen: Findings, baudrate: int) -> Findings:
+def _with_arm(seen: Findings, report: PortReport) -> Findings:
     """The same with what the servos say; a held arm stays held."""
-    from so101_motion.rig.hardware_rig import open_hardware
-    from so101_motion.rig.servo_driver import ServoSettings
+    from so101_motion.cli.port_choice import lent_bus
     from so101_motion.setup.findings import examine
 
-    assert seen.port is not None
-    settings = ServoSettings(port=seen.port, baudrate=baudrate, timeout=None)
     try:
-        with closing(open_hardware(settings)) as rig:
-            loan = rig.lend_bus("a check-up")
-            try:
-                servos, hearing = examine(loan)
-            finally:
-                loan.abandon()
+        with lent_bus(report, "a check-up") as (rig, lease):
+            servos, hearing = examine(lease)
             seen = replace(
                 seen,
                 servos=servos,

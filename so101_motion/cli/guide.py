@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,12 +9,12 @@ import click
 
 from so101_motion.cli.param_types import IN_FILE, SECONDS, Finite, OutFile
 from so101_motion.cli.shared import (
-    INTERRUPTED,
     Verbs,
     have_agreed,
     json_option,
     print_json,
     quietly,
+    stops_on_ctrl_c,
     yes_option,
 )
 from so101_motion.cli.sources import Source, pace_options, source_options
@@ -81,17 +79,15 @@ def record(
 
 
 def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:
-    """Until Enter, Ctrl-C, SIGTERM, the time is up, or manual mode ends."""
+    """Until Enter, Ctrl-C, the time is up, or manual mode ends."""
     from rich.text import Text
 
     from so101_motion.cli.terminal import ENTER, Quit, keys_line
 
-    done = threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: done.set())
     begin = rig.clock.now()
     try:
         terminal.mention("lead the arm; Ctrl-C ends it")
-        while not (done.is_set() or recorder.future.done()):
+        while not recorder.future.done():
             now = rig.clock.now() - begin
             if seconds is not None and now >= seconds:
                 return
@@ -108,8 +104,6 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
                 move(_OPEN if key == "o" else _CLOSED)
     except (KeyboardInterrupt, Quit):
         pass
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 @guide.command()
@@ -154,13 +148,8 @@ def replay(
                 click.echo(_planned(found), err=True)
             if number == 0 and not yes:
                 have_agreed(f"Move the {source.what}?")
-            motion = start_replay(rig.arm, gripper, found)
-            try:
-                motion.result()
-            except KeyboardInterrupt:
-                rig.arm.stop()
-                click.echo("stopped; the arm holds", err=True)
-                raise SystemExit(INTERRUPTED) from None
+            with stops_on_ctrl_c(rig.arm):
+                start_replay(rig.arm, gripper, found).result()
         off_deg = float(to_deg(abs(rig.arm.state.q - found.plans[-1].q_goal).max()))
         if as_json:
             facts = {"file": str(file), **_facts(path), "replay_s": found.duration}

@@ -18,7 +18,6 @@ import numpy as np
 from so101_motion.cli.completion_values import completed_poses
 from so101_motion.cli.param_types import IN_FILE, Numbers, OutFile
 from so101_motion.cli.shared import (
-    INTERRUPTED,
     F,
     aside,
     busy_message,
@@ -27,6 +26,7 @@ from so101_motion.cli.shared import (
     json_option,
     print_json,
     quietly,
+    stops_on_ctrl_c,
     yes_option,
 )
 from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
@@ -260,7 +260,7 @@ def _facts(found: Plan) -> dict[str, object]:
 
 def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
     """Wait for the end with a bar on stderr; Ctrl-C stops the arm and waits until it rests."""
-    try:
+    with stops_on_ctrl_c(rig.arm):
         if not sys.stderr.isatty():
             motion.result()
             return
@@ -273,10 +273,6 @@ def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
             while not wait((motion.future,), 0.1).done:
                 progress.update(task, completed=rig.clock.now() - begin)
         motion.result()
-    except KeyboardInterrupt:
-        rig.arm.stop()
-        click.echo("stopped; the arm holds", err=True)
-        raise SystemExit(INTERRUPTED) from None
 
 
 def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +12,8 @@ import click
 from so101_motion.common.errors import PortUnavailable
 
 if TYPE_CHECKING:
-    from so101_motion.setup.discovery import Discovery
+    from so101_motion.rig.bus_lease import BusLease
+    from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.port_report import PortReport
 
 
@@ -33,15 +36,7 @@ def find_arm(port: str | None) -> PortReport:
         PortUnavailable: There is none, or it cannot be used.
         click.UsageError: There are several.
     """
-    if port is not None:
-        return look_at(port)
-    from so101_motion.setup.discovery import discover
-
-    found = discover()
-    arms = [report for report in found.reports if report.has_arm]
-    if not arms:
-        raise PortUnavailable("no arm", _why_none(found))
-    return _only(arms)
+    return _found(port, "arm", lambda report: report.has_arm)
 
 
 def find_patient(port: str | None) -> PortReport:
@@ -70,19 +65,12 @@ def find_adapter(port: str | None) -> PortReport:
         click.UsageError: There are several.
     """
     from so101_motion.drivers.port.port_list import port_problem
-    from so101_motion.setup.discovery import discover
 
-    if port is not None:
-        return look_at(port)
-    found = discover()
-    adapters = [
-        report
-        for report in found.reports
-        if report.port.is_servo_adapter and port_problem(report.port.name) is None
-    ]
-    if not adapters:
-        raise PortUnavailable("no servo adapter", _why_none(found))
-    return _only(adapters)
+    return _found(
+        port,
+        "servo adapter",
+        lambda report: report.port.is_servo_adapter and port_problem(report.port.name) is None,
+    )
 
 
 def calibration_file(given: str | None, report: PortReport) -> Path:
@@ -97,13 +85,33 @@ def calibration_file(given: str | None, report: PortReport) -> Path:
     return store.resolve(given) if given is not None else adapters.calibration_file(report)
 
 
-def _why_none(found: Discovery) -> str:
-    said = [f"{report.port.name}: {report.sentence}" for report in found.reports]
-    return ". ".join((*said, *found.notes))
+def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:
+    """The port that is named, else the only one that can be meant."""
+    from so101_motion.setup.discovery import discover
 
-
-def _only(reports: list[PortReport]) -> PortReport:
-    if len(reports) > 1:
-        named = ", or ".join(f"--port {report.port.name} ({report.sentence})" for report in reports)
+    if port is not None:
+        return look_at(port)
+    found = discover()
+    meant = [report for report in found.reports if is_meant(report)]
+    if not meant:
+        said = [f"{report.port.name}: {report.sentence}" for report in found.reports]
+        raise PortUnavailable(f"no {what}", ". ".join((*said, *found.notes)))
+    if len(meant) > 1:
+        named = ", or ".join(f"--port {report.port.name} ({report.sentence})" for report in meant)
         raise click.UsageError(f"which of these is meant? give {named}")
-    return reports[0]
+    return meant[0]
+
+
+@contextmanager
+def lent_bus(report: PortReport, purpose: str) -> Iterator[tuple[HardwareRig, BusLease]]:
+    """The bus on a port, to ask its servos; nothing is driven, and a held arm stays held."""
+    from so101_motion.rig.hardware_rig import open_hardware
+    from so101_motion.rig.servo_driver import ServoSettings
+
+    asked = ServoSettings(port=report.port.name, baudrate=report.baudrate, timeout=None)
+    with closing(open_hardware(asked)) as rig:
+        lease = rig.lend_bus(purpose)
+        try:
+            yield rig, lease
+        finally:
+            lease.abandon()

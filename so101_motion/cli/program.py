@@ -11,12 +11,12 @@ import click
 
 from so101_motion.cli.completion_values import completed_programs
 from so101_motion.cli.shared import (
-    INTERRUPTED,
     busy_message,
     have_agreed,
     json_option,
     print_json,
     quietly,
+    stops_on_ctrl_c,
     yes_option,
 )
 from so101_motion.cli.sources import AnySource, any_source_options, pace_options
@@ -86,14 +86,10 @@ def _planned(rehearsal: Rehearsal) -> str:
 def _wait(rig: RigLike, run: ProgramRun) -> None:
     """Wait for the end and say on stderr where it is; Ctrl-C stops the arm and waits for rest."""
     said = None
-    try:
+    with stops_on_ctrl_c(rig.arm):
         while not wait((run.future,), 0.1).done:
             said = _say(run, run.program, said)
         run.future.result()
-    except KeyboardInterrupt:
-        rig.arm.stop()
-        click.echo("stopped; the arm holds", err=True)
-        raise SystemExit(INTERRUPTED) from None
 
 
 def _say(run: ProgramRun, program: Program, said: str | None) -> str | None:

@@ -14,12 +14,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import requires
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
+
+if TYPE_CHECKING:
+    from so101_motion.arm.arm import Arm
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -124,6 +127,17 @@ def have_agreed(question: str) -> None:
     if not agreed:
         aside("nothing moved")
         raise SystemExit(STOPPED)
+
+
+@contextmanager
+def stops_on_ctrl_c(arm: Arm) -> Iterator[None]:
+    """Within this block Ctrl-C stops the arm, waits until it rests, and ends the program."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        arm.stop()
+        aside("stopped; the arm holds")
+        raise SystemExit(INTERRUPTED) from None
 
 
 def write_report(path: Path, content: bytes) -> None:

@@ -29,21 +29,52 @@ R = TypeVar("R", bound="RigLike")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
-    """Where the arm comes from.
+class _Paced:
+    """An arm with caps of its own.
+
+    Attributes:
+        speed: Joint speed cap [rad/s]; None for the arm's default, or what its machine says.
+        acceleration: Joint acceleration cap [rad/s^2]; likewise.
+    """
+
+    speed: float | None = None
+    acceleration: float | None = None
+
+    @property
+    def what(self) -> str:
+        """Which arm, in words."""
+        raise NotImplementedError
+
+    @property
+    def title(self) -> str:
+        """The same as a heading."""
+        return self.what[:1].upper() + self.what[1:]
+
+    def _capped(self, rig: R) -> R:
+        """``rig`` with these caps; closed if it cannot have them."""
+        try:
+            if self.speed is not None:
+                rig.arm.set_speed(self.speed)
+            if self.acceleration is not None:
+                rig.arm.set_acceleration(self.acceleration)
+        except BaseException:
+            rig.close()
+            raise
+        return rig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source(_Paced):
+    """An arm of this computer.
 
     Attributes:
         port: Serial port of a real or emulated arm; None for the simulated one.
         calibration_file: Its calibration; None to look for the one that fits its servos.
-        speed: Joint speed cap [rad/s]; None for the default.
-        acceleration: Joint acceleration cap [rad/s^2]; None for the default.
         q_start: Where the simulated arm stands, shape (5,), [rad]; None for zeros.
     """
 
     port: str | None
     calibration_file: Path | None = None
-    speed: float | None = None
-    acceleration: float | None = None
     q_start: Array | None = None
     say: Callable[[str], None] = aside
 
@@ -51,11 +82,6 @@ class Source:
     def what(self) -> str:
         """In words."""
         return "simulated arm" if self.port is None else f"arm on {self.port}"
-
-    @property
-    def title(self) -> str:
-        """The same as a heading."""
-        return _capital(self.what)
 
     def open(self) -> Rig:
         """The arm and its gripper, ready to be asked.
@@ -79,7 +105,7 @@ class Source:
                 file = store.read(store.resolve(str(self.calibration_file))).path
             asked = ServoSettings(port=self.port, calibration_file=file)
             rig = open_hardware(asked.with_arm(SERVO_IDS))
-        return _capped(rig, self.speed, self.acceleration)
+        return self._capped(rig)
 
 
 def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
@@ -98,15 +124,13 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MachineSource:
+class MachineSource(_Paced):
     """A running Viam machine with the arm.
 
     Attributes:
         api_key_id: The id of an API key; None for a plain, direct connection.
         arm: Which of its arms; None for the only one.
         gripper: Which of its grippers; None for the only one.
-        speed: Joint speed cap [rad/s]; None to leave the machine's.
-        acceleration: Joint acceleration cap [rad/s^2]; None to leave the machine's.
     """
 
     address: str
@@ -114,18 +138,11 @@ class MachineSource:
     api_key: str | None = field(default=None, repr=False)
     arm: str | None = None
     gripper: str | None = None
-    speed: float | None = None
-    acceleration: float | None = None
 
     @property
     def what(self) -> str:
         """In words."""
         return f"arm of machine {self.address}"
-
-    @property
-    def title(self) -> str:
-        """The same as a heading."""
-        return _capital(self.what)
 
     def open(self) -> MachineRig:
         """The arm and its gripper, ready to be asked; nothing moves.
@@ -143,24 +160,7 @@ class MachineSource:
                 arm=self.arm,
                 gripper=self.gripper,
             )
-        return _capped(rig, self.speed, self.acceleration)
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
-
-
-def _capped(rig: R, speed: float | None, acceleration: float | None) -> R:
-    """``rig`` with these caps; closed if it cannot have them."""
-    try:
-        if speed is not None:
-            rig.arm.set_speed(speed)
-        if acceleration is not None:
-            rig.arm.set_acceleration(acceleration)
-    except BaseException:
-        rig.close()
-        raise
-    return rig
+        return self._capped(rig)
 
 
 AnySource = Source | MachineSource
@@ -207,41 +207,32 @@ def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) ->
 
 def source_options(verb: F) -> F:
     """The options ``--sim``, ``--port``, ``--calibration``; the verb gets ``source``."""
-
-    @_local_options
-    @functools.wraps(verb)
-    def with_source(
-        *args: Any, sim: bool, port: str | None, calibration: Path | None, **kwargs: Any
-    ) -> Any:
-        chosen = chosen_among({"--sim": sim or None, "--port": port})
-        if chosen is None:
-            raise click.UsageError("which arm? give --sim, or --port and its serial port")
-        _refuse_stray(calibration, chosen)
-        source = Source(port=None if chosen == "--sim" else port, calibration_file=calibration)
-        return verb(*args, source=source, **kwargs)
-
-    return with_source  # type: ignore[return-value]  # its own options and those above
+    return _local_options(
+        _with_source(verb, "which arm? give --sim, or --port and its serial port")
+    )
 
 
 def any_source_options(verb: F) -> F:
     """The same and ``--machine`` with what lets us in; the verb gets ``source``."""
+    asks = "which arm? give --sim, or --port and its serial port, or --machine and its address"
+    return _local_options(machine_options(_with_source(verb, asks)))
 
-    @_local_options
-    @machine_options
+
+def _with_source(verb: F, asks: str) -> F:
+    """``verb`` with its source out of these options; ``asks`` is said when none is named."""
+
     @functools.wraps(verb)
     def with_source(
         *args: Any,
         sim: bool,
         port: str | None,
         calibration: Path | None,
-        machine: MachineSource | None,
+        machine: MachineSource | None = None,
         **kwargs: Any,
     ) -> Any:
         chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
         if chosen is None:
-            raise click.UsageError(
-                "which arm? give --sim, or --port and its serial port, or --machine and its address"
-            )
+            raise click.UsageError(asks)
         _refuse_stray(calibration, chosen)
         source: AnySource = Source(port=port, calibration_file=calibration)
         if chosen == "--sim":

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -152,8 +150,6 @@ def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
 
 def _watch(session: Any, seconds: float | None) -> None:
     """Tell a person how it is until Ctrl-C, a stop of the follower, or the time is up."""
-    done = threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: done.set())
     end = None if seconds is None else time.monotonic() + seconds
     told = ""
     try:
@@ -162,12 +158,9 @@ def _watch(session: Any, seconds: float | None) -> None:
             if words != told:
                 click.echo(words, err=True)
                 told = words
-            if done.wait(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0))):
-                break
+            time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
     except KeyboardInterrupt:
         click.echo("", err=True)
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _tell_end(last: Status) -> None:
