@@ -1,4 +1,4 @@
-"""The interface through which calibration and motor setup use a bus that others may be using.
+"""The interface through which calibration and motor setup use a lent bus.
 
 The thread that owns the port runs what they ask for. Whoever lends the bus keeps everything else
 from moving meanwhile.
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 
 class BusAccess(Protocol):
-    """A bus that is lent; from any thread."""
+    """A lent bus; any thread may use it."""
 
     @property
     def port(self) -> str:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from so101_motion.calib.record.compare import Difference
     from so101_motion.calib.record.record import Calibration
     from so101_motion.calib.record.store import Stored
-    from so101_motion.calib.record.zero_report import Meaning
+    from so101_motion.calib.record.zero_report import ZeroReport
 
 
 @click.group(cls=Verbs)
@@ -228,7 +228,7 @@ def _list_files(as_json: bool) -> None:
 
 
 def _zero_facts(
-    stored: Stored, told: Iterable[Meaning], kept: Iterable[Any]
+    stored: Stored, told: Iterable[ZeroReport], kept: Iterable[Any]
 ) -> dict[str, list[dict[str, object]]]:
     return {
         "meaning": [

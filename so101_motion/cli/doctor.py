@@ -187,7 +187,7 @@ def _with_arm(seen: Findings, report: PortReport) -> Findings:
         return replace(seen, port_trouble=error.reason)
     from so101_motion.calib.record.zero_report import explain_stored
 
-    return replace(seen, meanings=explain_stored(seen.stored or _as_servos_hold(seen)))
+    return replace(seen, zero_reports=explain_stored(seen.stored or _as_servos_hold(seen)))
 
 
 def _as_servos_hold(seen: Findings) -> Stored:
@@ -272,7 +272,7 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
         },
         "zeros": [
             {"joint": m.joint, "by": m.by, "middle_deg": m.angle_deg, "jaws_mm": m.jaws_mm}
-            for m in seen.meanings
+            for m in seen.zero_reports
         ],
         "planned": {
             "speed_degs_per_sec": _deg(seen.speed),

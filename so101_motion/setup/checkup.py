@@ -277,7 +277,7 @@ def held(facts: ServoFacts) -> dict[str, int]:
 
 
 def _zeros(seen: Findings) -> Iterator[Check]:
-    *each, together = seen.meanings or (None,)
+    *each, together = seen.zero_reports or (None,)
     if together is None:
         return
     knows_nothing = together.by == "middle"  # then a sentence about all joints says it all

@@ -23,7 +23,7 @@ from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.motors.servo_search import Tuner
 from so101_motion.calib.motors.setup_view import Verification
 from so101_motion.calib.record.store import Stored
-from so101_motion.calib.record.zero_report import Meaning
+from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
 
@@ -80,7 +80,7 @@ class Findings:
     stored: Stored | None = None
     file_trouble: str = ""
     is_unfinished: bool = False
-    meanings: tuple[Meaning, ...] = ()
+    zero_reports: tuple[ZeroReport, ...] = ()
     speed: float | None = None
     acceleration: float | None = None
     planning_time: float | None = None

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held, read_held
+from so101_motion.calib.procedure.eeprom import HeldCalibration, read_held
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 from so101_motion.drivers.emulator import registers as emulated
@@ -112,7 +112,7 @@ def workshop(tmp_path, monkeypatch):
 
 
 def test_a_killed_calibration_ends_with_the_former_or_with_the_new_one(workshop):
-    new = ({joint: Held(homing_offset=0) for joint in JOINTS}, None)  # as delivered
+    new = ({joint: HeldCalibration(homing_offset=0) for joint in JOINTS}, None)  # as delivered
     for after in range(1, len(STEPS) + 1):
         workshop.put(0.45)
         workshop.begin()
@@ -127,7 +127,7 @@ def test_a_killed_calibration_ends_with_the_former_or_with_the_new_one(workshop)
     workshop.kill()
     servos, said = workshop.look()
     assert said is not None
-    assert servos == {joint: Held.of(said[joint]) for joint in JOINTS}
+    assert servos == {joint: HeldCalibration.of(said[joint]) for joint in JOINTS}
 
     workshop.put(0.3)
     workshop.begin()
@@ -135,4 +135,4 @@ def test_a_killed_calibration_ends_with_the_former_or_with_the_new_one(workshop)
     workshop.kill()
     again, said_again = workshop.look()
     assert said_again != said
-    assert again == {joint: Held.of(said_again[joint]) for joint in JOINTS}
+    assert again == {joint: HeldCalibration.of(said_again[joint]) for joint in JOINTS}

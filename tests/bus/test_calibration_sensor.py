@@ -10,7 +10,7 @@ from harness.emulated_rig import ModelBench
 from viam.components.arm import JointPositions
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.journal import Journal
 from so101_motion.calib.record import store
 from so101_motion.common.modes import Mode
@@ -361,8 +361,8 @@ async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, plannin
     bench = ModelBench(data, ids={})
     try:
         file = data / "so101_calibration.json"
-        before = Held(homing_offset=0, range_min=800, range_max=3000)
-        meanwhile = Held(homing_offset=77)
+        before = HeldCalibration(homing_offset=0, range_min=800, range_max=3000)
+        meanwhile = HeldCalibration(homing_offset=77)
         journal.write(file, Journal(before={"gripper": before}, meanwhile={"gripper": meanwhile}))
         gripper = bench.world.servo("gripper")
         gripper.memory.keep(emu.OFFSET, 77)

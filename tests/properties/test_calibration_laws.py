@@ -9,9 +9,9 @@ from harness.calibration_rig import LentArm
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
 from so101_motion.calib.procedure.session import Session
-from so101_motion.calib.procedure.travel import Sweep, fit, homing_offset
+from so101_motion.calib.procedure.travel import TravelRecorder, fit, homing_offset
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS
 
@@ -41,7 +41,7 @@ def readings(draw, corners):
 def test_a_sweep_finds_the_stops_wherever_the_seam_is(data, found, offset):
     lower, travel, home = found
     ends = data.draw(st.permutations((lower, lower + travel)))
-    sweep = Sweep()
+    sweep = TravelRecorder()
     for i, encoder in enumerate(readings(data.draw, (home, *ends))):
         sweep.feed(0.01 * i, (encoder - offset) % 4096)
     assert sweep.arc.travel == travel
@@ -53,7 +53,7 @@ def test_a_wrong_reading_anywhere_changes_nothing(data, found, wrong, when):
     lower, travel, home = found
     right = list(readings(data.draw, (home, lower, lower + travel)))
     when %= len(right)
-    sweep = Sweep()
+    sweep = TravelRecorder()
     for i, encoder in enumerate([*right[:when], wrong, *right[when:]]):
         sweep.feed(0.01 * i, encoder % 4096)
     if not 2 <= when <= len(right) - 2:
@@ -67,7 +67,7 @@ def test_homing_and_fitting_leave_the_stops_where_they_are(found, turned):
     lower, travel, home = found
     offset = homing_offset(home + turned)
     reads = (lower + turned - offset) % 4096
-    sweep = Sweep()
+    sweep = TravelRecorder()
     for i, ticks in enumerate([*[reads] * 3, *range(reads, reads + travel, 40)]):
         sweep.feed(0.01 * i, ticks)
     for _ in range(3):
@@ -101,7 +101,7 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
 ):
     arm = LentArm(joints={joint: {"zero_ticks": ticks} for joint, ticks in zeros.items()})
     for joint, offset in held_before.items():
-        write_held(arm.bus, SERVO_IDS[joint], Held(homing_offset=offset))
+        write_held(arm.bus, SERVO_IDS[joint], HeldCalibration(homing_offset=offset))
         lower, upper = arm.stops(joint)
         arm.put(**{joint: round(lower + poses[joint] * (upper - lower))})
     at_home = {joint: arm.drive(joint).q for joint in JOINTS}
@@ -114,7 +114,7 @@ def test_every_joint_is_calibrated_wherever_its_seam_its_offset_and_its_pose_are
         session.stop_recording()
         stored = session.save()
     for joint, entry in stored.calibration.items():
-        assert Held.of(entry) == arm.held(joint) == arm.flashed(joint)
+        assert HeldCalibration.of(entry) == arm.held(joint) == arm.flashed(joint)
         assert 0 <= entry.range_min < entry.range_max <= 4095
         found = (entry.range_min + entry.homing_offset, entry.range_max + entry.homing_offset)
         for end, stop in zip(found, arm.stops(joint), strict=True):

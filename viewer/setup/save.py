@@ -29,7 +29,7 @@ class _Told:
 
     stored: Stored
     trouble: str
-    meanings: tuple[str, ...]
+    zero_reports: tuple[str, ...]
 
 
 class SavePage(CalibrationPage):
@@ -103,7 +103,7 @@ class SavePage(CalibrationPage):
         said = calibration_cards.saved(title, str(told.stored.path), told.stored.notes)
         if told.trouble:
             said += cards.failed(told.trouble)
-        return said + "".join(cards.note(cards.capital(text)) for text in told.meanings)
+        return said + "".join(cards.note(cards.capital(text)) for text in told.zero_reports)
 
     # What the buttons do
 
@@ -136,8 +136,8 @@ def _instruction(is_open: bool, is_saved: bool) -> str:
 
 def _told(ended: StepResult, *, is_first: bool = False) -> _Told:
     assert ended.stored is not None  # it was saved
-    meanings = _meanings(ended.stored, is_first=is_first)
-    return _Told(stored=ended.stored, trouble=ended.trouble or "", meanings=meanings)
+    zero_reports = _meanings(ended.stored, is_first=is_first)
+    return _Told(stored=ended.stored, trouble=ended.trouble or "", zero_reports=zero_reports)
 
 
 def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Identify what is on a bus: which servos, whether they make an arm, whether it leads or follows.
+"""Identify the servos on a bus, and whether they are a leader arm or a follower arm.
 
 ``look`` asks and writes nothing. Everything else here is judgement and needs no bus.
 
@@ -79,13 +79,13 @@ _END = reg.PRESENT_CURRENT.address + reg.PRESENT_CURRENT.size
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoFacts:
-    """What one servo says of itself."""
+    """The registers of one servo, and what follows from them."""
 
     servo_id: int
     held: Mapping[str, int]
 
     def holds(self, register: Register) -> int:
-        """What a register holds, as the number it means."""
+        """The decoded value of a register."""
         return self.held[register.name]
 
     @property
@@ -106,17 +106,17 @@ class ServoFacts:
 
     @property
     def volts(self) -> float:
-        """What it is fed with [V]."""
+        """Its supply voltage [V]."""
         return self.holds(reg.PRESENT_VOLTAGE) / 10.0
 
     @property
     def highest_volts(self) -> float:
-        """What it is made for at most [V]."""
+        """The upper limit of its supply voltage [V]."""
         return self.holds(reg.MAX_VOLTAGE) / 10.0
 
     @property
     def lowest_volts(self) -> float:
-        """What it needs at least [V]."""
+        """The lower limit of its supply voltage [V]."""
         return self.holds(reg.MIN_VOLTAGE) / 10.0
 
     @property
@@ -126,7 +126,7 @@ class ServoFacts:
 
     @property
     def troubles(self) -> tuple[ServoTrouble, ...]:
-        """What is wrong with its supply, temperature and load, and the faults that it reports."""
+        """The problems with its supply, temperature and load, and the faults it reports."""
         return judge(
             volts=self.volts,
             lowest_volts=self.lowest_volts,
@@ -145,7 +145,7 @@ class ServoFacts:
 
     @property
     def odd_settings(self) -> tuple[str, ...]:
-        """Settings that keep it from working in an arm; those that are a matter of taste are not.
+        """The settings that keep it from working in an arm.
 
         An empty tuple if there are none.
         """
@@ -181,7 +181,7 @@ class ServoFacts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServosOnBus:
-    """What was found on a bus.
+    """The servos that were found on a bus.
 
     Attributes:
         baud: At which rate [bit/s].
@@ -195,7 +195,7 @@ class ServosOnBus:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nobody is there."""
+        """Whether no servo answers."""
         return not (self.servos or self.shared or self.garbled)
 
     @property
@@ -219,7 +219,7 @@ class ServosOnBus:
 
 
 def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
-    """Ask a servo what it is."""
+    """Read what a servo is and how it is set."""
     block = bus.read_block(servo_id, 0, _END, what="what it is")
     return ServoFacts(
         servo_id=servo_id, held={register.name: register.cut(block, 0) for register in _LOOK_AT}
@@ -227,7 +227,7 @@ def read_facts(bus: Bus, servo_id: int) -> ServoFacts:
 
 
 def look(bus: Bus) -> ServosOnBus:
-    """Find out who is there at the bus's baud rate; nothing is written.
+    """Find the servos at the bus's baud rate; writes nothing.
 
     A ping to all finds every servo. As a bad moment could swallow an answer to it, the ids of an
     arm are asked once more by name.
@@ -254,7 +254,7 @@ def look(bus: Bus) -> ServosOnBus:
 
 
 def fits(seen: ServosOnBus, found: FoundFile) -> bool:
-    """Whether a calibration file says what the servos hold, for every joint of an arm."""
+    """Whether a calibration file agrees with the servos, for every joint of an arm."""
     calibration = found.stored.calibration if found.stored is not None else {}
     if any(joint not in calibration for joint in ARM_JOINTS):
         return False
@@ -273,7 +273,7 @@ def fits(seen: ServosOnBus, found: FoundFile) -> bool:
 
 
 def role(seen: ServosOnBus, files: Iterable[FoundFile] = ()) -> tuple[Role, str]:
-    """Whether the arm leads or follows, and what shows it."""
+    """Whether the arm is a leader or a follower, and why."""
     if not seen.has_arm:
         return "unknown", "it is not a complete arm"
     for found in files:

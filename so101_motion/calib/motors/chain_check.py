@@ -1,4 +1,4 @@
-"""Check whether the six servos of a finished arm are as they must be; nothing is written."""
+"""Check the six servos of a finished arm; writes nothing."""
 
 from __future__ import annotations
 

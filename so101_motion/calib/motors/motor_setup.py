@@ -1,4 +1,4 @@
-"""Set up the servos of a kit: each gets its id, the port's baud rate and its settings.
+"""Set up the servos of a kit: give each its id, the port's baud rate and its settings.
 
 New servos all have id 1, so they are set up one at a time: connect one alone, ``discover`` it,
 ``assign`` it, unplug it, and so on from the gripper to the shoulder. Then, in the finished chain,
@@ -25,7 +25,7 @@ from dataclasses import replace
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.motors import chain_check, servo_program
 from so101_motion.calib.motors.arm_identification import ServoFacts, read_facts
-from so101_motion.calib.motors.servo_search import Tuner, all_heard
+from so101_motion.calib.motors.servo_search import Tuner, find_all_rates
 from so101_motion.calib.motors.setup_view import (
     Assignment,
     BusScan,
@@ -37,7 +37,7 @@ from so101_motion.calib.motors.setup_view import (
 from so101_motion.calib.motors.single_servo import (
     find_alone,
     read_back,
-    see_that_nobody_else_is_there,
+    require_alone,
 )
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.attributes import suggest
@@ -72,12 +72,12 @@ class MotorSetup:
 
     @property
     def view(self) -> SetupView:
-        """How far everything is."""
+        """The state of the setup."""
         return self._view
 
     @property
     def next_joint(self) -> str | None:
-        """Whose servo is next; None when all are settled."""
+        """The joint whose servo is next; None when all are done."""
         return self._view.next_joint
 
     # One servo at a time
@@ -130,7 +130,7 @@ class MotorSetup:
             hint = current_baud if current_baud in reg.BAUDS else motor.baud
             facts = find_alone(tuner, joint, hint=hint, tell=self._tell_rate)
             self._admit(joint, facts.servo_id, current_id)
-            see_that_nobody_else_is_there(tuner, joint)
+            require_alone(tuner, joint)
             self.checked = None
             done = self._carry_out(tuner, joint, facts)
             now = read_back(tuner, joint)
@@ -151,7 +151,7 @@ class MotorSetup:
         return skipped
 
     def recall(self, joints: Collection[str]) -> None:
-        """Take the servos of these joints for set up, because an earlier setup did it.
+        """Mark the servos of these joints as set up by an earlier setup.
 
         Raises:
             ConfigError: There is no such joint.
@@ -166,7 +166,7 @@ class MotorSetup:
     # All of them
 
     def verify(self) -> Verification:
-        """Look whether the six servos of the finished chain are as they must be."""
+        """Check the six servos of the finished chain."""
         with self._attempt(None, "verifying all servos") as tuner:
             self.checked = found = chain_check.verify(tuner)
             for check in found.motors.values():
@@ -186,7 +186,7 @@ class MotorSetup:
     def scan(self) -> BusScan:
         """Find every servo on the bus, at every baud rate; takes two seconds."""
         with self._attempt(None, "scanning the bus") as tuner:
-            heard = all_heard(tuner, tell=self._tell_rate)
+            heard = find_all_rates(tuner, tell=self._tell_rate)
             servos = []
             for rate in heard:
                 tuner.tune(rate.baud)
@@ -199,7 +199,7 @@ class MotorSetup:
         return found
 
     def reset(self) -> None:
-        """Forget how far the setup was; the servos stay as they are."""
+        """Start the setup again; the servos stay as they are."""
         with self._busy:
             self._view, self.checked = SetupView(), None
 
@@ -218,7 +218,7 @@ class MotorSetup:
 
     @contextmanager
     def _attempt(self, joint: str | None, doing: str) -> Iterator[Tuner]:
-        """The bus for one request; whatever fails is kept in the view as well."""
+        """Borrow the bus for one request; an error is shown in the view as well."""
         with self._busy:
             self._view = replace(self._view, doing=doing)
             try:
@@ -254,7 +254,7 @@ class MotorSetup:
         return sentence
 
     def _admit(self, joint: str, servo_id: int, current_id: int | None) -> None:
-        """Refuse the wrong servo."""
+        """Refuse a servo that should not be assigned to ``joint``."""
         if current_id not in (None, servo_id):
             raise MotorSetupError(
                 joint,
@@ -278,8 +278,8 @@ class MotorSetup:
         wanted = servo_program.settings(joint, facts, moved=old_id != new_id)
         # Settings first: with the new id it would pass for finished if this ended half-way.
         changed = tuner.call(lambda bus: servo_program.program(bus, old_id, wanted))
-        tuner.call(lambda bus: servo_program.give_id(bus, old_id, new_id))
-        servo_program.give_rate(tuner, new_id, tuner.home)
+        tuner.call(lambda bus: servo_program.change_id(bus, old_id, new_id))
+        servo_program.change_rate(tuner, new_id, tuner.home)
         return Assignment(
             joint=joint,
             old_id=old_id,

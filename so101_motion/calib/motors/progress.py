@@ -1,4 +1,4 @@
-"""Keep in a file how far a setup has come, so that a later start goes on there.
+"""Save the progress of a setup to a file, so that a later start continues there.
 
 The terminal and the page keep it in the same file: what was begun on one can be ended on the other.
 A calibration under way keeps a journal of its own, see ``journal.py``; here is only which step it
@@ -44,25 +44,25 @@ class SetupProgress:
             pass
 
     def add(self, joint: str) -> None:
-        """The motor of ``joint`` has its id."""
+        """Note that the motor of ``joint`` has its id."""
         if joint not in self.done:
             self.done.append(joint)
             self._keep()
 
     def reach(self, workflow: str, step: str) -> None:
-        """A workflow has come to a step."""
+        """Note that a workflow has reached a step."""
         if (workflow, step) != (self.workflow, self.step):
             self.workflow, self.step = workflow, step
             self._keep()
 
     def work_on(self, port: str) -> None:
-        """Everything from now on is about this port; the motors of another one are forgotten."""
+        """Switch to this port; forgets the motors of another one."""
         if port != self.port:
             self.port, self.done = port, []
             self._keep()
 
     def clear(self) -> None:
-        """All is done, or is to be done anew."""
+        """Forget the progress, because all is done or starts again."""
         self.done, self.workflow, self.step = [], "", ""
         with contextlib.suppress(OSError):
             self._path.unlink(missing_ok=True)

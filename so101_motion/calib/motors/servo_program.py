@@ -1,4 +1,4 @@
-"""Write what a servo of the arm must hold: id, baud rate and settings.
+"""Write id, baud rate and settings to a servo of the arm.
 
 EEPROM is read, compared and written only where it differs, unlocked only meanwhile. A servo answers
 at its new id or rate right after the order, so it is locked again *there*; with the old address the
@@ -45,7 +45,7 @@ _WRITING = 10  # how often a servo that writes its memory is asked whether it is
 
 
 def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, int]:
-    """What the servo's EEPROM should hold.
+    """The settings for the servo's EEPROM.
 
     Args:
         joint: Whose it is to be.
@@ -71,7 +71,7 @@ def settings(joint: str, facts: ServoFacts, *, moved: bool) -> dict[Register, in
 
 
 def program(bus: Bus, servo_id: int, wanted: Mapping[Register, int]) -> tuple[str, ...]:
-    """See that a servo holds ``wanted`` for good and is limp.
+    """Store ``wanted`` in a servo for good, and switch its torque off.
 
     Returns:
         The names of what was changed.
@@ -82,14 +82,14 @@ def program(bus: Bus, servo_id: int, wanted: Mapping[Register, int]) -> tuple[st
     return changed
 
 
-def give_id(bus: Bus, servo_id: int, new_id: int) -> None:
-    """Give the only servo on the bus, which is limp, another id for good."""
+def change_id(bus: Bus, servo_id: int, new_id: int) -> None:
+    """Change the id of the only servo on the bus for good; its torque must be off."""
     if servo_id != new_id:
         bus.change_id(servo_id, new_id)
 
 
-def give_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
-    """Let a servo talk at another rate for good; the tuner goes along.
+def change_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
+    """Change a servo's baud rate for good, and tune the bus to it.
 
     Raises:
         BusError: It cannot be reached.
@@ -103,7 +103,7 @@ def give_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
         tuner.call(lambda bus: bus.write(servo_id, reg.LOCK, 0))
         tuner.call(lambda bus: bus.post(servo_id, reg.BAUD_RATE, code))
         tuner.tune(baud)
-        if tuner.call(lambda bus: comes_back(bus, servo_id)):
+        if tuner.call(lambda bus: answers_again(bus, servo_id)):
             tuner.call(lambda bus: bus.write(servo_id, reg.LOCK, 1))
             return
         tuner.tune(old)
@@ -115,6 +115,6 @@ def give_rate(tuner: Tuner, servo_id: int, baud: int) -> None:
     )
 
 
-def comes_back(bus: Bus, servo_id: int) -> bool:
-    """Whether a servo answers, given the time that writing its memory may take it."""
+def answers_again(bus: Bus, servo_id: int) -> bool:
+    """Whether a servo answers within the time that writing its memory may take."""
     return any(bus.answering((servo_id,)) for _ in range(_WRITING))

@@ -27,7 +27,7 @@ brands use. Chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RateAnswers:
-    """Who answers at one rate.
+    """The servos that answer at one rate.
 
     Attributes:
         baud: The rate [bit/s].
@@ -44,7 +44,7 @@ class RateAnswers:
 
 
 class Tuner:
-    """A lent bus at any rate; at the end of a ``with`` block it is back at the port's own.
+    """Tunes a lent bus to any rate; the end of a ``with`` block restores the port's own.
 
     Attributes:
         home: The port's own rate [bit/s].
@@ -76,7 +76,7 @@ class Tuner:
 
 
 def listen(tuner: Tuner) -> RateAnswers:
-    """Who answers at the present rate; whoever does is asked twice."""
+    """Find the servos at the present rate; asks each that answers a second time."""
     roll = tuner.call(Bus.ping_all)
     if not roll.ids and not roll.garbled:
         return RateAnswers(baud=tuner.baud, ids=(), garbled=False)
@@ -88,10 +88,10 @@ def listen(tuner: Tuner) -> RateAnswers:
     )
 
 
-def first_heard(
+def find_first_rate(
     tuner: Tuner, *, hint: int | None = None, tell: Callable[[int], None] = lambda baud: None
 ) -> RateAnswers | None:
-    """The first rate at which anybody answers; the tuner stays there.
+    """Find the first rate at which any servo answers; the tuner stays there.
 
     Args:
         tuner: The bus.
@@ -111,10 +111,10 @@ def first_heard(
     return None
 
 
-def all_heard(
+def find_all_rates(
     tuner: Tuner, *, tell: Callable[[int], None] = lambda baud: None
 ) -> list[RateAnswers]:
-    """Everybody, whatever their rates; rates at which nobody answers are left out."""
+    """Find the servos at all rates; leaves rates without an answer out."""
     rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
     return [heard for heard in sweep(tuner, rates, tell) if not heard.is_silence]
 

@@ -1,4 +1,4 @@
-"""The state of a motor setup and what to do next, as plain values and sentences; no bus.
+"""Describe the state of a motor setup and the next step, as plain values; no bus here.
 
 A view is one immutable value that is replaced whole, so a page or a sensor's readings may look at
 it at any time and never wait for the bus.
@@ -38,7 +38,7 @@ _SETTLED = ("configured", "verified", "skipped")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorView:
-    """How far one joint's servo is.
+    """The state of one joint's servo in the setup.
 
     Attributes:
         state: ``"todo"``, ``"found"`` (connected alone), ``"configured"`` (id, rate and settings
@@ -75,7 +75,7 @@ class MotorView:
 
 
 def connect_alone(joint: str) -> str:
-    """What to do so that the motor of a joint can be set up."""
+    """The instruction to connect only the motor of a joint."""
     which = f"the motor of {joint}, which {MOVES[joint]}"
     return f"connect only {which}, to the adapter, with the power on"
 
@@ -86,7 +86,7 @@ def _untouched() -> dict[str, MotorView]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupView:
-    """How far the setup is.
+    """The state of the motor setup.
 
     Attributes:
         fix: What to do about it; empty when nothing is wrong.
@@ -111,7 +111,7 @@ class SetupView:
 
     @property
     def next_joint(self) -> str | None:
-        """Whose servo is next; None when all are settled."""
+        """The joint whose servo is next; None when all are done."""
         unsettled = (joint for joint, m in self.motors.items() if m.state not in _SETTLED)
         return next(unsettled, None)
 
@@ -150,7 +150,7 @@ class SetupView:
         return None
 
     def with_motor(self, motor: MotorView) -> SetupView:
-        """The same with one motor's news."""
+        """This view with one motor replaced."""
         motors = {**self.motors, motor.joint: motor}
         return replace(self, motors=motors, status=motor.sentence, fix=motor.fix, doing="")
 
@@ -160,7 +160,7 @@ class SetupView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assignment:
-    """A servo got its place.
+    """The result of assigning a servo to a joint.
 
     Attributes:
         old_baud: The rate it was found at [bit/s].
@@ -178,7 +178,7 @@ class Assignment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorCheck:
-    """How one joint's servo was found in the finished chain.
+    """The result of checking one joint's servo in the finished chain.
 
     Attributes:
         status: ``"ok"``, ``"not_responding"``, ``"duplicate"``, ``"model_detection_failed"``,
@@ -197,7 +197,7 @@ class MotorCheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """How the finished chain was found."""
+    """The result of checking the finished chain."""
 
     motors: Mapping[str, MotorCheck]
     unexpected_ids: tuple[int, ...]
@@ -214,7 +214,7 @@ class Verification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScannedServo:
-    """A servo somewhere on the bus.
+    """A servo that a scan found on the bus.
 
     Attributes:
         baud: The rate it talks at [bit/s].
@@ -230,7 +230,7 @@ class ScannedServo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusScan:
-    """Who is on the bus, at any rate.
+    """The servos on the bus at all rates.
 
     Attributes:
         garbled: Rates at which there is nonsense as well [bit/s].

@@ -1,4 +1,4 @@
-"""Find the one servo that is connected for its setup, and make sure that it is the only one.
+"""Find the servo that is connected for its setup, and check that it is the only one.
 
 An id must never be changed while several servos listen: all that have the old one would take the
 new one, and from then on they talk over each other.
@@ -14,7 +14,7 @@ from so101_motion.calib.motors.servo_search import (
     LIKELIEST_FIRST,
     RateAnswers,
     Tuner,
-    first_heard,
+    find_first_rate,
     listen,
     sweep,
 )
@@ -29,7 +29,7 @@ _MORE = 3
 def find_alone(
     tuner: Tuner, joint: str, *, hint: int | None, tell: Callable[[int], None]
 ) -> ServoFacts:
-    """The one servo that is connected, whatever its id and rate; the tuner stays at its rate.
+    """Find the one connected servo, whatever its id and rate; the tuner stays at its rate.
 
     Args:
         tuner: The bus.
@@ -41,7 +41,7 @@ def find_alone(
         MotorSetupError: There is none, or more than one, or it is of another kind.
         BusError: The port is gone, or the servo cannot be read.
     """
-    facts = _read_only_one(tuner, joint, first_heard(tuner, hint=hint, tell=tell))
+    facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, tell=tell))
     if not facts.is_sts3215:
         raise MotorSetupError(
             joint,
@@ -52,8 +52,8 @@ def find_alone(
     return facts
 
 
-def see_that_nobody_else_is_there(tuner: Tuner, joint: str) -> None:
-    """No other servo may listen at any rate; takes two seconds.
+def require_alone(tuner: Tuner, joint: str) -> None:
+    """Check that no other servo answers at any rate; takes two seconds.
 
     The tuner comes back to its rate, where ``find_alone`` has seen that there is only one.
 
@@ -74,7 +74,7 @@ def see_that_nobody_else_is_there(tuner: Tuner, joint: str) -> None:
 
 
 def read_back(tuner: Tuner, joint: str) -> ServoFacts:
-    """The servo of ``joint`` where it should be now, if it is all that it should be.
+    """Read the newly assigned servo of ``joint`` back and check it.
 
     Raises:
         MotorSetupError: It is not.

@@ -1,4 +1,4 @@
-"""Read and write what a calibration changes in a servo: homing offset and limits, for good.
+"""Read and write the homing offset and limits in a servo's EEPROM.
 
 They are three registers and cannot change at once, so there is an order. While the offset changes
 the limits are open, 0 to 4095; then both limits change in a single write. If that is cut short,
@@ -29,8 +29,8 @@ _LIMITS = Register(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """What a servo holds of a calibration.
+class HeldCalibration:
+    """The calibration that a servo holds: homing offset and limits.
 
     Attributes:
         homing_offset: What it takes off its encoder [tick].
@@ -43,8 +43,8 @@ class Held:
     range_max: int = _MAX
 
     @classmethod
-    def of(cls, entry: JointCalibration) -> Held:
-        """What a calibration record's servo holds."""
+    def of(cls, entry: JointCalibration) -> HeldCalibration:
+        """The values that a servo holds for a calibration record's entry."""
         return cls(
             homing_offset=entry.homing_offset,
             range_min=entry.range_min,
@@ -52,37 +52,37 @@ class Held:
         )
 
 
-def read_held(bus: Bus, servo_id: int) -> Held:
-    """What the servo holds now."""
+def read_held(bus: Bus, servo_id: int) -> HeldCalibration:
+    """Read the calibration that a servo holds."""
     limits = bus.read(servo_id, _LIMITS)
-    return Held(
+    return HeldCalibration(
         homing_offset=bus.read(servo_id, reg.HOMING_OFFSET),
         range_min=limits & 0xFFFF,
         range_max=limits >> 16,
     )
 
 
-def restorable(held: Held) -> Held:
-    """The same, as far as it can be written back.
+def restorable(held: HeldCalibration) -> HeldCalibration:
+    """The nearest values that can be written back to a servo.
 
     Firmware 3.10 holds offsets beyond 2047, which mean what the same offset a turn away means; and
     limits that make no sense become those of a new servo.
     """
     offset = representable(held.homing_offset)
     if max(held.range_min, held.range_max) > _MAX:
-        return Held(homing_offset=offset)
+        return HeldCalibration(homing_offset=offset)
     return replace(held, homing_offset=offset)
 
 
-def write_held(bus: Bus, servo_id: int, wanted: Held) -> None:
-    """Let the servo hold ``wanted`` for good, and read it back; only what differs is written."""
+def write_held(bus: Bus, servo_id: int, wanted: HeldCalibration) -> None:
+    """Store ``wanted`` in a servo for good and read it back; writes only what differs."""
     held = read_held(bus, servo_id)
     if held != wanted:
         if held.homing_offset != wanted.homing_offset:
             bus.write(servo_id, reg.TORQUE_ENABLE, 0)
         bus.write(servo_id, reg.LOCK, 0)
         if held.homing_offset != wanted.homing_offset:
-            if held != Held(homing_offset=held.homing_offset):
+            if held != HeldCalibration(homing_offset=held.homing_offset):
                 bus.write(servo_id, _LIMITS, _limits(0, _MAX))
             bus.write(servo_id, reg.HOMING_OFFSET, wanted.homing_offset)
         limits = _limits(wanted.range_min, wanted.range_max)

@@ -1,4 +1,4 @@
-"""Bus jobs of a calibration before it records; run on the port's thread."""
+"""Bus jobs of a calibration before its recording; run on the port's thread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ chosen: a hand trembles, a servo that understands offsets otherwise is off by mo
 
 
 def find(bus: Bus, joints: Sequence[str]) -> dict[str, JointProgress]:
-    """What the joints' servos hold."""
+    """Read what the joints' servos hold."""
     require(bus, joints)
     return {joint: _find(bus, joint) for joint in joints}
 
@@ -39,13 +39,13 @@ def _find(bus: Bus, joint: str) -> JointProgress:
 
 
 def release(bus: Bus, joints: Sequence[str]) -> None:
-    """Let go of the joints."""
+    """Switch the torque of the joints off."""
     for joint in joints:
         bus.write(SERVO_IDS[joint], reg.TORQUE_ENABLE, 0)
 
 
 def require(bus: Bus, joints: Sequence[str]) -> None:
-    """See that the joints' servos are there."""
+    """Check that the joints' servos answer."""
     answering = bus.answering(map(SERVO_IDS.__getitem__, joints))
     missing = [SERVO_IDS[joint] for joint in joints if SERVO_IDS[joint] not in answering]
     if missing:
@@ -53,7 +53,7 @@ def require(bus: Bus, joints: Sequence[str]) -> None:
 
 
 def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
-    """Where the joints are, 0 to 4095 [tick], all at one instant if possible."""
+    """Read the positions of the joints, 0 to 4095 [tick], in one transaction if possible."""
     row, ids = reg.PRESENT_POSITION, tuple(map(SERVO_IDS.__getitem__, joints))
     answers = bus.sync_read(ids, row.address, row.size, tries=1 + RETRIES)
     missing = [i for i in ids if i not in answers]
@@ -63,7 +63,7 @@ def read_positions(bus: Bus, joints: Sequence[str]) -> dict[str, int]:
 
 
 def check_homed(bus: Bus, homes: Mapping[str, int]) -> None:
-    """See that the servos read in the homing pose what their new offsets promise.
+    """Check that the servos report the homing pose with their new offsets.
 
     Args:
         bus: Where they are.

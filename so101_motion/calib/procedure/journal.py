@@ -1,4 +1,4 @@
-"""Keep a journal of a calibration under way, so that a crash at any instant loses nothing.
+"""Keep a journal of a running calibration, so that a crash at any instant loses nothing.
 
 A calibration changes six servos and a file, one after the other. Before the first servo is changed,
 a journal is written beside the calibration file: what each servo held, and what it is given for the
@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from so101_motion.calib.procedure.eeprom import Held, read_held, write_held
+from so101_motion.calib.procedure.eeprom import HeldCalibration, read_held, write_held
 from so101_motion.calib.record import record, store
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS, Calibration
 from so101_motion.calib.record.zero import Zero
@@ -35,7 +35,7 @@ _ABOUT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saving:
-    """What servos and file are to hold."""
+    """The calibration that servos and file are to hold."""
 
     calibration: Calibration
     zeros: Mapping[str, Zero]
@@ -43,32 +43,32 @@ class Saving:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Journal:
-    """A calibration under way.
+    """The journal of a running calibration.
 
     Attributes:
         saving: What servos and file are to hold; None before that is known.
         is_decided: Whether ``saving`` is to be carried through; else everything is put back.
     """
 
-    before: Mapping[str, Held]
-    meanwhile: Mapping[str, Held]
+    before: Mapping[str, HeldCalibration]
+    meanwhile: Mapping[str, HeldCalibration]
     saving: Saving | None = None
     is_decided: bool = False
 
 
 def path_for(calibration_file: Path) -> Path:
-    """Where the journal of a calibration is."""
+    """The path of a calibration's journal."""
     return calibration_file.with_name(f"{calibration_file.name}.unfinished")
 
 
 def is_known(calibration_file: Path) -> bool:
-    """Whether an arm was calibrated to this file, or such a calibration is not over."""
+    """Whether an arm was calibrated to this file, or such a calibration was interrupted."""
     paths = (calibration_file, path_for(calibration_file))
     return any(path.exists() for path in paths) or bool(store.versions(calibration_file))
 
 
 def write(calibration_file: Path, journal: Journal) -> None:
-    """Put the journal in its place, in one step.
+    """Write the journal in one step.
 
     Raises:
         CalibrationError: It cannot be written.
@@ -91,7 +91,7 @@ def write(calibration_file: Path, journal: Journal) -> None:
 
 
 def remove(calibration_file: Path) -> None:
-    """The calibration has ended well.
+    """Remove the journal, because the calibration has ended well.
 
     Raises:
         CalibrationError: The journal cannot be removed.
@@ -107,7 +107,7 @@ def remove(calibration_file: Path) -> None:
 
 
 def read(calibration_file: Path) -> Journal | None:
-    """The journal of a calibration that was interrupted; None if there is none.
+    """Read the journal of an interrupted calibration; None if there is none.
 
     Raises:
         CalibrationError: It cannot be read or understood.
@@ -134,7 +134,7 @@ def read(calibration_file: Path) -> Journal | None:
 
 
 def recover(bus: Bus, calibration_file: Path) -> str | None:
-    """End a calibration that was interrupted, if there is one.
+    """End an interrupted calibration, if there is one.
 
     Returns:
         What was done, in a sentence for a person; None if there was nothing to do.
@@ -175,23 +175,23 @@ def _end(bus: Bus, calibration_file: Path, journal: Journal) -> str:
             write_held(bus, SERVO_IDS[joint], held)
         return "A calibration was interrupted before it was saved; the servos were put back."
     for joint, entry in saving.calibration.items():
-        write_held(bus, SERVO_IDS[joint], Held.of(entry))
+        write_held(bus, SERVO_IDS[joint], HeldCalibration.of(entry))
     store.save(calibration_file, saving.calibration, zeros=saving.zeros)
     return "A calibration was interrupted while it was saved; it is complete now."
 
 
-def _knows(journal: Journal, joint: str, held: Held) -> bool:
-    """Whether a servo holds something that this calibration brought about."""
+def _knows(journal: Journal, joint: str, held: HeldCalibration) -> bool:
+    """Whether a servo holds a value that this calibration wrote or found."""
     known = [journal.before[joint], journal.meanwhile[joint]]
     if journal.saving is not None:
-        known.append(Held.of(journal.saving.calibration[joint]))
-    looks_new = held == Held(homing_offset=held.homing_offset)
+        known.append(HeldCalibration.of(journal.saving.calibration[joint]))
+    looks_new = held == HeldCalibration(homing_offset=held.homing_offset)
     return held in known or (
         looks_new and any(held.homing_offset == k.homing_offset for k in known)
     )
 
 
-def _row(held: Held) -> list[int]:
+def _row(held: HeldCalibration) -> list[int]:
     return [held.homing_offset, held.range_min, held.range_max]
 
 
@@ -219,7 +219,7 @@ def _parse(content: object) -> Journal:
     )
 
 
-def _held_by_joint(rows: Mapping[str, list[int]]) -> dict[str, Held]:
+def _held_by_joint(rows: Mapping[str, list[int]]) -> dict[str, HeldCalibration]:
     found = {}
     for joint, (offset, lower, upper) in rows.items():
         if joint not in JOINTS:
@@ -227,5 +227,7 @@ def _held_by_joint(rows: Mapping[str, list[int]]) -> dict[str, Held]:
         lowest, highest = HOMING_OFFSET.lower, HOMING_OFFSET.upper
         if not (lowest <= offset <= highest and 0 <= lower <= 4095 and 0 <= upper <= 4095):
             raise ValueError(f"{joint} cannot hold {offset}, {lower}, {upper}")
-        found[joint] = Held(homing_offset=int(offset), range_min=int(lower), range_max=int(upper))
+        found[joint] = HeldCalibration(
+            homing_offset=int(offset), range_min=int(lower), range_max=int(upper)
+        )
     return found

@@ -36,7 +36,7 @@ _HOMED = (State.HOMED, State.RECORDING, State.COMPLETED)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseEstimate:
-    """Where joints probably are.
+    """Estimated joint angles, and which of them are guesses.
 
     Attributes:
         angles: Every joint's angle [rad]; one that was never seen is where it should be.
@@ -59,7 +59,7 @@ class PoseEstimate:
 def estimate_pose(
     state: State, joints: Mapping[str, JointView], former: Mapping[str, float]
 ) -> PoseEstimate:
-    """Where the joints probably are.
+    """Estimate the joint angles.
 
     Args:
         state: How far the calibration is.

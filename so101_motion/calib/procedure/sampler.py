@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from so101_motion.calib.procedure.travel import Arc, Sweep
+from so101_motion.calib.procedure.travel import TravelArc, TravelRecorder
 from so101_motion.calib.record.record import SERVO_IDS
 from so101_motion.common.clock import Clock
 from so101_motion.drivers.bus.bus import Bus
@@ -22,7 +22,7 @@ _ROW = PRESENT_POSITION
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Positions:
-    """What the sampler saw last.
+    """The positions that the sampler read last.
 
     Attributes:
         ticks: Where each joint is, 0 to 4095 [tick]; joints that were never read are missing.
@@ -31,7 +31,7 @@ class Positions:
     """
 
     ticks: Mapping[str, int] = field(default_factory=dict)
-    arcs: Mapping[str, Arc] = field(default_factory=dict)
+    arcs: Mapping[str, TravelArc] = field(default_factory=dict)
     samples: int = 0
     silent: tuple[str, ...] = ()
     t: float = 0.0
@@ -49,12 +49,12 @@ class Sampler:
         self._clock = clock
         self._joints = {SERVO_IDS[joint]: joint for joint in joints}
         self._presence = Presence(tuple(self._joints))
-        self._sweeps: dict[str, Sweep] | None = None
+        self._sweeps: dict[str, TravelRecorder] | None = None
         self._samples = 0
 
     def record(self) -> None:
-        """From now on, keep where the joints have been; on the port's thread as well."""
-        self._sweeps = {joint: Sweep() for joint in self._joints.values()}
+        """Start to record the joints' travels; on the port's thread."""
+        self._sweeps = {joint: TravelRecorder() for joint in self._joints.values()}
         self._samples = 0
 
     def __call__(self, bus: Bus) -> None:
@@ -76,7 +76,7 @@ class Sampler:
             silent=tuple(joint for i, joint in self._joints.items() if i in self._presence.silent),
         )
 
-    def _sweep(self, now: float, found: Mapping[str, int]) -> Mapping[str, Arc]:
+    def _sweep(self, now: float, found: Mapping[str, int]) -> Mapping[str, TravelArc]:
         if self._sweeps is None:
             return {}
         self._samples += 1

@@ -1,4 +1,4 @@
-"""Run a calibration: the steps of ``steps.py``, carried out on a bus that was lent.
+"""Run a calibration: carry out the steps of ``steps.py`` on a lent bus.
 
 How it works. Between ``start`` and the end of a calibration, the joints are limp and a ``Sampler``
 watches them. The commands, and what each changes:
@@ -36,7 +36,7 @@ from typing import Any
 
 from so101_motion.calib.access import BusAccess
 from so101_motion.calib.procedure import jobs, journal, steps, travel
-from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.procedure.sampler import Sampler
 from so101_motion.calib.procedure.steps import Command
@@ -51,7 +51,7 @@ _log = logging.getLogger(__name__)
 
 
 class Session:
-    """A calibration of one arm, again and again if need be.
+    """Calibrates one arm, as often as asked.
 
     Args:
         calibration_file: Where it is saved; absolute, see ``store.resolve``.
@@ -80,7 +80,7 @@ class Session:
 
     @property
     def view(self) -> CalibrationView:
-        """How far it is; never waits."""
+        """The state of the calibration; never waits."""
         access, sampler = self._access, self._sampler
         if access is None or sampler is None:
             return show(self._progress, None, 0.0)
@@ -139,13 +139,13 @@ class Session:
     reset = partialmethod(step, Command.RESET)
 
     def save(self) -> store.Stored:
-        """Let the servos and the file hold the new calibration; what the file says now."""
+        """Save the new calibration to servos and file; return what the file says now."""
         self.step(Command.SAVE)
         assert self.stored is not None
         return self.stored
 
     def close(self) -> None:
-        """Abort what is under way; what cannot be put back now will be at the next start."""
+        """Abort a running calibration; what cannot be put back now is at the next start."""
         with self._lock:
             if self._access is None:
                 return
@@ -181,7 +181,7 @@ class Session:
         positions = access.call(partial(jobs.read_positions, joints=self.joints))
         encoders = {joint: known[joint].held.homing_offset + positions[joint] for joint in known}
         wanted = {
-            joint: Held(homing_offset=travel.homing_offset(encoder))
+            joint: HeldCalibration(homing_offset=travel.homing_offset(encoder))
             for joint, encoder in encoders.items()
         }
         homes = {
@@ -232,7 +232,9 @@ class Session:
         access.call(partial(jobs.require, joints=self.joints))
         assert self._journal is not None
         self._note_down(replace(self._journal, saving=saving, is_decided=True))
-        self._write({joint: Held.of(entry) for joint, entry in saving.calibration.items()})
+        self._write(
+            {joint: HeldCalibration.of(entry) for joint, entry in saving.calibration.items()}
+        )
         stored = store.save(self.calibration_file, saving.calibration, zeros=saving.zeros)
         journal.remove(self.calibration_file)
         self._journal = None
@@ -264,7 +266,7 @@ class Session:
         return Saving(calibration=calibration, zeros=zeros)
 
     def _put_back(self) -> None:
-        """Let the servos hold what they held, unless somebody has seen to that already."""
+        """Restore what the servos held, unless that has been done."""
         if self._journal is None or journal.read(self.calibration_file) is None:
             self._journal = None
             return
@@ -275,11 +277,11 @@ class Session:
         self._journal = None
 
     def _note_down(self, noted: Journal) -> None:
-        """Before anything is written for good."""
+        """Write the journal, before anything is written for good."""
         journal.write(self.calibration_file, noted)
         self._journal = noted
 
-    def _write(self, wanted: Mapping[str, Held]) -> None:
+    def _write(self, wanted: Mapping[str, HeldCalibration]) -> None:
         access = self._lent()
         for joint, held in wanted.items():
             access.call(partial(write_held, servo_id=SERVO_IDS[joint], wanted=held))
@@ -290,7 +292,7 @@ class Session:
         return self._access
 
     def _leave(self) -> None:
-        """The bus is not needed any more."""
+        """Give up the bus, which is not needed any more."""
         access, self._access, self._sampler = self._access, None, None
         if access is not None:
             with contextlib.suppress(So101Error):  # it may have been taken from us
@@ -313,7 +315,7 @@ def _in_order(key: str, joints: Collection[str]) -> tuple[str, ...]:
 
 
 def _must_move_on(left: Mapping[str, str]) -> CalibrationError:
-    """What keeps a recording from ending: a sentence for each joint that is not done."""
+    """The error that keeps a recording from ending: a sentence for each unfinished joint."""
     if len(left) == 1:
         ((joint, sentence),) = left.items()
         return CalibrationError(joint, sentence, "the recording goes on; then stop it again")

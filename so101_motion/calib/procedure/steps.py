@@ -1,4 +1,4 @@
-"""The calibration workflow as a table: which command is possible when, and where it leads.
+"""The calibration workflow as a state machine: a table of states, commands and transitions.
 
 How it works. A calibration is always in one of six states. A command that the table does not list
 for the state is refused and changes nothing. A command that is listed is carried out by
@@ -23,7 +23,7 @@ from so101_motion.common.errors import CalibrationError
 
 
 class State(Enum):
-    """How far a calibration is."""
+    """The state of a calibration."""
 
     IDLE = "idle"
     STARTED = "started"
@@ -34,7 +34,7 @@ class State(Enum):
 
 
 class Command(Enum):
-    """What can be asked of it."""
+    """A command to a calibration."""
 
     START = "start"
     SET_HOMING = "set_homing"
@@ -47,7 +47,7 @@ class Command(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """Where a command leads."""
+    """The states that a command leads to, if it succeeds and if it fails."""
 
     then: State
     otherwise: State
@@ -93,7 +93,7 @@ INSTRUCTIONS: dict[State, str] = {
 
 
 def step(state: State, command: Command) -> Transition:
-    """Where ``command`` leads from ``state``.
+    """The transition of ``command`` from ``state``.
 
     Raises:
         CalibrationError: It is not possible now.

@@ -1,4 +1,4 @@
-"""Measure for how long an arm has been held still; its homing pose is taken from that.
+"""Measure how long an arm has been held still, to take its homing pose then.
 
 A person has both hands on the arm then, so a key or button only announces the pose, and it is
 taken once nothing has moved for a moment.
@@ -16,7 +16,7 @@ TREMBLE = 23
 
 
 class Stillness:
-    """For how long joints have been held still. Told where they are again and again."""
+    """Measures how long joints have been held still; ``feed`` it their positions."""
 
     def __init__(self) -> None:
         self._since = 0.0

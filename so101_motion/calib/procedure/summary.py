@@ -1,4 +1,4 @@
-"""What a person is told of a calibration, as plain values and sentences: hints, bars, summary.
+"""Describe a calibration to a person, as plain values: hints, bars, summary.
 
 The terminal and the page show the same: how near each joint is to the homing pose, how far its
 travel has come, which joints are left or may be accepted as they are, and what will be saved.
@@ -36,7 +36,7 @@ FEW = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseHint:
-    """How near a joint is to the homing pose."""
+    """A hint on how near a joint is to the homing pose."""
 
     joint: str
     text: str
@@ -44,7 +44,7 @@ class PoseHint:
 
 
 def hints(joints: Mapping[str, JointView], now: PoseEstimate) -> tuple[PoseHint, ...]:
-    """How near each joint is to the pose, as far as that can be told."""
+    """A hint for each joint on how near it is to the homing pose."""
     return tuple(_hint(view, now) for view in joints.values())
 
 
@@ -61,7 +61,7 @@ def _hint(view: JointView, now: PoseEstimate) -> PoseHint:
 
 
 def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
-    """How far the picture can be trusted; empty when all of it can."""
+    """A note on how exact the picture is; empty when it is exact."""
     there = tuple(joints)
     guessed = [joint for joint in there if joint in now.guessed]
     if not guessed:
@@ -79,7 +79,7 @@ def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TravelBar:
-    """A joint's bar: how far it has been, and where it is now.
+    """A joint's bar: its travel so far, and where it is now.
 
     Attributes:
         begin: Where on the bar its travel begins, 0 to 1.
@@ -136,7 +136,7 @@ def _travel(view: JointView) -> TravelBar:
 
 
 def _advice(view: JointView) -> str:
-    """What there is to say beside the figures."""
+    """The text beside the figures."""
     advice = view.sentence.partition("; ")[2]
     return advice if view.verdict is Verdict.ALMOST and advice else view.sentence
 
@@ -148,7 +148,7 @@ def _figures(view: JointView) -> str:
 
 
 def _on_bar(view: JointView) -> tuple[float, float, float | None]:
-    """Begin and end of what was travelled and where the joint is, as shares of a bar.
+    """Begin and end of the travel, and the joint's place, as shares of the bar.
 
     The bar is the expected travel with the homing pose in its middle, as far as the travel so far
     agrees: what was passed is always on it.
@@ -169,19 +169,19 @@ def _within(share: float) -> float:
 
 
 def left(joints: Mapping[str, JointView]) -> tuple[str, ...]:
-    """The joints that have not been where they must go."""
+    """The joints whose travel is not complete yet."""
     return tuple(joint for joint, view in joints.items() if not view.is_done)
 
 
 def short(joints: Mapping[str, JointView]) -> tuple[str, ...]:
-    """The joints that can be saved but were not quite at both their stops; those of roll give."""
+    """The joints that can be saved although they were not quite at both stops; not wrist_roll."""
     return tuple(
         joint for joint, view in joints.items() if view.verdict is Verdict.ALMOST and joint != ROLL
     )
 
 
 def acceptable(joints: Mapping[str, JointView]) -> tuple[str, ...]:
-    """Those of them whose travel may be right on an unusual arm; empty unless all may be.
+    """The unfinished joints whose travel may be right on an unusual arm; empty unless all may be.
 
     Nor when they are many: then the recording has hardly begun.
     """
@@ -216,7 +216,7 @@ _QUALITIES: Mapping[Verdict | None, tuple[str, Tone]] = {
 
 
 def calibration_of(joints: Mapping[str, JointView]) -> Calibration:
-    """The calibration that joints show, in force or about to be saved."""
+    """The calibration of the joints, in force or about to be saved."""
     return {
         joint: replace(
             record.default(joint),
@@ -229,12 +229,12 @@ def calibration_of(joints: Mapping[str, JointView]) -> Calibration:
 
 
 def in_force(joints: Mapping[str, JointView]) -> Calibration:
-    """The calibration of joints that are not being calibrated, of those that have one."""
+    """The calibration in force of the joints that have one."""
     return calibration_of({joint: view for joint, view in joints.items() if view.is_done})
 
 
 def lines(joints: Mapping[str, JointView], before: Calibration) -> tuple[SummaryLine, ...]:
-    """Each joint with its quality, and what is different from ``before``."""
+    """A line for each joint: its quality, and the change from ``before``."""
     rows = compare.diff(
         {joint: entry for joint, entry in before.items() if joint in joints},
         compare.as_held(calibration_of(joints)),

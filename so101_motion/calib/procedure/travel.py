@@ -1,12 +1,12 @@
-"""Measure where joints have been, and fit the homing offset and limits to it.
+"""Record the travel of a joint, and choose the homing offset and limits for it.
 
 How it works. A servo reports positions on a circle of 4096 ticks, and somewhere on that circle is
 the seam where 4095 is followed by 0. Where it lies depends on how the servo was put on and on its
 homing offset, so it can be anywhere, in the middle of the travel as well. Smallest and largest
-reading then mean nothing. So a ``Sweep`` does not keep extremes; it marks every place of the circle
-that the joint has passed. The part it never passed is where the joint cannot go, and the travel is
-the rest: an ``Arc``, seam or no seam. A pause without readings, after which nobody knows which way
-the joint went, leaves a hole that the next pass fills.
+reading then mean nothing. So a ``TravelRecorder`` does not keep extremes; it marks every place of
+the circle that the joint has passed. The part it never passed is where the joint cannot go, and the
+travel is the rest: an ``TravelArc``, seam or no seam. A pause without readings, after which nobody
+knows which way the joint went, leaves a hole that the next pass fills.
 
 Three readings in a row are judged together and the middle one counts, so a single wrong reading
 adds nothing to the travel. (It costs nothing either: a joint at its stop is there for more than one
@@ -42,8 +42,8 @@ LONGEST_GAP = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Arc:
-    """A travel on the circle of ticks.
+class TravelArc:
+    """A joint's travel: an arc on the circle of ticks.
 
     Attributes:
         lower: Its lower end, -2048 to 4095 [tick]; negative if it passes the seam.
@@ -63,29 +63,29 @@ class Arc:
         start = self.lower + self.travel // 2 - TICKS_PER_TURN // 2
         return start + (ticks - start) % TICKS_PER_TURN
 
-    def moved(self, by: int) -> Arc:
+    def moved(self, by: int) -> TravelArc:
         """The same travel when every reading is ``by`` ticks more."""
         lower = (self.lower + by) % TICKS_PER_TURN
         middle = lower + self.travel // 2
-        return Arc(lower - TICKS_PER_TURN if middle >= TICKS_PER_TURN else lower, self.travel)
+        return TravelArc(lower - TICKS_PER_TURN if middle >= TICKS_PER_TURN else lower, self.travel)
 
 
-class Sweep:
-    """The places one joint has passed. Used by one thread.
+class TravelRecorder:
+    """Records the positions that one joint has passed. Used by one thread.
 
     Attributes:
         arc: The travel so far; None before the third reading. Replaced whole.
     """
 
     def __init__(self) -> None:
-        self.arc: Arc | None = None
+        self.arc: TravelArc | None = None
         self._passed = np.zeros(TICKS_PER_TURN, dtype=np.bool_)
         self._at: int | None = None  # where the joint is known to have been, unrolled
         self._window: list[int] = []
         self._t = 0.0
 
     def feed(self, t: float, ticks: int) -> None:
-        """A reading.
+        """Add a reading.
 
         Args:
             t: When [s].
@@ -112,13 +112,13 @@ class Sweep:
             self._passed[way] = True
             self.arc = self._measure()
 
-    def _measure(self) -> Arc:
+    def _measure(self) -> TravelArc:
         """All of the circle but the longest part that was never passed."""
         places = np.flatnonzero(self._passed)
         gaps = np.diff(places, append=places[0] + TICKS_PER_TURN)
         longest = int(np.argmax(gaps))
         lower = int(places[(longest + 1) % len(places)])
-        return Arc(lower, TICKS_PER_TURN - int(gaps[longest])).moved(0)
+        return TravelArc(lower, TICKS_PER_TURN - int(gaps[longest])).moved(0)
 
 
 def around(ticks: int) -> int:
@@ -131,7 +131,7 @@ def around(ticks: int) -> int:
 
 
 def homing_offset(encoder: int) -> int:
-    """The offset that lets a servo read ``MIDDLE``, or one more, where its encoder is now.
+    """The offset with which a servo reads ``MIDDLE``, or one more, at its present position.
 
     Args:
         encoder: What its encoder counts, the offset in force added to what it reports [tick].
@@ -149,7 +149,7 @@ def representable(offset: int) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """A homing offset, and a travel as it reads with it.
+    """A homing offset, and the limits of the travel with that offset.
 
     Attributes:
         homing_offset: What the servo takes off its encoder [tick].
@@ -164,7 +164,7 @@ class Fit:
     home: int
 
 
-def fit(arc: Arc, *, offset: int, home: int) -> Fit:
+def fit(arc: TravelArc, *, offset: int, home: int) -> Fit:
     """The homing offset with which a travel does not touch the seam.
 
     Args:

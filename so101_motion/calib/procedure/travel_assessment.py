@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from so101_motion.calib.procedure.travel import Arc
+from so101_motion.calib.procedure.travel import TravelArc
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import NARROWEST, WIDEST
 from so101_motion.common.state import GRIPPER_JOINT
@@ -41,7 +41,7 @@ ROLL = "wrist_roll"
 
 
 class Verdict(Enum):
-    """What is to be said of a joint's travel."""
+    """The verdict on a joint's travel."""
 
     UNTOUCHED = "untouched"
     TOO_SHORT = "too_short"
@@ -54,7 +54,7 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assessment:
-    """What a joint's travel is worth."""
+    """The verdict on a joint's travel, with a sentence."""
 
     verdict: Verdict
     sentence: str
@@ -62,7 +62,7 @@ class Assessment:
 
 
 def assess(
-    joint: str, arc: Arc | None, *, expected: int, home: int, counts_down: bool = False
+    joint: str, arc: TravelArc | None, *, expected: int, home: int, counts_down: bool = False
 ) -> Assessment:
     """Judge the travel of a joint, while it is recorded or at the end.
 
@@ -95,7 +95,7 @@ def assess(
     return _grade(joint, arc, expected, home, moved)
 
 
-def _grade(joint: str, arc: Arc, expected: int, home: int, moved: str) -> Assessment:
+def _grade(joint: str, arc: TravelArc, expected: int, home: int, moved: str) -> Assessment:
     """Judge a travel that can be saved."""
     verdict, remark = Verdict.COMPLETE, ": done"
     if joint == GRIPPER_JOINT and arc.upper - home < arc.travel // 10:
@@ -128,7 +128,7 @@ def is_swept(travel: int, expected: int) -> bool:
     return ENOUGH * expected <= travel <= WIDEST
 
 
-def _assess_unswept_roll(arc: Arc | None, home: int, moved: str) -> Assessment:
+def _assess_unswept_roll(arc: TravelArc | None, home: int, moved: str) -> Assessment:
     turned_round = arc is not None and arc.travel > WIDEST
     reach = 0 if arc is None or turned_round else max(home - arc.lower, arc.upper - home)
     if reach >= TICKS_PER_TURN // 2:

@@ -1,4 +1,4 @@
-"""A calibration under way as plain values and sentences; no bus.
+"""Describe a running calibration as plain values; no bus here.
 
 A view is one immutable value, made from what is known of the joints and what was read last. The
 readings of a sensor, the bars of a terminal and a page in a browser all show the same one, at any
@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 
 from so101_motion.calib.procedure import travel
 from so101_motion.calib.procedure import travel_assessment as verdict
-from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.sampler import Positions
 from so101_motion.calib.procedure.steps import INSTRUCTIONS, OFFERED, Command, State
-from so101_motion.calib.procedure.travel import Arc, Fit
+from so101_motion.calib.procedure.travel import Fit, TravelArc
 from so101_motion.calib.procedure.travel_assessment import Assessment, Verdict
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import SERVO_IDS
@@ -27,7 +27,7 @@ _STALE = 1.0  # [s], chosen: storing into the servos keeps the bus busy for up t
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointProgress:
-    """What is known of one joint.
+    """The progress of one joint.
 
     Attributes:
         counts_down: Whether its encoder is set up to count the wrong way round.
@@ -37,8 +37,8 @@ class JointProgress:
     """
 
     joint: str
-    before: Held
-    held: Held
+    before: HeldCalibration
+    held: HeldCalibration
     driven: bool = False
     counts_down: bool = False
     home: int | None = None
@@ -50,14 +50,14 @@ class JointProgress:
         """Its travel from stop to stop [tick]."""
         return round(zero.expected_travel(self.joint))
 
-    def assess(self, arc: Arc | None) -> Assessment:
+    def assess(self, arc: TravelArc | None) -> Assessment:
         """Judge a travel of this joint."""
         assert self.home is not None
         return verdict.assess(
             self.joint, arc, expected=self.expected, home=self.home, counts_down=self.counts_down
         )
 
-    def fitted(self, arc: Arc | None, said: Assessment) -> Fit:
+    def fitted(self, arc: TravelArc | None, said: Assessment) -> Fit:
         """Offset and limits for a travel of this joint that can be used."""
         assert self.home is not None
         if arc is None or said.verdict is Verdict.FULL_TURN:
@@ -67,7 +67,7 @@ class JointProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationProgress:
-    """How far a calibration is.
+    """The progress of a calibration.
 
     Attributes:
         error: What went wrong last; None if it went well.
@@ -85,7 +85,7 @@ class CalibrationProgress:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointView:
-    """How far one joint is.
+    """The calibration of one joint at one instant.
 
     Attributes:
         ticks: Where it is [tick]; None if that is not known. While a travel that passes the seam is
@@ -153,7 +153,7 @@ class CalibrationView:
 
 
 def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> CalibrationView:
-    """How a calibration looks ``now`` [s], by what was read last; None if nothing is read."""
+    """Make the view of a calibration at ``now`` [s]; ``seen`` is None while nothing is read."""
     joints = {
         joint: _show_joint(
             known, seen or Positions(), is_recording=progress.state is State.RECORDING
@@ -174,7 +174,7 @@ def show(progress: CalibrationProgress, seen: Positions | None, now: float) -> C
 
 
 def _error(progress: CalibrationProgress, trouble: str | None) -> str | None:
-    """What is wrong: while joints are recorded, rather what is now than what went wrong last."""
+    """The error to show: while joints are recorded, a present problem before an old one."""
     if progress.state is State.RECORDING:
         return trouble or progress.error
     return progress.error or trouble
@@ -184,7 +184,7 @@ def _show_joint(known: JointProgress, seen: Positions, *, is_recording: bool) ->
     fit, arc, ticks = known.fit, seen.arcs.get(known.joint), seen.ticks.get(known.joint)
     ends: tuple[int | None, int | None] = (None, None)
     if fit is not None:
-        ends, arc = (fit.lower, fit.upper), Arc(fit.lower, fit.upper - fit.lower)
+        ends, arc = (fit.lower, fit.upper), TravelArc(fit.lower, fit.upper - fit.lower)
         ticks = None if ticks is None else ticks + known.held.homing_offset - fit.homing_offset
     elif arc is not None:
         ends = (arc.lower, arc.upper)

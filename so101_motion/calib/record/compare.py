@@ -17,7 +17,7 @@ one off what it writes to its file."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """One number of one joint, from both.
+    """One number of one joint, in the calibration and in the servo.
 
     Attributes:
         field: One of ``FIELDS``.
@@ -34,7 +34,7 @@ class Difference:
 
     @property
     def sentence(self) -> str:
-        """The same for people."""
+        """The difference in words."""
         held = "is not known" if self.held is None else f"holds {self.held}"
         return f"{self.joint}: {self.field} is {self.filed} in the calibration, the servo {held}"
 
@@ -45,7 +45,7 @@ def diff(
     *,
     tolerance: int = TOLERANCE,
 ) -> tuple[Difference, ...]:
-    """Each number of a calibration beside what the servos hold, along the cable.
+    """Compare each number of a calibration with what the servos hold, along the cable.
 
     Args:
         calibration: Of some or all joints.
@@ -68,7 +68,7 @@ def diff(
 
 
 def as_held(calibration: Calibration) -> dict[str, dict[str, int]]:
-    """A calibration as servos would hold it, for ``diff``."""
+    """A calibration in the form that ``diff`` takes for servos."""
     return {
         joint: {field: getattr(entry, field) for field in FIELDS}
         for joint, entry in calibration.items()

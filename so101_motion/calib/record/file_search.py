@@ -49,7 +49,7 @@ class FoundFile:
 
 
 def find() -> tuple[FoundFile, ...]:
-    """All calibration files in the places where programs for this arm put them, likeliest first.
+    """Find all calibration files where programs for this arm put them, the likeliest first.
 
     Looks only: nothing is written or brought back, and what is no calibration is left out.
     """

@@ -58,7 +58,7 @@ _MARGIN = to_rad(3.0)
 
 
 def folder() -> Path:
-    """Where LeRobot keeps its calibrations for this user, by the variables it looks at itself.
+    """The folder of LeRobot's calibrations for this user, by LeRobot's own environment variables.
 
     Raises:
         RuntimeError: This user has no home.
@@ -75,7 +75,7 @@ def folder() -> Path:
 
 
 def path_for(robot_id: str, *, kind: str = "") -> Path:
-    """Where LeRobot looks for the calibration of the arm it calls ``robot_id``.
+    """The path at which LeRobot looks for the calibration of the arm ``robot_id``.
 
     Args:
         robot_id: As in LeRobot's ``--robot.id``.
@@ -101,7 +101,7 @@ def path_for(robot_id: str, *, kind: str = "") -> Path:
 
 
 def text(calibration: Calibration) -> bytes:
-    """The file that LeRobot reads.
+    """The text of a calibration file for LeRobot.
 
     Raises:
         CalibrationError: A joint is missing; LeRobot would ask for a new calibration.
@@ -119,7 +119,7 @@ def text(calibration: Calibration) -> bytes:
 
 
 def export(calibration: Calibration, path: Path) -> None:
-    """Write the file that LeRobot reads to ``path``; what was there is kept as ``.bak``.
+    """Write a calibration file for LeRobot to ``path``; an older file is kept as ``.bak``.
 
     Raises:
         CalibrationError: A joint is missing, or it cannot be written.
@@ -135,14 +135,14 @@ def export(calibration: Calibration, path: Path) -> None:
 
 
 def is_of_lists(content: object) -> bool:
-    """Whether this is a calibration in LeRobot's lists."""
+    """Whether this is a calibration in LeRobot's old format of lists."""
     return isinstance(content, Mapping) and {"motor_names", "homing_offset"} <= content.keys()
 
 
 def from_lists(
     content: object,
 ) -> tuple[dict[str, JointCalibration], dict[str, Zero], tuple[str, ...]]:
-    """The calibration that LeRobot's lists mean, the zeros, and what a person should know of it.
+    """Read LeRobot's old format of lists: the calibration, the zeros, and notes for a person.
 
     Raises:
         CalibrationError: They make no sense, contradict each other, or are of another arm.

@@ -51,7 +51,7 @@ _AGAIN = "calibrate the arm again"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCalibration:
-    """What is known of one joint's servo.
+    """The calibration of one joint.
 
     Attributes:
         drive_mode: Not 0 if the servo counts down with the joint angle.
@@ -78,7 +78,7 @@ Calibration = Mapping[str, JointCalibration]
 
 
 def default(joint: str) -> JointCalibration:
-    """What to go by when nothing is known: the middle of the encoder, and a safe jaw."""
+    """The calibration used when none is known: the encoder's middle, and a safe jaw."""
     servo_id = SERVO_IDS[joint]
     if joint == GRIPPER_JOINT:
         return JointCalibration(id=servo_id, range_min=2048, range_max=3248, norm_mode=1)
@@ -88,7 +88,7 @@ def default(joint: str) -> JointCalibration:
 def from_registers(
     joint: str, servo_id: int, *, homing_offset: int, range_min: int, range_max: int
 ) -> tuple[JointCalibration, str | None]:
-    """What a servo's own registers say, and what is odd about it.
+    """Make the calibration from a servo's own registers, with a note on what is odd.
 
     A jaw whose limits are much wider than a jaw travels has never been calibrated; to drive it to
     such a limit would press it against its stop for good. It gets the default instead.
@@ -128,7 +128,7 @@ _STOPPED = tuple(joint for joint in JOINTS if joint != "wrist_roll")
 
 
 def parse(content: object) -> dict[str, JointCalibration]:
-    """The calibration in what a file holds.
+    """Parse the content of a calibration file.
 
     Raises:
         CalibrationError: It cannot be true of this arm.
@@ -155,7 +155,7 @@ def parse(content: object) -> dict[str, JointCalibration]:
 
 
 def check(calibration: Calibration) -> None:
-    """Say whether the record can be true of this arm.
+    """Check that the record can be true of this arm.
 
     Raises:
         CalibrationError: It cannot.

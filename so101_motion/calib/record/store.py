@@ -43,7 +43,7 @@ NO_ZEROS: Mapping[str, Zero] = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stored:
-    """What a calibration file says.
+    """The content of a calibration file, with its zeros.
 
     Attributes:
         path: Where it is, absolute.
@@ -58,7 +58,7 @@ class Stored:
 
 
 def resolve(path: str) -> Path:
-    """Where a calibration file is: a relative path lies in the module's data directory.
+    """Make a calibration file's path absolute: a relative one is in the module's data directory.
 
     viam-server names that directory in ``VIAM_MODULE_DATA``; without it (from the command line) a
     relative path means what it always means. Resolve once and keep the answer.
@@ -79,7 +79,7 @@ def resolve(path: str) -> Path:
 
 
 def read(path: Path) -> Stored:
-    """What the file at ``path`` says; nothing is written or brought back.
+    """Read the file at ``path``; writes and restores nothing.
 
     Ours, the published module's and LeRobot's are read, those of before June 2025 too.
 
@@ -110,7 +110,7 @@ def _understood(path: Path, said: bytes) -> Stored:
 
 
 def load(path: Path) -> Stored:
-    """What the file at ``path`` says, brought back if viam-server has deleted it.
+    """Read the file at ``path``; restores it if viam-server has deleted it.
 
     A file in the module's data directory has a second copy elsewhere from then on.
 
@@ -138,7 +138,7 @@ def _is_module_data(path: Path) -> bool:
 
 
 def _bring_back(path: Path) -> tuple[str, ...]:
-    """Write the second copy to where the file was; what to say about it."""
+    """Restore the file from its second copy; return a note about it."""
     for version in versions(path):
         try:
             read(version.path)
@@ -162,7 +162,7 @@ def _bring_back(path: Path) -> tuple[str, ...]:
 
 
 def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
-    """See to it that what the file says is the last version; what to say if that fails.
+    """Keep the file's content as the last version; return a note if that fails.
 
     ``zeros`` is what the file beside it is about to say; None for what it says.
     """
@@ -179,7 +179,7 @@ def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
 
 
 def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO_ZEROS) -> Stored:
-    """Put ``calibration`` into the file at ``path``, beside what it says of other joints.
+    """Save ``calibration`` to the file at ``path``; the file's other joints stay.
 
     Args:
         path: Absolute; see ``resolve``. Folders are made.
@@ -202,7 +202,7 @@ def save(path: Path, calibration: Calibration, *, zeros: Mapping[str, Zero] = NO
 
 
 def restore(path: Path, number: int | None = None) -> Stored:
-    """Let the file say again what it said in a version; what it says now becomes one.
+    """Restore an earlier version of the file; keeps its present content as a version.
 
     Args:
         path: Absolute; the file need not exist.
@@ -217,7 +217,7 @@ def restore(path: Path, number: int | None = None) -> Stored:
 
 
 def earlier(path: Path, number: int | None = None) -> Stored:
-    """What ``restore`` would take; nothing is written.
+    """The version that ``restore`` would take; writes nothing.
 
     Raises:
         CalibrationError: There is no such version, or it cannot be true of this arm.
@@ -259,7 +259,7 @@ def _writing(path: Path) -> Iterator[None]:
 
 
 def _salvaged(path: Path) -> Stored:
-    """What the file says joint by joint: one that makes no sense does not cost the others."""
+    """Read the file joint by joint, so that one wrong joint does not lose the others."""
     try:
         return read(path)
     except CalibrationError as error:
@@ -280,7 +280,7 @@ def _salvaged(path: Path) -> Stored:
 
 
 def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) -> Stored:
-    """Replace what the file says, in the steps that this module's head tells; lock held."""
+    """Replace the file's content in the steps listed at the top; the lock must be held."""
     path, beside = before.path, zero_path(before.path)
     said = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
     notes = before.notes + _set_aside(path)
@@ -296,7 +296,7 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
 
 
 def _set_aside(path: Path) -> tuple[str, ...]:
-    """Keep what the file says as a version, or at least beside it; what to say if that fails."""
+    """Keep the file's content as a version, or else beside it; return a note if that fails."""
     if not path.exists():
         return ()
     aside = path.with_name(path.name + ".bak")

@@ -34,7 +34,7 @@ _TIME = "%Y%m%dT%H%M%SZ"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Version:
-    """One thing that a calibration file once said.
+    """An earlier content of a calibration file.
 
     Attributes:
         number: Counts up; the largest is what was kept last.
@@ -46,7 +46,7 @@ class Version:
 
 
 def zero_path(path: Path) -> Path:
-    """Where what is known of the zeros of the calibration at ``path`` is kept: beside it."""
+    """The path of the zeros of the calibration at ``path``: beside it."""
     return path.with_name(f"{path.stem}.zero.json")
 
 
@@ -70,7 +70,7 @@ def folder(path: Path) -> Path:
 
 
 def subject(kept: Path) -> Path | None:
-    """The file that the folder ``kept`` is about; None when it does not say."""
+    """The file whose versions the folder ``kept`` holds; None if it does not say."""
     try:
         return Path((kept / "of.txt").read_text(encoding="utf-8").strip())
     except (OSError, ValueError):
@@ -78,7 +78,7 @@ def subject(kept: Path) -> Path | None:
 
 
 def versions(path: Path) -> tuple[Version, ...]:
-    """What is kept of the file at ``path``, the last first; none if nothing can be kept."""
+    """The versions of the file at ``path``, the last first; empty if none can be kept."""
     try:
         return listed(folder(path))
     except OSError:
@@ -97,7 +97,7 @@ def listed(kept: Path) -> tuple[Version, ...]:
 
 
 def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
-    """Keep what the file at ``path`` says, unless that is what was kept last.
+    """Keep the content of the file at ``path`` as a version, unless the last is the same.
 
     Raises:
         OSError: It cannot be kept.
@@ -123,7 +123,7 @@ def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
 
 
 def contents(path: Path) -> tuple[bytes, bytes | None]:
-    """What a calibration file and the file beside it hold, byte for byte.
+    """Read a calibration file and the file of zeros beside it, byte for byte.
 
     Raises:
         OSError: The calibration file cannot be read.

@@ -14,7 +14,7 @@ of the recorded travel, and where that number comes from:
 
 The middle serves as the reference because errors of a sweep are small there: when a joint stops
 short of one stop, half of what is missing enters. This is about the five joints of the arm; the
-jaw's zero is where it is closed (``find_joints.joint_map``).
+jaw's zero is where it is closed (``joint_setup.joint_map``).
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ SWEPT = ARM_JOINTS[:4]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zero:
-    """Which angle the middle of a joint's recorded travel is, and how that is known.
+    """The angle at the middle of a joint's recorded travel, and how it is known.
 
     Attributes:
         by: ``"middle"``, ``"stops"``, ``"pose"`` or ``"configured"``.
@@ -72,7 +72,7 @@ MIDDLE = Zero(by="middle", angle=0.0)
 
 
 def expected_travel(joint: str) -> float:
-    """How far ``joint``, the jaw too, turns from stop to stop by the model [tick]."""
+    """The travel of ``joint``, the jaw too, from stop to stop by the model [tick]."""
     lower, upper = STOPS[joint]
     return (upper - lower) * TICKS_PER_RAD
 
@@ -108,7 +108,7 @@ def by_pose(entry: JointCalibration, ticks: float, *, angle: float) -> Zero:
 
 
 def in_force(stored: Zero | None, configured: float | None) -> Zero:
-    """What counts: the configuration before the file, and without either the middle.
+    """The zero to use: the configured one, else the stored one, else the middle.
 
     Args:
         stored: What is known from the calibration.

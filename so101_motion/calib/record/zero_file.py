@@ -27,7 +27,7 @@ _WAYS = ("stops", "pose")
 
 
 def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[str, ...]]:
-    """The zeros that the file at ``path`` knows for ``calibration``, and what is odd about it.
+    """Read the zeros of ``calibration`` from the file at ``path``, with a note on what is odd.
 
     A file that is not there knows none. One that cannot be read knows none either, and that is
     said: the joints then have their zero in the middle, like those of any other program's file.
@@ -56,7 +56,7 @@ def read(path: Path, calibration: Calibration) -> tuple[dict[str, Zero], tuple[s
 
 
 def text(*sides: tuple[Calibration, Mapping[str, Zero]]) -> bytes:
-    """The file that knows these zeros for these records; empty bytes when there is none to know."""
+    """The content of the file for these zeros and records; empty if there are no zeros."""
     joints: dict[str, list[dict[str, object]]] = {}
     for calibration, zeros in sides:
         for joint in JOINTS:

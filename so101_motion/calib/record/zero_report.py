@@ -24,8 +24,8 @@ _STOPS_MIDDLE = {joint: sum(STOPS[joint]) / 2.0 for joint in SWEPT}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Meaning:
-    """What a zero in force means to a person.
+class ZeroReport:
+    """The explanation of one joint's zero, or of all together.
 
     Attributes:
         joint: Which joint; empty for all of them together.
@@ -44,8 +44,8 @@ class Meaning:
 
 def explain(
     zeros: Mapping[str, Zero], calibration: Calibration, model: RobotModel
-) -> tuple[Meaning, ...]:
-    """Which zero each joint of the arm goes by and what that means at the jaws.
+) -> tuple[ZeroReport, ...]:
+    """Explain the zero of each joint, and how far it moves the jaws.
 
     Returns:
         One for each joint, base to wrist, and one for all of them together.
@@ -57,8 +57,8 @@ def explain(
     return (*each, _of_all({joint: zeros[joint] for joint in joints}, jaws))
 
 
-def explain_stored(stored: Stored) -> tuple[Meaning, ...]:
-    """What the zeros of a calibration file mean; empty if it has no joint of the arm."""
+def explain_stored(stored: Stored) -> tuple[ZeroReport, ...]:
+    """Explain the zeros of a calibration file; empty if it has no joint of the arm."""
     zeros = {
         joint: in_force(stored.zeros.get(joint), None)
         for joint in ARM_JOINTS
@@ -68,7 +68,7 @@ def explain_stored(stored: Stored) -> tuple[Meaning, ...]:
 
 
 class _Jaws:
-    """How far the jaws move when angles are read otherwise."""
+    """Computes how far the jaws move when joint angles change."""
 
     def __init__(self, model: RobotModel, postures: np.ndarray) -> None:
         self._model, self._postures = model, postures
@@ -84,7 +84,7 @@ class _Jaws:
         return np.array([self._model.frame(q, "jaw_tip").p for q in postures])
 
 
-def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> Meaning:
+def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> ZeroReport:
     _, most = jaws.moved_mm({joint: zero.angle})
     angle_deg = to_deg(zero.angle)
     if zero.by == "middle":
@@ -100,7 +100,7 @@ def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> M
             f"the middle of its travel is at {angle_deg:+.1f} deg, {_source(joint, zero, entry)};"
             f" the published module takes it for 0, up to {most:.0f} mm away at the jaws"
         )
-    return Meaning(
+    return ZeroReport(
         joint=joint,
         by=zero.by,
         angle_deg=angle_deg,
@@ -120,7 +120,7 @@ def _source(joint: str, zero: Zero, entry: JointCalibration) -> str:
     }[zero.by]
 
 
-def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> Meaning:
+def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> ZeroReport:
     mean, most = jaws.moved_mm({joint: zero.angle for joint, zero in zeros.items()})
     if all(zero.by == "middle" for zero in zeros.values()):
         off, _ = jaws.moved_mm(_STOPS_MIDDLE)
@@ -135,4 +135,4 @@ def _of_all(zeros: Mapping[str, Zero], jaws: _Jaws) -> Meaning:
             " where the published module would report them with this calibration"
         )
     ways = ", ".join(sorted({zero.by for zero in zeros.values()}))
-    return Meaning(joint="", by=ways, angle_deg=0.0, jaws_mm=most, sentence=sentence)
+    return ZeroReport(joint="", by=ways, angle_deg=0.0, jaws_mm=most, sentence=sentence)

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.journal import Journal
 from so101_motion.calib.record import record, store
 from so101_motion.common.errors import ConfigError
@@ -82,7 +82,7 @@ def test_a_file_that_nobody_names_counts_once_an_arm_was_calibrated_to_it(data):
 
 def test_a_calibration_that_was_interrupted_is_found_by_the_file_that_nobody_names(data):
     own = data / "so101_calibration.json"
-    held = {"elbow_flex": Held(homing_offset=3)}
+    held = {"elbow_flex": HeldCalibration(homing_offset=3)}
     journal.write(own, Journal(before=held, meanwhile=held))
 
     assert replace(SENSOR, fallback_file=own).file == own

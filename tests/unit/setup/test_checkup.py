@@ -11,7 +11,7 @@ from so101_motion.calib.motors.arm_identification import ServoFacts
 from so101_motion.calib.motors.setup_view import MotorCheck, Verification
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
-from so101_motion.calib.record.zero_report import Meaning
+from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.common.errors import PortUnavailable
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator import registers as emulated
@@ -196,12 +196,12 @@ def test_a_calibration_that_was_interrupted_is_told(arm):
 
 
 def meaning(joint, by, jaws_mm=0.0):
-    return Meaning(joint=joint, by=by, angle_deg=0.0, jaws_mm=jaws_mm, sentence=f"{joint} {by}")
+    return ZeroReport(joint=joint, by=by, angle_deg=0.0, jaws_mm=jaws_mm, sentence=f"{joint} {by}")
 
 
 def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_told_one_by_one():
     guesses = (meaning("shoulder_pan", "middle"), meaning("", "middle"))
-    (check,) = check_up(Findings(meanings=guesses))
+    (check,) = check_up(Findings(zero_reports=guesses))
     assert (check.name, check.verdict) == ("zeros", "warn")
     mixed = (
         meaning("shoulder_pan", "stops"),
@@ -209,7 +209,7 @@ def test_zeros_that_are_guesses_are_one_warning_and_known_ones_are_told_one_by_o
         meaning("wrist_roll", "middle"),
         meaning("", "middle, stops"),
     )
-    verdicts = {check.name: check.verdict for check in check_up(Findings(meanings=mixed))}
+    verdicts = {check.name: check.verdict for check in check_up(Findings(zero_reports=mixed))}
     assert verdicts == {
         "zero of shoulder_pan": "ok",
         "zero of elbow_flex": "warn",

@@ -7,7 +7,7 @@ import pytest
 from harness.calibration_rig import LentArm
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held, write_held
+from so101_motion.calib.procedure.eeprom import HeldCalibration, write_held
 from so101_motion.calib.procedure.journal import Journal, Saving
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, SERVO_IDS, default
@@ -15,13 +15,15 @@ from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import CalibrationError
 from so101_motion.rig.joint_setup import find_joints
 
-BEFORE = {joint: Held(homing_offset=-i, range_min=600 + i) for i, joint in enumerate(JOINTS)}
-MEANWHILE = {joint: Held(homing_offset=100 + i) for i, joint in enumerate(JOINTS)}
+BEFORE = {
+    joint: HeldCalibration(homing_offset=-i, range_min=600 + i) for i, joint in enumerate(JOINTS)
+}
+MEANWHILE = {joint: HeldCalibration(homing_offset=100 + i) for i, joint in enumerate(JOINTS)}
 CALIBRATION = {
     joint: replace(default(joint), homing_offset=500 + i, range_min=1000 + i, range_max=2400 + i)
     for i, joint in enumerate(JOINTS)
 }
-AFTER = {joint: Held.of(entry) for joint, entry in CALIBRATION.items()}
+AFTER = {joint: HeldCalibration.of(entry) for joint, entry in CALIBRATION.items()}
 SAVING = Saving(calibration=CALIBRATION, zeros={"elbow_flex": Zero(by="stops", angle=-0.1)})
 OPEN = Journal(before=BEFORE, meanwhile=MEANWHILE)
 DECIDED = Journal(before=BEFORE, meanwhile=MEANWHILE, saving=SAVING, is_decided=True)
@@ -96,7 +98,7 @@ def test_a_save_that_was_called_off_is_put_back(arm, file, sides):
 
 def test_a_servo_caught_between_offset_and_limits_is_known(arm, file):
     hold(arm, MEANWHILE)
-    write_held(arm.bus, 2, Held(homing_offset=AFTER["shoulder_lift"].homing_offset))
+    write_held(arm.bus, 2, HeldCalibration(homing_offset=AFTER["shoulder_lift"].homing_offset))
     journal.write(file, DECIDED)
     journal.recover(arm.bus, file)
     assert held(arm) == AFTER
@@ -105,7 +107,7 @@ def test_a_servo_caught_between_offset_and_limits_is_known(arm, file):
 @pytest.mark.parametrize("noted", [OPEN, DECIDED])
 def test_servos_that_were_calibrated_by_other_means_since_are_left_alone(arm, file, noted):
     hold(arm, MEANWHILE)
-    write_held(arm.bus, 4, Held(homing_offset=7, range_min=800, range_max=3100))
+    write_held(arm.bus, 4, HeldCalibration(homing_offset=7, range_min=800, range_max=3100))
     before = held(arm)
     journal.write(file, noted)
     assert "by other means" in journal.recover(arm.bus, file)

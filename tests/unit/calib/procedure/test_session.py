@@ -8,7 +8,7 @@ import pytest
 from harness.calibration_rig import LentArm
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.procedure.steps import Command, State
 from so101_motion.calib.procedure.travel_assessment import Verdict
@@ -70,7 +70,9 @@ def test_the_limits_are_the_stops(arm, file):
 def test_file_and_servos_agree_afterwards(arm, file):
     stored = calibrate(Session(file), arm)
     for joint in JOINTS:
-        assert arm.held(joint) == arm.flashed(joint) == Held.of(stored.calibration[joint])
+        assert (
+            arm.held(joint) == arm.flashed(joint) == HeldCalibration.of(stored.calibration[joint])
+        )
         assert arm.world.servo(joint).memory.raw(emulated.LOCK) == 1
     assert store.read(file).calibration == stored.calibration
     assert store.read(file).zeros == stored.zeros
@@ -143,7 +145,7 @@ def test_homing_writes_the_offset_and_the_servo_reads_the_middle(file):
     session.start(arm)
     view = session.set_homing()
     assert view.joints["elbow_flex"].homing_offset == 300 - 2047
-    assert arm.flashed("elbow_flex") == Held(homing_offset=300 - 2047)
+    assert arm.flashed("elbow_flex") == HeldCalibration(homing_offset=300 - 2047)
     assert arm.bus.read(3, reg.PRESENT_POSITION) == 2047
 
 
@@ -446,7 +448,7 @@ def test_saving_can_be_tried_again_when_a_cable_came_loose_meanwhile(arm, file):
     arm.clock.t += 2.0
     stored = session.save()
     assert {joint: arm.held(joint) for joint in JOINTS} == {
-        joint: Held.of(entry) for joint, entry in stored.calibration.items()
+        joint: HeldCalibration.of(entry) for joint, entry in stored.calibration.items()
     }
 
 
@@ -506,7 +508,7 @@ def test_aborting_puts_the_servos_back(arm, file, steps, command):
 
 def test_aborting_after_a_failed_save_puts_the_servos_back(arm, file):
     session = recording(file, arm)
-    before = {joint: Held(homing_offset=0) for joint in JOINTS}
+    before = {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
     arm.sweep_all()
     session.stop_recording()
     file.mkdir()
@@ -526,7 +528,7 @@ def test_an_abort_that_fails_can_be_repeated(arm, file):
     assert journal.path_for(file).exists()
     arm.wire.unplugged = False
     session.reset()
-    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+    assert all_held(arm) == {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
 
 
 def test_starting_again_begins_from_what_was_there_at_first(arm, file):
@@ -545,7 +547,7 @@ def test_closing_puts_the_servos_back(arm, file):
     session = recording(file, arm)
     session.close()
     session.close()
-    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+    assert all_held(arm) == {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
     assert not session.is_active
 
 
@@ -559,7 +561,7 @@ def test_what_closing_cannot_put_back_the_next_start_does(arm, file):
     assert view.note == (
         "A calibration was interrupted before it was saved; the servos were put back."
     )
-    assert all_held(arm) == {joint: Held(homing_offset=0) for joint in JOINTS}
+    assert all_held(arm) == {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
 
 
 def test_a_loan_that_was_ended_by_force_can_be_followed_by_another(arm, file):
@@ -575,7 +577,7 @@ def test_a_loan_that_was_ended_by_force_can_be_followed_by_another(arm, file):
     journal.recover(arm.bus, file)  # as the port's next user does
     assert session.start(other).state is State.STARTED
     session.abort()
-    assert all_held(other) == {joint: Held(homing_offset=0) for joint in JOINTS}
+    assert all_held(other) == {joint: HeldCalibration(homing_offset=0) for joint in JOINTS}
 
 
 def test_offsets_of_newer_firmware_are_put_back_as_their_equals(arm, file):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from so101_motion.calib.procedure.travel import MIDDLE, Arc
+from so101_motion.calib.procedure.travel import MIDDLE, TravelArc
 from so101_motion.calib.procedure.travel_assessment import Verdict, assess, can_be_accepted
 from so101_motion.calib.record import zero
 from so101_motion.calib.record.record import JOINTS, default
@@ -14,7 +14,7 @@ def judged(joint, share=1.0, home=MIDDLE, **more):
     """What is said of ``share`` of the expected travel, its middle at ``MIDDLE``."""
     expected = round(zero.expected_travel(joint))
     travel = round(share * expected)
-    arc = Arc(MIDDLE - travel // 2, travel) if travel else None
+    arc = TravelArc(MIDDLE - travel // 2, travel) if travel else None
     return assess(joint, arc, expected=expected, home=home, **more)
 
 
@@ -48,7 +48,7 @@ def test_almost_is_usable_but_not_praised():
 def test_complete_is_what_the_joint_has_its_zero_from(joint):
     expected = round(zero.expected_travel(joint))
     for travel in range(expected - 80, expected + 80):
-        said = assess(joint, Arc(500, travel), expected=expected, home=MIDDLE)
+        said = assess(joint, TravelArc(500, travel), expected=expected, home=MIDDLE)
         entry = default(joint)
         by_stops = zero.by_stops(
             joint, type(entry)(id=entry.id, range_min=500, range_max=500 + travel)
@@ -60,7 +60,7 @@ def test_complete_is_what_the_joint_has_its_zero_from(joint):
 
 @pytest.mark.parametrize("span_deg", [109, 117, 128, 140])
 def test_jaws_of_public_calibrations_are_usable(span_deg):
-    arc = Arc(MIDDLE - 20, round(span_deg * DEG))
+    arc = TravelArc(MIDDLE - 20, round(span_deg * DEG))
     expected = round(zero.expected_travel("gripper"))
     said = assess("gripper", arc, expected=expected, home=MIDDLE)
     assert said.is_usable
@@ -69,7 +69,7 @@ def test_jaws_of_public_calibrations_are_usable(span_deg):
 
 def test_a_jaw_that_opens_towards_smaller_readings_is_named():
     travel = round(zero.expected_travel("gripper"))
-    said = assess("gripper", Arc(MIDDLE - travel + 10, travel), expected=travel, home=MIDDLE)
+    said = assess("gripper", TravelArc(MIDDLE - travel + 10, travel), expected=travel, home=MIDDLE)
     assert said.verdict is Verdict.WRONG_DIRECTION
     assert said.is_usable  # it may just have been open
 
@@ -92,20 +92,20 @@ def test_a_roll_swept_to_its_stops_keeps_them():
 
 def test_a_roll_whose_zero_is_far_off_its_middle_is_asked_about():
     expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", Arc(100, expected), expected=expected, home=100 + 1000)
+    said = assess("wrist_roll", TravelArc(100, expected), expected=expected, home=100 + 1000)
     assert said.is_usable
     assert "was the gripper opening upwards?" in said.sentence
 
 
 def test_a_roll_without_stops_counts_as_a_full_turn():
     expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", Arc(0, 4095), expected=expected, home=MIDDLE)
+    said = assess("wrist_roll", TravelArc(0, 4095), expected=expected, home=MIDDLE)
     assert (said.verdict, said.is_usable) == (Verdict.FULL_TURN, True)
 
 
 def test_a_roll_that_went_more_than_half_a_turn_to_one_side_needs_its_stops():
     expected = round(zero.expected_travel("wrist_roll"))
-    said = assess("wrist_roll", Arc(-100, 2200), expected=expected, home=MIDDLE)
+    said = assess("wrist_roll", TravelArc(-100, 2200), expected=expected, home=MIDDLE)
     assert (said.verdict, said.is_usable) == (Verdict.TOO_SHORT, False)
     assert "more than half a turn" in said.sentence
 
@@ -115,7 +115,7 @@ def test_only_a_travel_that_can_be_stored_can_be_accepted():
         said = assess("elbow_flex", arc, expected=2000, home=MIDDLE)
         return can_be_accepted(said.verdict, 0 if arc is None else arc.travel)
 
-    assert is_offered(Arc(1000, 900))
-    assert is_offered(Arc(1000, 2500))
+    assert is_offered(TravelArc(1000, 900))
+    assert is_offered(TravelArc(1000, 2500))
     assert not is_offered(None)
-    assert not is_offered(Arc(0, 4095))
+    assert not is_offered(TravelArc(0, 4095))
