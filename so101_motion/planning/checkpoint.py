@@ -1,4 +1,4 @@
-"""Giving up a plan that nobody waits for any more.
+"""Give up a plan that nobody waits for any more.
 
 Whoever runs the planner may hand it a checkpoint. Everything that takes more than a few
 milliseconds calls it again and again; it returns at once, or raises ``Abandoned`` when the plan is
@@ -14,8 +14,8 @@ Checkpoint = Callable[[], None]
 
 
 class Abandoned(Exception):
-    """Nobody wants this plan any more. No ``So101Error``: no caller ever sees it."""
+    """The plan is no longer wanted. Not a ``So101Error``, for no caller ever sees it."""
 
 
 def wanted() -> None:
-    """The checkpoint of plans that are always wanted."""
+    """A checkpoint that never gives up."""

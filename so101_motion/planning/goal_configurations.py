@@ -1,4 +1,4 @@
-"""Joint angles for where the tool shall be, free of contact, the nearest first.
+"""Find collision-free joint angles for a tool goal, the nearest first.
 
 They are worked out one by one as a path to them is looked for: most requests need but the first.
 """
@@ -13,25 +13,25 @@ from so101_motion.planning.cartesian.tool_motion import ToolMotion
 from so101_motion.planning.goals import ApproachGoal, PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolution
 from so101_motion.planning.paths.contact_recovery import freed
-from so101_motion.planning.planning_context import Job
+from so101_motion.planning.planning_context import PlanningContext
 
 APPROACHES = 12
 """From how many configurations above a pose the line to it is tried. Chosen: a few branches, each
 with a few pitches."""
 
 
-def free_configurations(job: Job, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
-    """Joint angles for a pose that are free of contact, those near ``q_from`` first.
+def free_configurations(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Iterator[Array]:
+    """Joint angles for a pose, shape (5,), [rad], free of contact, those near ``q_from`` first.
 
     Raises:
         InCollision: There are joint angles for the pose, but none is free.
         Overloaded: Some are free, but the servos cannot hold the arm there.
     """
-    request, collision = job.request, job.moves.collision
+    request, collision = context.request, context.moves.collision
     blocked: list[IkSolution] = []
-    load, heavy = job.moves.load, None
-    for solution in _solutions(job, goal, q_from):
-        if not job.is_free(solution.q):
+    load, heavy = context.moves.load, None
+    for solution in _solutions(context, goal, q_from):
+        if not context.is_free(solution.q):
             blocked.append(solution)
             continue
         try:
@@ -40,30 +40,32 @@ def free_configurations(job: Job, goal: PoseGoal, q_from: Array) -> Iterator[Arr
         except Overloaded as error:
             heavy = heavy or error
         else:
-            job.branches.append(solution.branch)
+            context.branches.append(solution.branch)
             yield solution.q
-    if job.branches:
+    if context.branches:
         return
     if heavy is not None:
         raise heavy
-    for solution in freed(job.ik, collision, goal, blocked, q_jaw=request.q_jaw, seed=request.seed):
-        job.branches.append(solution.branch)
+    for solution in freed(
+        context.ik, collision, goal, blocked, q_jaw=request.q_jaw, seed=request.seed
+    ):
+        context.branches.append(solution.branch)
         yield solution.q
-    if not job.branches:
+    if not context.branches:
         least = max(
             (solution.q for solution in blocked),
             key=lambda q: collision.clearance(q, request.q_jaw).room,
         )
         every = f"at the goal, in the best of {len(blocked)} configurations,"
-        raise job.moves.in_collision(least, "goal", every if len(blocked) > 1 else None)
+        raise context.moves.in_collision(least, "goal", every if len(blocked) > 1 else None)
 
 
-def _solutions(job: Job, goal: PoseGoal, q_from: Array) -> Iterator[IkSolution]:
+def _solutions(context: PlanningContext, goal: PoseGoal, q_from: Array) -> Iterator[IkSolution]:
     """All solutions for a pose, nearest first; the time they take is counted."""
-    with job.stage("ik"):
-        solutions = job.ik.candidates(goal, q_from)
+    with context.stage("ik"):
+        solutions = context.ik.candidates(goal, q_from)
     while True:
-        with job.stage("ik"):
+        with context.stage("ik"):
             solution = next(solutions, None)
         if solution is None:
             return
@@ -71,12 +73,12 @@ def _solutions(job: Job, goal: PoseGoal, q_from: Array) -> Iterator[IkSolution]:
 
 
 def configurations_above(
-    job: Job, q_from: Array, goal: ApproachGoal, kept: list[tuple[int, ToolMotion]]
+    context: PlanningContext, q_from: Array, goal: ApproachGoal, kept: list[tuple[int, ToolMotion]]
 ) -> Iterator[Array]:
-    """Free configurations above a pose from which the line to it can be followed.
+    """Free configurations, shape (5,), [rad], above a pose from which the line can be followed.
 
     Args:
-        job: The request.
+        context: The request.
         q_from: What they shall be near to.
         goal: The pose.
         kept: Is given the number of each such configuration and the line from there.
@@ -85,13 +87,15 @@ def configurations_above(
         PlanningError: There are none; says what is wrong with the line from the nearest.
     """
     nearest = None
-    for number, q in enumerate(free_configurations(job, goal.above, q_from)):
+    for number, q in enumerate(free_configurations(context, goal.above, q_from)):
         if number == APPROACHES:
             break
         nearest = q if nearest is None else nearest
-        line = job.lines.find_if_any(goal.line, q, job.moves.collision, job.request.q_jaw)
+        line = context.lines.find_if_any(
+            goal.line, q, context.moves.collision, context.request.q_jaw
+        )
         if line is not None:
             kept.append((number, line))
             yield q
     if not kept and nearest is not None:
-        job.lines.find(goal.line, nearest, job.moves.collision, job.request.q_jaw)
+        context.lines.find(goal.line, nearest, context.moves.collision, context.request.q_jaw)

@@ -1,4 +1,4 @@
-"""What can be asked of the planner, as plain values."""
+"""Goals that the planner accepts, as plain values."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class GoalMetric(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseCloud:
-    """Leeways around a pose: every pose in the cloud will do as well as the pose itself.
+    """Tolerances around a pose: every pose in the cloud is as good as the pose itself.
 
     All are about the pose seen from the goal, ``T_goal_reached``, and reach as far to either side.
     The largest possible orientation tolerances are 1, 1, 2 and pi: then it does not count.
@@ -210,7 +210,7 @@ class ToolPathGoal:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ApproachGoal:
-    """Come to a pose along a straight line: by any free path to where it begins, then down it.
+    """Approach a pose along a straight line, after any free path to where the line begins.
 
     The configuration above the pose is chosen among those from which the line can be followed.
     Leaving again is a :class:`LineGoal`.

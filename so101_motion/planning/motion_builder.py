@@ -1,4 +1,4 @@
-"""Time a proven path and prove the motion that comes of it.
+"""Turn a collision-free path into a motion, and verify every sample of it.
 
 A path says where, a motion also when; the two differ where corners are rounded and acceleration is
 smoothed. So nothing is inherited: every motion made here is measured again, sample by sample as it
@@ -101,7 +101,7 @@ class MotionBuilder:
     load: Load | None = None
 
     def straight(self, q_from: Array, q_to: Array) -> Trajectory:
-        """Along the straight joint line, from rest to rest; none if the two are the same."""
+        """The motion along the straight joint line, from rest to rest; duration 0 if equal."""
         if np.abs(q_to - q_from).max() <= SAME:
             q_to = q_from
         limits = self.limits
@@ -114,7 +114,7 @@ class MotionBuilder:
         return self._retimed(blended_path(line, WIDEST), line, SMOOTHING_MOST)
 
     def departing(self, q_from: Array, q_to: Array) -> Trajectory:
-        """Along a way out of a bad start, slowly.
+        """The slow motion along a straight joint line out of a bad start.
 
         Raises:
             InCollision: The motion is not as harmless as the path was.
@@ -161,10 +161,10 @@ class MotionBuilder:
         trajectory = _between_ends(make(), waypoints)
         if self.load is not None and self.load.stretch(trajectory) > 1.0:
             slower = _between_ends(make(further=self.load.rows), waypoints)
-            trajectory = self.bearable(slower)
+            trajectory = self.slowed_to_torque_limits(slower)
         return trajectory
 
-    def bearable(self, trajectory: Trajectory) -> Trajectory:
+    def slowed_to_torque_limits(self, trajectory: Trajectory) -> Trajectory:
         """The same motion, as slow as it must be for the servos to bear it.
 
         Raises:

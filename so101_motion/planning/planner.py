@@ -1,4 +1,4 @@
-"""From a request to a motion that may be sent as it is, or to an error that says what is off.
+"""Plan a motion for a request: runs all stages, and verifies every sample.
 
 The stages, for every kind of goal:
 
@@ -43,7 +43,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.motion_builder import MotionBuilder, Pieces, joined
 from so101_motion.planning.paths.path import PathFinder
 from so101_motion.planning.paths.start_recovery import FARTHEST, find_departure, needs_departure
-from so101_motion.planning.planning_context import Job
+from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, carried
@@ -64,7 +64,7 @@ _Frame = tuple[str, tuple[float, ...], tuple[float, ...]]
 
 
 class _Solvers(NamedTuple):
-    """What depends on the joint limits."""
+    """The solvers that depend on the joint limits."""
 
     model: RobotModel
     ik: IkSolver
@@ -104,17 +104,17 @@ class Planner:
             ConfigError: The request holds a value that cannot be meant.
         """
         begin = time.perf_counter()
-        job = self._job(request)
-        departure, q_from = self._departure(job)
-        waypoints, pieces = self._move(job, q_from)
+        context = self._context(request)
+        departure, q_from = self._departure(context)
+        waypoints, pieces = self._move(context, q_from)
         trajectory = joined([*departure, *pieces])
         if departure:
             waypoints = np.concatenate([request.q_start[None], waypoints])
-        if job.moves.load is not None:
-            job.moves.load.check_goal(trajectory.q[-1])
+        if context.moves.load is not None:
+            context.moves.load.check_goal(trajectory.q[-1])
         tool_path = self._tool_path(trajectory.q)
-        closest = job.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
-        job.stages_ms["total"] = (time.perf_counter() - begin) * 1e3
+        closest = context.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
+        context.stages_ms["total"] = (time.perf_counter() - begin) * 1e3
         return Plan(
             q_start=request.q_start,
             q_goal=trajectory.q[-1],
@@ -123,20 +123,20 @@ class Planner:
             tool_path=tool_path,
             limits=request.limits,
             report=PlanReport(
-                stages_ms=job.stages_ms,
-                branch=job.branch,
+                stages_ms=context.stages_ms,
+                branch=context.branch,
                 straight=len(waypoints) == 2,
                 departure=bool(departure),
-                load=job.load,
-                effort=job.effort,
-                path_deviation=job.path_deviation,
+                load=context.load,
+                effort=context.effort,
+                path_deviation=context.path_deviation,
                 clearance=closest.distance,
                 closest=(closest.first, closest.second),
             ),
         )
 
     def warm_up(self) -> None:
-        """Plan once through everything that is slow the first time, toppra's import included."""
+        """Run everything once that is slow the first time, toppra's import included."""
         limits = MotionLimits.uniform(velocity=1.0, acceleration=2.0, jerk=50.0)
         steps = np.array([[0.2, -0.1, 0.0, 0.0, 0.0], [0.2, 0.1, 0.1, 0.0, 0.0]])
         for goal in (
@@ -176,14 +176,14 @@ class Planner:
             return None
         return tuple(lower.tolist()), tuple(upper.tolist())
 
-    def _job(self, request: PlanRequest) -> Job:
+    def _context(self, request: PlanRequest) -> PlanningContext:
         frames = tuple(
             (name, tuple(T.R.ravel().tolist()), tuple(T.p.tolist()))
             for name, T in sorted(request.frames.items())
         )
         model, ik, lines = self._within(self._narrower(request), frames)
         collision = self._around(request.scene)
-        return Job(
+        return PlanningContext(
             request=request,
             model=model,
             ik=ik,
@@ -208,103 +208,113 @@ class Planner:
         model = self._model if payload is None else self._carrying(payload.mass, payload.com)
         return Load(model, request.strength, request.q_start, payload)
 
-    def _departure(self, job: Job) -> tuple[Pieces, Array]:
+    def _departure(self, context: PlanningContext) -> tuple[Pieces, Array]:
         """The slow way out of a bad start, none for a good one, and where planning begins."""
-        request, moves = job.request, job.moves
+        request, moves = context.request, context.moves
         q_start = request.q_start
-        if not needs_departure(job.model, moves.collision, q_start, request.q_jaw):
+        if not needs_departure(context.model, moves.collision, q_start, request.q_jaw):
             return [], q_start
-        with job.stage("departure"):
+        with context.stage("departure"):
             q_exit = find_departure(
-                job.model,
+                context.model,
                 moves.collision,
                 q_start,
                 q_jaw=request.q_jaw,
-                towards=_towards(job),
+                towards=_towards(context),
                 seed=request.seed,
-                farthest=_farthest(job),
+                farthest=_farthest(context),
             )
             return [moves.departing(q_start, q_exit)], q_exit
 
-    def _move(self, job: Job, q_from: Array) -> tuple[Array, Pieces]:
+    def _move(self, context: PlanningContext, q_from: Array) -> tuple[Array, Pieces]:
         """Waypoints and motion from a good start to the goal."""
-        goal = job.request.goal
+        goal = context.request.goal
         if isinstance(goal, PoseGoal):
-            return self._to_any(job, q_from, free_configurations(job, goal, q_from))
+            return self._to_any(context, q_from, free_configurations(context, goal, q_from))
         if isinstance(goal, LeaveContactGoal):
-            return self._to_any(job, q_from, iter([q_from]))
+            return self._to_any(context, q_from, iter([q_from]))
         if isinstance(goal, JointGoal):
-            job.model.check_limits(goal.q)
-            if not job.is_free(goal.q):
-                raise job.moves.in_collision(goal.q, "goal")
-            if job.moves.load is not None:
-                job.moves.load.check_goal(goal.q)
-            return self._to_any(job, q_from, iter([goal.q]))
+            context.model.check_limits(goal.q)
+            if not context.is_free(goal.q):
+                raise context.moves.in_collision(goal.q, "goal")
+            if context.moves.load is not None:
+                context.moves.load.check_goal(goal.q)
+            return self._to_any(context, q_from, iter([goal.q]))
         if isinstance(goal, PathGoal):
-            return self._along(job, q_from, goal)
+            return self._along(context, q_from, goal)
         if isinstance(goal, ApproachGoal):
-            return self._approach(job, q_from, goal)
-        return self._on_path(job, q_from, goal)
+            return self._approach(context, q_from, goal)
+        return self._on_path(context, q_from, goal)
 
-    def _to_any(self, job: Job, q_from: Array, goals: Iterator[Array]) -> tuple[Array, Pieces]:
+    def _to_any(
+        self, context: PlanningContext, q_from: Array, goals: Iterator[Array]
+    ) -> tuple[Array, Pieces]:
         """A free path to the first of the goals that can be had."""
-        with job.stage("path"):
-            found = job.finder.find(q_from, goals, job.request.time_budget)
-        if job.branches:
-            job.branch = job.branches[found.goal]
-        return found.waypoints, self._timed(job, found.waypoints, CORNER, spline=False)
+        with context.stage("path"):
+            found = context.finder.find(q_from, goals, context.request.time_budget)
+        if context.branches:
+            context.branch = context.branches[found.goal]
+        return found.waypoints, self._timed(context, found.waypoints, CORNER, spline=False)
 
-    def _along(self, job: Job, q_from: Array, goal: PathGoal) -> tuple[Array, Pieces]:
+    def _along(
+        self, context: PlanningContext, q_from: Array, goal: PathGoal
+    ) -> tuple[Array, Pieces]:
         """Through waypoints that were given."""
-        with job.stage("path"):
-            waypoints = checked_path(job.model, job.moves, q_from, goal.waypoints)
-        return waypoints, self._timed(job, waypoints, goal.tolerance, spline=True)
+        with context.stage("path"):
+            waypoints = checked_path(context.model, context.moves, q_from, goal.waypoints)
+        return waypoints, self._timed(context, waypoints, goal.tolerance, spline=True)
 
-    def _on_path(self, job: Job, q_from: Array, goal: ToolGoal) -> tuple[Array, Pieces]:
+    def _on_path(
+        self, context: PlanningContext, q_from: Array, goal: ToolGoal
+    ) -> tuple[Array, Pieces]:
         """Along a prescribed path of the tool."""
-        with job.stage("path"):
-            found = job.lines.find(goal, q_from, job.moves.collision, job.request.q_jaw)
-        return found.waypoints, self._followed(job, found)
+        with context.stage("path"):
+            found = context.lines.find(goal, q_from, context.moves.collision, context.request.q_jaw)
+        return found.waypoints, self._followed(context, found)
 
-    def _followed(self, job: Job, found: ToolMotion) -> Pieces:
+    def _followed(self, context: PlanningContext, found: ToolMotion) -> Pieces:
         """The motion along curves that keep the tool to its path."""
-        with job.stage("retime"):
-            pieces = found.timed(job.request.limits, job.request.dt, job.moves.tool)
-            pieces = [job.moves.bearable(piece) for piece in pieces]
-        with job.stage("verify"):
-            job.check(pieces)
-        job.path_deviation = PathDeviation(position=found.off, angle=found.turned)
+        with context.stage("retime"):
+            pieces = found.timed(context.request.limits, context.request.dt, context.moves.tool)
+            pieces = [context.moves.slowed_to_torque_limits(piece) for piece in pieces]
+        with context.stage("verify"):
+            context.check(pieces)
+        context.path_deviation = PathDeviation(position=found.off, angle=found.turned)
         return pieces
 
-    def _approach(self, job: Job, q_from: Array, goal: ApproachGoal) -> tuple[Array, Pieces]:
+    def _approach(
+        self, context: PlanningContext, q_from: Array, goal: ApproachGoal
+    ) -> tuple[Array, Pieces]:
         """By any free path to above a pose, then straight to it."""
         kept: list[tuple[int, ToolMotion]] = []
-        with job.stage("path"):
-            above = configurations_above(job, q_from, goal, kept)
-            found = job.finder.find(q_from, above, job.request.time_budget)
+        with context.stage("path"):
+            above = configurations_above(context, q_from, goal, kept)
+            found = context.finder.find(q_from, above, context.request.time_budget)
         number, line = kept[found.goal]
-        pieces = self._timed(job, found.waypoints, CORNER, spline=False)
-        job.branch, load = job.branches[number], job.load
-        pieces += self._followed(job, line)
-        job.load = max(job.load, load)
+        pieces = self._timed(context, found.waypoints, CORNER, spline=False)
+        context.branch, load = context.branches[number], context.load
+        pieces += self._followed(context, line)
+        context.load = max(context.load, load)
         return np.concatenate([found.waypoints, line.waypoints[1:]]), pieces
 
-    def _timed(self, job: Job, waypoints: Array, tolerance: float, *, spline: bool) -> Pieces:
+    def _timed(
+        self, context: PlanningContext, waypoints: Array, tolerance: float, *, spline: bool
+    ) -> Pieces:
         """The first of several ways to time a polyline that passes verification.
 
         Raises:
             PlanningError: None does, not even stopping at every corner.
         """
-        motions = job.moves.motions(waypoints, tolerance, spline=spline)
+        motions = context.moves.motions(waypoints, tolerance, spline=spline)
         problem: PlanningError | None = None
         while True:
-            with job.stage("retime"):
+            with context.stage("retime"):
                 pieces = next(motions, None)
             if pieces is None:
                 raise problem or PlanningError("no motion along this path keeps the limits")
-            with job.stage("verify"):
+            with context.stage("verify"):
                 try:
-                    job.check(pieces)
+                    context.check(pieces)
                 except PlanningError as error:
                     problem = error
                 else:
@@ -315,19 +325,19 @@ class Planner:
         return np.array([self._model.rotation_and_position(q[k])[1].copy() for k in chosen])
 
 
-def _farthest(job: Job) -> float:
+def _farthest(context: PlanningContext) -> float:
     """How far any point of the arm may move to leave a bad start [m]."""
-    goal = job.request.goal
+    goal = context.request.goal
     return goal.farthest if isinstance(goal, LeaveContactGoal) else FARTHEST
 
 
-def _towards(job: Job) -> list[Array]:
+def _towards(context: PlanningContext) -> list[Array]:
     """Where the motion wants to go eventually."""
-    goal = job.request.goal
+    goal = context.request.goal
     if isinstance(goal, JointGoal):
         return [goal.q]
     if isinstance(goal, PathGoal):
         return [*goal.waypoints[:1]]
     if isinstance(goal, PoseGoal):
-        return [job.ik.solve(goal, job.request.q_start).q]
+        return [context.ik.solve(goal, context.request.q_start).q]
     return []

@@ -1,4 +1,4 @@
-"""What the planner carries along for one request: tools, timings, facts for the report."""
+"""State of the planner for one request: solvers, stage times, figures for the report."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from so101_motion.planning.request import PathDeviation, PlanRequest
 
 
 @dataclass(slots=True, kw_only=True)
-class Job:
-    """One request under way.
+class PlanningContext:
+    """The request that is being planned.
 
     Attributes:
         request: What is asked for.

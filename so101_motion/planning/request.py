@@ -1,4 +1,4 @@
-"""What the planner is asked and what it answers, as plain values that cross a process boundary."""
+"""The planner's request and its plan, as plain values that can be pickled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from so101_motion.planning.timing.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Search:
-    """How one plan is looked for, beside its goal and its caps.
+    """Options of one plan beside its goal and its caps.
 
     Attributes:
         scene: What is around and in the hand; None for what the arm knows.
@@ -102,7 +102,7 @@ class PathDeviation(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanReport:
-    """How a plan came about.
+    """Figures on how a plan was made.
 
     Attributes:
         stages_ms: Wall time of each stage that ran, and ``"total"`` [ms].
@@ -129,7 +129,7 @@ class PlanReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Plan:
-    """A motion, verified, and what it was made from.
+    """A verified motion, and what it was made from.
 
     Attributes:
         q_start: Where it starts, shape (5,), [rad].

@@ -1,4 +1,4 @@
-"""Waypoints that somebody else chose: are they allowed, and which of them matter.
+"""Check prescribed waypoints, and leave out those that change nothing.
 
 A prescribed path is followed or refused, never replaced by another; so the refusal says which
 waypoint or which stretch between two is to blame. Waypoints are counted from 1, the start is none.
@@ -20,7 +20,7 @@ _TURN = 1e-6
 
 
 def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoints: Array) -> Array:
-    """The polyline from a start through waypoints, proven free, without what does not matter.
+    """The collision-free polyline (m, 5) [rad] from a start through waypoints, simplified.
 
     Args:
         moves: What is in the way.

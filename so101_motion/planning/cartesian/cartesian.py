@@ -1,4 +1,4 @@
-"""Turn a prescribed line or path of the tool into smooth curves of the joints.
+"""Turn a tool path into smooth joint curves.
 
 How it works. On a line every point of the tool's path is prescribed; what five joints leave open is
 the pitch, for some goals the roll, and which way the elbow bends. That is decided for the whole

@@ -1,4 +1,4 @@
-"""Lay out the configurations that the arm may have at points of a tool path.
+"""Compute the possible configurations at points of a tool path: the columns of the ladder graph.
 
 At each point the position is prescribed; five joints leave two freedoms, pitch and roll, and up to
 four branches. How much of them counts depends on the goal's metric:

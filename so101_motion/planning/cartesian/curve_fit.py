@@ -1,4 +1,4 @@
-"""A smooth curve of the joints along which the tool keeps to its path.
+"""Fit a smooth joint curve along which the tool keeps to its path.
 
 How it works. Configurations a centimetre apart, one for each of a few points of the path, are
 given; they come from a search over a grid, so what is free (the pitch, mostly) changes in steps. In
@@ -30,12 +30,12 @@ from so101_motion.planning.kinematics.batch_kinematics import ArmChain
 from so101_motion.planning.timing import verify
 from so101_motion.planning.timing.path_geometry import JointPath
 
-SMOOTH = (30.0, 1.0, 0.0)
+SMOOTHED = (30.0, 1.0, 0.0)
 """How much smoothness counts against staying near, one attempt after the other, where all that is
 given up for it is a pitch that nobody asked for. Chosen: the first evens out what is shorter than
 ten configurations."""
 
-TRUE = (0.0, 1.0)
+EXACT = (0.0, 1.0)
 """The same where the configurations turn the tool as was asked."""
 
 MOST_CONFIGURATIONS, FINEST = 400, 0.001
@@ -108,7 +108,7 @@ class CurveFitter:
             tool_path: What the tool shall keep to.
             s: Places on it, evenly spaced, shape (n,), n >= 6, [m].
             q: A configuration for each, shape (n, 5), [rad]. The first is kept as it is.
-            stiffnesses: ``SMOOTH`` or ``TRUE``.
+            stiffnesses: ``SMOOTHED`` or ``EXACT``.
             accept: What else a curve must stand up to.
 
         Returns:

@@ -1,4 +1,4 @@
-"""Why a path of the tool cannot be followed to its end: how far it can, and what stops it there.
+"""Explain why a tool path cannot be followed: how far it can, and what stops the arm there.
 
 How it works. A search has failed. It knows the last column of configurations that anything reaches.
 From there the path is followed in steps of half a millimetre, with every configuration that is near

@@ -19,7 +19,7 @@ from so101_motion.planning.cartesian.configuration_columns import (
     Criteria,
     Fineness,
 )
-from so101_motion.planning.cartesian.curve_fit import SMOOTH, TRUE, CurveFitter, Misfit
+from so101_motion.planning.cartesian.curve_fit import EXACT, SMOOTHED, CurveFitter, Misfit
 from so101_motion.planning.cartesian.ladder_graph import Indices, LadderGraph
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
 from so101_motion.planning.cartesian.tool_path import ToolPath
@@ -43,7 +43,7 @@ ATTEMPTS = 20
 MISFITS = 10
 """After so many of them for which no curve could be laid, a look is given up."""
 
-PATIENCE = 3
+CONTACTS_BEFORE_THOROUGH = 3
 """After so many in contact, all configurations that might still be used are looked at."""
 
 AT_ONCE = 16
@@ -152,7 +152,7 @@ class PathSearch:
                 return None
             if self._is_blocked(rows):
                 in_contact += 1
-                self._forbid_blocked(rows, thorough=in_contact >= PATIENCE)
+                self._forbid_blocked(rows, thorough=in_contact >= CONTACTS_BEFORE_THOROUGH)
                 continue
             found = self._curves(self.ladder.sequence(rows))
             if isinstance(found, ToolMotion):
@@ -204,7 +204,7 @@ class PathSearch:
         curves: list[JointPath] = []
         off = turned = 0.0
         free = self.task.goal.metric is GoalMetric.POSITION_ONLY
-        stiffnesses = SMOOTH if free else TRUE
+        stiffnesses = SMOOTHED if free else EXACT
         for begin, end in pairwise(self._rests):
             s = self.s[begin : end + 1]
             judge = self._judge(float(s[0]))

@@ -1,4 +1,4 @@
-"""Lines, arcs and what rounds the corner between two of them, as curves in space.
+"""Segments of a tool path: lines, arcs and rounded corners between them.
 
 A stretch is run through by the distance ``s`` from its start, and can be followed a little beyond
 its ends. Where two stretches meet, direction or curvature jumps, and an arm that moves on would

@@ -1,4 +1,4 @@
-"""Curves of the joints along which the tool keeps to its path, and their timing."""
+"""The joint motion along a tool path: its curves and its timing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The path of a frame of the gripper: lines and arcs, with rounded corners.
+"""Tool paths: lines and arcs of a gripper frame, with rounded corners.
 
 How it works. A path is a chain of parts, run through by one number ``s`` in metres. On a line or an
 arc the frame turns steadily from the orientation at one end to that at the other. Within ``blend``

@@ -1,4 +1,4 @@
-"""What can touch what: links, things held, floor and obstacles, as Pinocchio and coal take them.
+"""Build the collision bodies and pairs for Pinocchio and coal: links, held objects, obstacles.
 
 *Bodies.* Each link is one convex hull that contains the whole real part (``urdf/README.md``). A
 box, a sphere, a capsule is itself; a mesh is its triangles; a point cloud an octree of full cubes;

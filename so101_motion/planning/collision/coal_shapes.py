@@ -1,4 +1,4 @@
-"""The shapes of a scene as coal's, one for what stands and one for what is held.
+"""Convert the shapes of a scene to coal's: one form for obstacles, one for held objects.
 
 coal knows boxes, spheres, capsules and octrees itself. A mesh that stands becomes a tree of
 bounding volumes over its triangles, exact and searched in microseconds. Such trees are slow to

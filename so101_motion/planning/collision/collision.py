@@ -1,4 +1,4 @@
-"""Where the arm would touch itself or what is around it, and how far it stays away.
+"""Check configurations for collisions, and measure distances between bodies.
 
 Together with ``bodies.py``, which says what there is, one of the two doors of Pinocchio
 (``model.py`` is the other) and the only one of coal.
@@ -140,7 +140,7 @@ class CollisionModel:
         return not self._touches(self._q)
 
     def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
-        """The distance of each pair in ``pairs`` [m], negative where they overlap."""
+        """The distance of each pair, shape (len(pairs),), [m]; negative where they overlap."""
         self._q[:5] = q
         self._q[5] = q_jaw
         self.checkpoint()

@@ -1,4 +1,4 @@
-"""Check whether a joint motion touches anything: a proof, and a quicker look.
+"""Check joint motions for contact: a proof by motion bounds, and a quicker sampled check.
 
 Both rest on *travel*. No point of the arm moves further along a joint motion than the joint angles
 passed, each times the distance of the furthest point from that joint's axis.
@@ -54,7 +54,7 @@ class Level(NamedTuple):
 
 
 def travel(reach: Array, points: Array) -> Array:
-    """As :meth:`CollisionModel.travel`; ``reach`` (5,) [m] is that of each joint."""
+    """As :meth:`CollisionModel.travel`, for ``points`` (n, 5); ``reach`` (5,) is per joint [m]."""
     steps: Array = np.abs(np.diff(points, axis=0)) @ reach
     return np.concatenate(([0.0], np.cumsum(steps)))
 
@@ -66,9 +66,10 @@ def first_blocked(
     q_jaw: float,
     checkpoint: Checkpoint = wanted,
 ) -> Array | None:
-    """A configuration on the straight lines through ``points`` that is too close, or None, a proof.
+    """A configuration (5,) on the straight lines through ``points`` that is too close, or None.
 
-    ``levels`` go from the margins themselves to the widest clearance; ``points`` are (n, 5).
+    None is a proof that the motion is free. ``levels`` go from the margins themselves to the widest
+    clearance; ``points`` are (n, 5) [rad]; ``reach`` is as for :func:`travel`.
     """
     points = np.asarray(points, dtype=np.float64)
     travelled = travel(reach, points)

@@ -2,7 +2,11 @@
 
 From the hand back to the base: what the next joint carries stays in a ball around that joint,
 whatever its angle, and the ball is offset from this joint's axis by the link between. The jaw does
-not move during a motion, so for the hand its angle is known. See ``continuous_check.py``.
+not move during a motion, so for the hand its angle is known. ``continuous_check.py`` proves motions
+free with these bounds.
+
+Source: F. Schwarzer, M. Saha, J.-C. Latombe, Adaptive Dynamic Collision Checking for Single and
+Multiple Articulated Robots in Complex Environments, IEEE T-RO 2005.
 """
 
 from __future__ import annotations

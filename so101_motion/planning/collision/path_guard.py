@@ -18,7 +18,7 @@ _CLOSER = 1e-6
 
 
 class Guard:
-    """Admits paths that keep clear of the arm itself and of what is around it.
+    """Admits paths that keep clear of the arm itself and of the scene.
 
     An arm that stands too close to something already may leave: as long as no pair of bodies that
     is within its margin comes closer, and no other pair gets within.
@@ -32,7 +32,7 @@ class Guard:
         self._collision, self._q_jaw = collision, q_jaw
 
     def admits(self, path: Array) -> bool:
-        """Whether the straight lines through ``path``, shape (m, 5), m >= 2, [rad], may be gone."""
+        """Whether the arm may move along the lines through ``path``, (m, 5), m >= 2, [rad]."""
         q_jaw = self._q_jaw()
         if self._collision.first_blocked(path, q_jaw) is None:
             return True

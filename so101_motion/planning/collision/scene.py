@@ -1,4 +1,4 @@
-"""What is around the arm and in its hand, as plain values.
+"""The scene: obstacles, held objects and the floor, as plain values.
 
 A ``Scene`` is part of a request for a plan. It holds no clever state: it can be compared,
 pickled and written to a file, and ``collision.py`` turns it into what is checked.
@@ -164,7 +164,7 @@ Shape = Box | Sphere | Capsule | Mesh | PointCloud
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ShapeFile:
-    """A mesh or a point cloud as the file it came in; whoever needs the shape reads it.
+    """A mesh or a point cloud as an unread file; ``shape_files.read_shape`` reads it.
 
     See ``shape_files.py``, which makes these and reads them.
 
@@ -232,7 +232,7 @@ class Attached:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
-    """Everything an arm may meet.
+    """The surroundings of an arm, and what it holds.
 
     Attributes:
         obstacles: What stands around it.

@@ -1,4 +1,4 @@
-"""Meshes and point clouds as files: STL, PLY and PCD, as programs and cameras write them.
+"""Read meshes and point clouds from files: STL, PLY and PCD.
 
 A file of a million triangles takes a second to read, so whoever takes one from a request looks at
 its head alone (``shape_file``) and hands its bytes on; they are read where they are needed, in the
@@ -107,7 +107,7 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
 
 
 def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
-    """The same mesh with each vertex once; STL files name one for each triangle it is part of."""
+    """Merge equal vertices of a mesh, (n, 3) and (m, 3); STL repeats them for each triangle."""
     order = np.lexsort(vertices.T)  # ten times as fast as np.unique with rows
     is_new = np.ones(len(vertices), dtype=bool)
     is_new[1:] = np.any(np.diff(vertices[order], axis=0) != 0.0, axis=1)

@@ -1,4 +1,4 @@
-"""One small step at a time: joint velocities for jogging and dragging, from a quadratic program.
+"""Differential kinematics for jogging and dragging: joint velocities from a quadratic program.
 
 ``servo.py`` is one step, ``servo_qp.py`` its program on OSQP, ``task_velocity.py`` what the user
 asks of the tool. Limits, collision distances and loads are constraints of every step.

@@ -1,4 +1,4 @@
-"""Bound the jerk of a motion that arrives step by step, by a moving average.
+"""Bound the jerk of a motion that arrives step by step, by a moving average (an FIR filter).
 
 The follower is where the leader was on average lately. Averages keep whatever bound the leader
 keeps: positions between limits, velocities, accelerations. Over ``n`` steps of ``dt`` acceleration

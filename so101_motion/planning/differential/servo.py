@@ -1,4 +1,4 @@
-"""Turn velocity commands into joint motion, one small step at a time, safe after every one.
+"""Compute one step of a jog: joint velocities that keep limits and clearance, and can always stop.
 
 Each step answers: given where the tool shall go, what velocity may the joints have next? How it
 works:
@@ -25,6 +25,9 @@ Velocities and accelerations are the first and second differences of the positio
 
 ``Step.share`` says how much of it was granted, and :meth:`Servo.held_by` in words what stands
 against the rest.
+
+Source: B. Faverjon, P. Tournassoud, A local based approach for path planning of manipulators with a
+high number of degrees of freedom, ICRA 1987, for bounding the approach speed by the distance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The quadratic program of a servo step, on one OSQP workspace that is kept alive.
+"""Solve the quadratic program of a servo step with OSQP, on one workspace that is reused.
 
 Minimise ``(v - s w)^T M (v - s w) + mu (1 - s)^2`` over joint velocities ``v`` and the share ``s``
 of the task velocity ``w`` that is granted, with bounds on both and rows ``g v >= b``. The share is

@@ -1,4 +1,4 @@
-"""What somebody who leads the tool by hand may ask for: a velocity, a pose, a point."""
+"""Targets of a jog: a velocity, a pose or a point."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from so101_motion.common.geometry import SE3, Array, frozen_array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Twist:
-    """How the tool shall move.
+    """A velocity of the tool.
 
     Attributes:
         linear: Velocity of its origin, shape (3,), [m/s].

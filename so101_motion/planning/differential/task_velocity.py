@@ -1,4 +1,4 @@
-"""Turn a twist, a pose or a point to follow into joint velocities.
+"""Convert a twist, a pose or a point to follow into joint velocities.
 
 Position first, orientation as far as five joints can. Near a singular configuration the directions
 that would cost unbounded speeds are damped.
@@ -7,6 +7,9 @@ A twist is integrated into a reference that the frame is led back to, so that a 
 stays straight; it moves on only by as much of the twist as was granted, and begins anew where
 something turns the frame aside. A pose or a point is approached as fast as the joints can still
 come to rest there.
+
+Source: Y. Nakamura, H. Hanafusa, Inverse Kinematic Solutions With Singularity Robustness for Robot
+Manipulator Control, 1986, for the damping.
 """
 
 from __future__ import annotations
@@ -71,7 +74,7 @@ class TaskVelocity(NamedTuple):
 
 
 class TaskControl:
-    """Turns targets into task velocities, step by step, and hears what share was granted.
+    """Turns targets into task velocities, step by step; ``grant`` tells it how much was possible.
 
     Args:
         model: The arm.
@@ -87,7 +90,7 @@ class TaskControl:
         self._R, self._p = np.eye(3), np.zeros(3)  # the reference of a twist
 
     def velocity(self, target: Target, q: Array, below: Array, above: Array) -> TaskVelocity:
-        """What the joints at ``q`` should do, which can go ``below`` and ``above`` so far [rad]."""
+        """The task velocity at ``q``; ``below`` and ``above`` (5,) are the joints' room [rad]."""
         J = self._model.frame_jacobian(q, self._frame)
         R, p = self._model.rotation_and_position(q, self._frame)
         if isinstance(target, Twist):

@@ -1,4 +1,4 @@
-"""The arm's structure: a pan, three parallel joints, a roll; and what follows from it.
+"""The geometry of the arm in closed form: a pan, three parallel joints, and a roll.
 
 The pan axis is vertical and turns a vertical plane; lift, elbow and wrist move within that plane;
 the roll turns the gripper about an axis in it. So a frame of the gripper (the tool, the jaw tip,
@@ -120,7 +120,7 @@ class FrameOffset(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Measures:
-    """What there is to know of an arm with this structure.
+    """The dimensions of an arm with this structure.
 
     Attributes:
         pan: Where the pan axis stands, x and y in the base frame [m].

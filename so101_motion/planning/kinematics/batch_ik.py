@@ -1,6 +1,6 @@
-"""Evaluate the closed forms of ``arm_geometry.py`` and ``planar_3r.py`` on arrays.
+"""Solve inverse kinematics in closed form for many poses at once.
 
-The same formulas in the same order, on arrays. What differs is the purpose: a search along a path
+The formulas are those of ``arm_geometry.py`` and ``planar_3r.py``, on arrays. A search along a path
 of the tool looks at thousands of configurations, most of which do not exist or break a limit, and
 wants to know of each how far it is from being allowed. So nothing is left out here; every
 configuration comes with its ``excess``.
@@ -72,12 +72,12 @@ class ConfigurationGrid(NamedTuple):
 
 
 def wrap(angle: Array) -> Array:
-    """The same angle within half a turn of zero [rad]."""
+    """The same angles, any shape, within half a turn of zero [rad]."""
     return angle - TAU * np.round(angle / TAU)
 
 
 def hands(structure: ArmStructure, frame: str, roll: Array) -> Hands:
-    """A frame of the gripper at given rolls [rad]."""
+    """A frame of the gripper at given rolls, any shape, [rad]."""
     c, s = np.cos(roll), np.sin(roll)
     forward, left, up = (
         constant + of_cos * c + of_sin * s
@@ -141,7 +141,7 @@ def configurations(
 
 
 def pitch_towards(structure: ArmStructure, pan: Array, axis: Array) -> Array:
-    """The pitch that brings the approach nearest to unit vectors (n, 3), as the pan, [rad]."""
+    """The pitch, shape as ``pan``, [rad], that brings the approach nearest to ``axis`` (n, 3)."""
     m = structure.measures
     azimuth = m.azimuth + m.pan_sign * pan
     x, y, z = axis.T[:, :, None, None]
@@ -151,7 +151,7 @@ def pitch_towards(structure: ArmStructure, pan: Array, axis: Array) -> Array:
 
 
 def roll_for(structure: ArmStructure, pan: Array, pitch: Array, R_base_tool: Array) -> Array:
-    """The roll that turns the tool nearest to rotations (n, 3, 3), pan and pitch given, [rad].
+    """The roll (n, 2, m) [rad] that turns the tool nearest to rotations (n, 3, 3).
 
     In axes along the roll axis (x) and the lift axis (y) what is wanted of the roll is a rotation N
     about x; the nearest has ``tan = (N_zy - N_yz) / (N_yy + N_zz)``.
@@ -197,11 +197,11 @@ def _about(axis: int, angle: Array) -> Array:
 
 
 def angles_between(a: Array, b: Array) -> Array:
-    """Angles between unit vectors along the last axis [rad]; accurate near zero."""
+    """Angles between unit vectors (..., 3), shape (...), [rad]; accurate near zero."""
     return np.asarray(2.0 * np.arcsin(np.clip(0.5 * np.linalg.norm(a - b, axis=-1), 0.0, 1.0)))
 
 
 def rotation_angles(R: Array) -> Array:
-    """Angles of rotations (..., 3, 3) [rad]; accurate near zero, where |R - 1| is sqrt(8) sin."""
+    """Angles of rotations (..., 3, 3), shape (...), [rad]; accurate near zero."""
     half_sine = np.linalg.norm(R - np.eye(3), axis=(-2, -1)) / np.sqrt(8.0)
     return np.asarray(2.0 * np.arcsin(np.clip(half_sine, 0.0, 1.0)))

@@ -1,4 +1,4 @@
-"""Where a frame of the gripper is, and how it moves, for many configurations at once.
+"""Forward kinematics and Jacobians of a gripper frame for many configurations at once.
 
 How it works. With all joints at zero each joint is an axis through a point, and the frame is
 somewhere. Turning the joints from the hand inwards (roll first, pan last) turns the frame's point

@@ -1,4 +1,4 @@
-"""Measure the arm's structure on the kinematic model, or find that it is built otherwise.
+"""Measure the arm's dimensions on the kinematic model; refuse a model of another structure.
 
 The closed forms know no length of their own: axes and origins are read off the model at zero, and
 then formulas and model are compared at random joint angles. Where they differ, the model is not
@@ -34,7 +34,7 @@ _TRIALS = 16
 
 
 def measure_structure(model: RobotModel) -> ArmStructure:
-    """The structure of a model's arm.
+    """Measure the structure of a model's arm.
 
     Raises:
         ConfigError: The arm is built otherwise.

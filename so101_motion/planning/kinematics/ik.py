@@ -1,4 +1,4 @@
-"""Inverse kinematics: from where the tool shall be to joint angles.
+"""Inverse kinematics: find joint angles for a pose goal.
 
 How it works. Configurations come from closed forms (``ik_closed.py``), built on measures that were
 read off the kinematic model (``geometry_from_model.py``). The model then judges each: it may polish

@@ -1,4 +1,4 @@
-"""Configurations in closed form for each way of stating a goal.
+"""Closed-form inverse kinematics for each kind of goal: position, approach, full pose.
 
 All configurations put the goal's frame at its point, as exactly as the arm's structure fits the
 model; whether the orientation is near enough is judged later. What a goal leaves open is chosen

@@ -1,4 +1,4 @@
-"""Inverse kinematics for a cloud of poses, any of which will do.
+"""Inverse kinematics for a pose with tolerances.
 
 How it works. At a point two freedoms are left, pitch and roll, and the cloud bounds how far the
 tool may be turned. Both are varied within these bounds, for all branches, and the closed forms

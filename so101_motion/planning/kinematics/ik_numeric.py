@@ -1,4 +1,4 @@
-"""Inverse kinematics by going downhill on the model's Jacobian.
+"""Numeric inverse kinematics: Newton steps on the model's Jacobian.
 
 It takes out the micrometres by which a model may differ from its closed form (:func:`polish`), and
 it settles on the nearest reachable pose (:func:`minimise`).
@@ -31,7 +31,7 @@ _UPPER, _ABOVE = np.triu(np.ones((5, 5))), np.triu(np.ones((5, 5)), 1)
 
 
 def polish(model: RobotModel, q: Array, frame: str, p_base: Array) -> Array:
-    """Two Newton steps of least joint motion to a nearby point [m], within the limits."""
+    """Move ``q`` by two least-motion Newton steps to a nearby point; shape (5,), in the limits."""
     for _ in range(2):
         error = p_base - model.rotation_and_position(q, frame)[1]
         J = model.frame_jacobian(q, frame)[:3]
@@ -42,7 +42,7 @@ def polish(model: RobotModel, q: Array, frame: str, p_base: Array) -> Array:
 
 
 def minimise(model: RobotModel, task: Task, q: Array) -> Array:
-    """Joint angles inside the limits where the distance from a task has a local minimum.
+    """Minimise the distance from a task locally; returns ``q`` (5,) [rad] inside the limits.
 
     Newton's method with the curvature's absolute value, so that every step goes downhill; joints
     that rest at a limit and want to go further are left out.

@@ -1,4 +1,4 @@
-"""What inverse kinematics is asked and what it answers: a checked goal, and a judged solution.
+"""Input and output of inverse kinematics: the checked goal and the judged solution.
 
 Every solution, whatever formula it comes from, is judged by the kinematic model before it leaves.
 """
@@ -90,7 +90,7 @@ class Task:
 
 
 def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
-    """Refuse what no arm could mean; give the rest the form that solvers want.
+    """Check a goal and convert it to the form that solvers need.
 
     Raises:
         ConfigError: The frame is not one of the gripper's, a number of the pose is not finite,
@@ -138,7 +138,7 @@ def _check_rotation(rows: list[list[float]]) -> None:
 
 
 def check_seed(q_seed: ArrayLike) -> Joints:
-    """The seed as plain numbers [rad]. It may be outside the limits: arms rest there.
+    """The seed, shape (5,), as plain numbers [rad]. It may be outside the limits.
 
     Raises:
         ConfigError: It is not five finite numbers.

@@ -1,4 +1,4 @@
-"""The arm's kinematics: where its parts are for given joint angles, and how they move.
+"""The kinematic model of the arm: frames, Jacobians, torques and joint limits.
 
 One of the two doors of Pinocchio (``collision.py`` is the other). Everything that leaves it is an
 array or an :class:`~so101_motion.common.geometry.SE3` of our own.
@@ -170,7 +170,7 @@ class RobotModel:
         return SE3(R, p)
 
     def rotation_and_position(self, q: Array, name: str = "tool") -> tuple[Array, Array]:
-        """As :meth:`frame`, but views that the next call overwrites; for inner loops."""
+        """``R`` (3, 3) and ``p`` (3,) of :meth:`frame`, as views that the next call overwrites."""
         placement = self._placements.get(name)
         if placement is None:
             raise self._no_such(name)

@@ -1,4 +1,4 @@
-"""The configuration of the three parallel joints nearest to a seed, over all pitches.
+"""Find the configuration of the three parallel joints nearest to a seed, over all pitches.
 
 Within an interval of pitches (``planar_3r.py``) the configuration changes smoothly, and so does its
 distance from the seed. Its slope is known in closed form, so the least distance is where the slope

@@ -1,4 +1,4 @@
-"""The pitch and roll that turn the tool nearest to a wanted rotation, for a given pan.
+"""Fit pitch and roll so that the tool's orientation is nearest to a wanted one, for a given pan.
 
 With the pan given, two rotations are left: about the lift axis by the pitch, then about the roll
 axis by the roll. In axes of their own (roll axis first, lift axis second) and with half angles,

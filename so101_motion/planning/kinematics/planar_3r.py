@@ -1,4 +1,4 @@
-"""The three parallel joints, in the plane they move in.
+"""Closed-form inverse kinematics of the three parallel joints (a planar 3R chain).
 
 Once the pan has turned the arm's plane towards the target and the roll is chosen, what is left is
 a chain of three bars in a plane: upper arm, forearm and hand, hinged at shoulder, elbow and wrist.

@@ -1,4 +1,4 @@
-"""Use what a goal leaves open to move a configuration out of contact.
+"""Use a goal's free degrees of freedom to move a configuration out of contact.
 
 Candidates from inverse kinematics are spread over pitch and roll some degrees apart. Where only a
 narrow range of them is free, all candidates may miss it. So if none is free, the best ones climb:
@@ -18,7 +18,7 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 
-HOPELESS = 0.015
+LARGEST_LACK = 0.015
 """Configurations that lack more clearance than this are not tried [m]. Chosen: what a step of pitch
 or roll between candidates can make of the hand's edge."""
 
@@ -50,7 +50,7 @@ def freed(
     rated.sort(key=lambda pair: -pair[0])
     tried: list[Array] = []
     for room, solution in rated:
-        if room < -HOPELESS or len(tried) == CLIMBERS:
+        if room < -LARGEST_LACK or len(tried) == CLIMBERS:
             return
         if any(np.abs(solution.q - q).max() < APART for q in tried):
             continue

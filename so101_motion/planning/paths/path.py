@@ -1,4 +1,4 @@
-"""Find a joint path from here to there that touches nothing.
+"""Find a collision-free joint path from a start to one of several goals.
 
 How it works. Most paths are straight: of random pairs of free configurations in an empty scene, one
 in two hundred is not. So the straight joint line to each goal is tried first, nearest goal first.
@@ -102,7 +102,7 @@ class PathFinder:
         return self._around(q_start, blocked, Deadline(time_budget))
 
     def is_free_line(self, q_from: Array, q_to: Array) -> bool:
-        """Whether the straight joint line between two configurations is free, ends included."""
+        """Whether the straight joint line from ``q_from`` to ``q_to`` is free, ends included."""
         return self._is_free([q_from, q_to])
 
     def _is_free(self, points: list[Array]) -> bool:

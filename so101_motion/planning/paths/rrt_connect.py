@@ -1,4 +1,4 @@
-"""Search a free path with two trees that grow towards each other (RRT-Connect).
+"""Search for a collision-free path with two trees that grow towards each other (RRT-Connect).
 
 One tree has its root at the start, the other one root at each goal. A tree grows by a
 branch of limited length from its nearest node towards a random configuration; the other tree then
@@ -38,7 +38,7 @@ each time without. Chosen."""
 
 
 class LineChecker(Protocol):
-    """What tells the search which configurations and lines are free."""
+    """Checks which configurations and lines are free, for the search."""
 
     def is_free(self, q: Array) -> bool:
         """Whether joint angles ``q``, shape (5,), [rad], are free of contact."""
@@ -52,7 +52,7 @@ class LineChecker(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Space:
-    """Where configurations are drawn from.
+    """The space from which configurations are drawn.
 
     Attributes:
         lower: Smallest joint angles, shape (5,), [rad].
@@ -65,7 +65,7 @@ class Space:
     weights: Array
 
     def around(self, first: Array, second: Array, distance: float) -> Space:
-        """The part of it within ``distance`` [rad] of two configurations in each joint."""
+        """The part of it within ``distance`` [rad] of two configurations (5,) in each joint."""
         return replace(
             self,
             lower=np.maximum(self.lower, np.minimum(first, second) - distance),
@@ -74,7 +74,7 @@ class Space:
 
 
 class Deadline:
-    """When to be content with what there is, or to give up.
+    """The time at which a search ends.
 
     Attributes:
         budget: How long after it was made that is [s].
@@ -85,7 +85,7 @@ class Deadline:
         self._end = time.perf_counter() + budget
 
     def has_passed(self) -> bool:
-        """Whether it is time."""
+        """Whether the time is up."""
         return time.perf_counter() > self._end
 
 
@@ -113,7 +113,7 @@ class TreeSearch:
         self.from_goals = Tree(goals, space, random)
 
     def run(self, deadline: Deadline, most: int | None = None) -> tuple[list[Array], int] | None:
-        """Waypoints to a goal and which one; None if ``most`` rounds or the deadline find none."""
+        """Waypoints (5,) to a goal, and its index; None if not found in time or ``most`` rounds."""
         here, there = self.from_start, self.from_goals
         for _ in count() if most is None else range(most):
             if deadline.has_passed():

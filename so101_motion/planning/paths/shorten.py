@@ -1,4 +1,4 @@
-"""Making a path shorter that is longer than it need be.
+"""Shorten a joint path: skip waypoints, cut corners, and pull it straight.
 
 Three ways, each good at what the others leave over. *Skipping*: the path is cut into short pieces,
 and straight lines past many of them are tried, then past half as many, and so on: that takes away
@@ -6,7 +6,11 @@ the zigzag of a random search. *Cutting* from one random point of the path to an
 wide curves. *Pulling* moves each corner towards the line between its neighbours, as a rope is
 pulled tight.
 
-Length is that of joint angles, as a straight line in joint space has it.
+Length is that of joint angles, as a straight line in joint space has it. Points are joint angles,
+shape (5,), [rad].
+
+Source: R. Geraerts, M. H. Overmars, Creating High-quality Paths for Motion Planning, IJRR 2007, for
+shortcuts between random points.
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ that is left and the time it takes on the paths of benchmarks/bench_plan.py."""
 CUTS = 60
 """So many random cuts are tried."""
 
-IN_VAIN = 14
+MOST_FAILED_CUTS = 14
 """So many of them in a row without gain end the attempt early."""
 
 GAIN = 0.005
@@ -47,7 +51,7 @@ def shortened(
     random: np.random.Generator,
     deadline: Deadline,
 ) -> Points:
-    """A shorter path between the same ends; what there is when the deadline passes."""
+    """A shorter path between the same ends; the best one so far when the deadline passes."""
     found = _cut(skipped(points, checker), checker, random, deadline)
     return found if deadline.has_passed() else _pulled(found, checker)
 
@@ -83,11 +87,11 @@ def _cut(
 ) -> Points:
     """The path with random points of it connected where that is shorter and free."""
     ends = _ends(points)
-    in_vain = 0
+    failed = 0
     for first, second in np.sort(random.random((CUTS, 2))).tolist():
-        if len(points) == 2 or in_vain == IN_VAIN or deadline.has_passed():
+        if len(points) == 2 or failed == MOST_FAILED_CUTS or deadline.has_passed():
             break
-        in_vain += 1
+        failed += 1
         begin, end = first * ends[-1], second * ends[-1]
         i, j = bisect_right(ends, begin), bisect_right(ends, end)
         if i == j:
@@ -95,7 +99,7 @@ def _cut(
         a, b = _at(points, ends, i, begin), _at(points, ends, j, end)
         if end - begin - dist(a, b) >= GAIN * ends[-1] and checker.is_clear(a, b):
             points = [*points[:i], a, b, *points[j:]]
-            ends, in_vain = _ends(points), 0
+            ends, failed = _ends(points), 0
     return points
 
 

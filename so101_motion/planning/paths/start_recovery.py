@@ -62,7 +62,7 @@ def find_departure(
     seed: int,
     farthest: float = FARTHEST,
 ) -> Array:
-    """A free configuration inside the limits that a start can be left to on a straight joint line.
+    """A free configuration, shape (5,), [rad], inside the limits, to leave a bad start to.
 
     Raises:
         InCollision: There is none; names what the arm touches.
@@ -92,7 +92,7 @@ def find_departure(
 
 
 def is_harmless(collision: CollisionModel, points: Array, q_jaw: float) -> bool:
-    """Whether pairs that are too close only part, and no other pair becomes too close."""
+    """Whether along ``points`` (n, 5) close pairs only part, and no other pair becomes close."""
     travelled = collision.travel(points)
     steps = max(1, math.ceil(travelled[-1] / float(collision.margins.min())))
     at = np.linspace(0.0, travelled[-1], steps + 1)

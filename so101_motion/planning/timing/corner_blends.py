@@ -1,4 +1,4 @@
-"""How far each corner of a path may be rounded.
+"""Choose how far each corner of a path is rounded.
 
 A corner that has room is cut widely, so that the arm keeps its speed; one beside an obstacle less,
 and where even that is blocked the arm stops. So one narrow place does not slow a whole motion.
@@ -24,7 +24,11 @@ PER_CORNER = 12
 def roomy_corners(
     waypoints: Array, tolerance: float, narrowest: float, is_free: Callable[[Array], bool]
 ) -> Array:
-    """How far a joint may leave a polyline at its corners, (m - 2,) [rad]; 0 for a stop."""
+    """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
+
+    ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``is_free`` is
+    asked about configurations (n, 5) on the rounded corner.
+    """
     tolerances = np.full(len(waypoints) - 2, tolerance)
     tight = list(range(len(tolerances)))
     while tight:
@@ -47,7 +51,7 @@ def _corner(path: JointPath, k: int) -> Array:
 
 
 def between_stops(waypoints: Array, tolerances: Array) -> Iterator[tuple[Array, Array]]:
-    """The parts of a polyline between stops, and how far their own corners are cut."""
+    """The parts (k, 5) of a polyline between stops, with the cuts of their corners, (k - 2,)."""
     stops = [0, *(1 + np.flatnonzero(tolerances == 0.0)), len(waypoints) - 1]
     for begin, end in pairwise(stops):
         yield waypoints[begin : end + 1], tolerances[begin : end - 1]

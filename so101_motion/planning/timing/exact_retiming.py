@@ -13,8 +13,11 @@ How it works.
 2. One pass forwards and one backwards keep to what acceleration is left at the speed there is.
 3. The place as a function of time is averaged over a window that turns steps of acceleration into
    ramps of the jerk limit.
-4. The result is measured. Where it exceeds a limit the speed thereabouts is lowered by as much, and
+4. The result is measured. Where it exceeds a limit the speed near there is lowered by as much, and
    the motion made again; what is left after a few rounds is taken out by making all of it slower.
+
+Source: J. E. Bobrow, S. Dubowsky, J. S. Gibson, Time-Optimal Control of Robotic Manipulators Along
+Specified Paths, 1985, for the two passes under a speed limit at each place.
 """
 
 from __future__ import annotations

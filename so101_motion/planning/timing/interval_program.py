@@ -49,7 +49,10 @@ class LimitRows(NamedTuple):
 
 
 def exact_solver(steps: Array, rows: LimitRows, cap: Array) -> Solver:
-    """Our own solver for N intervals and the largest square ``cap`` at their N + 1 ends."""
+    """Our own solver for N intervals of lengths ``steps`` (N,) [rad].
+
+    ``cap`` is the largest squared speed at their ends, shape (N + 1,), [rad^2/s^2].
+    """
     bounds_u = np.abs(rows.a) > _LEAST
     a = np.where(bounds_u, rows.a, 1.0)
     slopes = np.where(bounds_u, rows.b / a, 0.0)

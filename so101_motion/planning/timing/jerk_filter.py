@@ -1,4 +1,4 @@
-"""Bound the jerk of a motion by a moving average.
+"""Bound the jerk of a motion by a moving average over time (an FIR filter).
 
 A time-optimal motion jumps from full acceleration to full braking. Its average over a sliding
 window of width ``w`` does not: an acceleration step of ``da`` becomes a ramp of slope ``da / w``.

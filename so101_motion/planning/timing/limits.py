@@ -1,4 +1,4 @@
-"""How fast the joints may go: the caps a trajectory has to keep."""
+"""The velocity, acceleration and jerk limits that a trajectory keeps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Motions that are needed at once: straight to a goal, to a new goal from full speed, to a stop.
+"""Compute motions within a control tick: straight to a goal, to a new goal while moving, to a stop.
 
 Cheap enough for the control tick (tens of microseconds to a millisecond), so nothing here looks
 for collisions or position limits; that is the caller's business. Two ways to stop:

@@ -1,4 +1,4 @@
-"""The shape of a joint motion, without time.
+"""Joint paths as piecewise cubic curves, without time.
 
 A path is a chain of cubic pieces over a parameter ``s`` that runs from 0 to ``length`` in radians
 of joint space. Two ways to lay one through waypoints: :func:`spline_path` passes through every

@@ -1,4 +1,4 @@
-"""Timing a path: as fast as the joints may go, with bounded jerk, measured before it is used.
+"""Time a path as fast as the limits allow, with bounded jerk, and measure the result.
 
 How it works, in four steps:
 

@@ -1,4 +1,4 @@
-"""Stop along a motion by slowing down its time, as soon as the limits allow.
+"""Stop on a motion's own path by slowing down its time.
 
 While a motion is being stopped it is played with its own time ``tau(t)``, whose rate falls from 1
 to 0 within a duration D. Positions are those of the motion, ``q(tau)``; by the chain rule the

@@ -1,4 +1,4 @@
-"""What the servos have to bear along a motion, and what they can.
+"""Limit the torques that the servos exert: while holding still and along a motion.
 
 Two caps, both shares of a servo's stall torque. *Holding* is what it may have to bear standing
 still, for as long as somebody leaves the arm there: gravity alone must stay below it everywhere, or
@@ -76,7 +76,7 @@ the masses."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Payload:
-    """What the gripper carries.
+    """The mass that the gripper carries.
 
     Attributes:
         mass: [kg].
@@ -104,7 +104,7 @@ class Payload:
 
 
 def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:
-    """All that is carried as one; None if it weighs nothing.
+    """Combine all that is carried into one payload; None if it weighs nothing.
 
     Args:
         payload: What the gripper carries always.
@@ -124,7 +124,7 @@ def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """What each servo may have to bear.
+    """The torque limits of a servo.
 
     Attributes:
         holding: Standing still [N m].
@@ -149,7 +149,7 @@ class Strength:
 
 
 class Heavy(NamedTuple):
-    """A joint that bears nearly all that it may, or more.
+    """A joint that is near its torque limit, or beyond it.
 
     Attributes:
         joint: Its name.
@@ -163,7 +163,7 @@ class Heavy(NamedTuple):
 
 
 class Load:
-    """Judges the motions of one request by what the servos have to bear.
+    """Checks the torques of the motions of one request.
 
     An arm that stands in too heavy a configuration may leave it: what it bears there counts as
     allowed on the path, but not where the path ends.
@@ -172,7 +172,7 @@ class Load:
         model: The arm with its payload.
         strength: What its servos can bear.
         q_start: Where the motions begin, shape (5,), [rad].
-        payload: What is carried, for messages.
+        payload: What ``model`` carries, for messages.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class Load:
     def of(
         cls, model: RobotModel, strength: Strength, q_start: Array, payload: Payload | None
     ) -> Load:
-        """As made from the bare arm."""
+        """Make a ``Load`` for ``model`` with ``payload`` added; else as the class."""
         loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
         return cls(loaded, strength, q_start, payload)
 

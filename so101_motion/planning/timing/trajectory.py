@@ -1,4 +1,4 @@
-"""A trajectory: a path with time, as evenly spaced samples.
+"""Trajectories: evenly spaced samples of position, velocity and acceleration.
 
 Every maker of trajectories (toppra with bounded jerk, ruckig) ends in the same form, so one
 verifier judges them all and the executor knows one thing to play. The executor's period is the

@@ -1,4 +1,4 @@
-"""Judging a trajectory: does it keep its limits, and if not, which joint breaks which by how much.
+"""Verify that a trajectory keeps its limits, or say which joint breaks which limit by how much.
 
 Velocity, acceleration and jerk are measured on what is sent: the first, second and third
 differences of the sampled positions. The velocities and accelerations a trajectory states for its

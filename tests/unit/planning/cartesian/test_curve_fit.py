@@ -3,8 +3,8 @@ import pytest
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.cartesian.curve_fit import (
-    SMOOTH,
-    TRUE,
+    EXACT,
+    SMOOTHED,
     CurveFitter,
     Misfit,
     curve_through,
@@ -62,7 +62,7 @@ def distance(chain, tool_path, curve):
     return np.linalg.norm(chain.positions(curve.evaluate(s).q) - tool_path.places(s), axis=1).max()
 
 
-@pytest.mark.parametrize("stiffnesses", [SMOOTH, TRUE], ids=["smooth", "true"])
+@pytest.mark.parametrize("stiffnesses", [SMOOTHED, EXACT], ids=["smooth", "true"])
 def test_the_tool_keeps_to_its_way_all_along_the_curve(
     model, chain, fitter, tool_path, stiffnesses
 ):
@@ -86,13 +86,13 @@ def test_steps_of_pitch_are_evened_out_where_nobody_asked_for_them(model, fitter
         pitch = curve.evaluate(np.linspace(0.0, curve.length, 200)).q[:, 1:4].sum(axis=1)
         return np.abs(np.diff(pitch, 2)).max()
 
-    assert wobble(SMOOTH) < 0.3 * wobble(TRUE)
+    assert wobble(SMOOTHED) < 0.3 * wobble(EXACT)
 
 
 def test_a_pitch_that_stays_is_left_alone(model, fitter, tool_path):
     s = np.linspace(0.0, tool_path.length, 9)
     q = configurations_on(model, tool_path, s, np.full(9, READY[1:4].sum()))
-    curve = fitter.fit(tool_path, s, q, SMOOTH, accepts_all)
+    curve = fitter.fit(tool_path, s, q, SMOOTHED, accepts_all)
     knots = curve.evaluate(curve.knots[:: (len(curve.knots) - 1) // 8]).q
     assert knots == pytest.approx(q, abs=1e-9)
 
@@ -110,15 +110,15 @@ def test_a_curve_that_is_not_accepted_is_tried_less_smooth_and_then_given_up(
         tried.append(curve)
         return Misfit(s=0.01, q=q[0], in_contact=True)
 
-    assert fitter.fit(tool_path, s, q, SMOOTH, refuse).in_contact
-    assert len(tried) == len(SMOOTH)
+    assert fitter.fit(tool_path, s, q, SMOOTHED, refuse).in_contact
+    assert len(tried) == len(SMOOTHED)
 
 
 def test_where_postures_are_not_one_motion_there_is_no_curve(model, fitter, tool_path):
     s = np.linspace(0.0, tool_path.length, 9)
     q = configurations_on(model, tool_path, s, np.full(9, READY[1:4].sum()))
     q[5:] = configurations_on(model, tool_path, s[5:], np.full(4, READY[1:4].sum() - 2.5))
-    found = fitter.fit(tool_path, s, np.clip(q, model.lower, model.upper), TRUE, accepts_all)
+    found = fitter.fit(tool_path, s, np.clip(q, model.lower, model.upper), EXACT, accepts_all)
     assert isinstance(found, Misfit)
     assert s[4] < found.s < s[5]
 
@@ -129,7 +129,7 @@ def test_a_curve_does_not_bulge_over_a_joint_limit(model, chain):
     s = np.linspace(0.0, tool_path.length, 9)
     q = configurations_on(model, tool_path, s, np.full(9, READY[1:4].sum()))
     tight = CurveFitter(chain, q.min(axis=0), q.max(axis=0), TOLERANCE)
-    found = tight.fit(tool_path, s, q, TRUE, accepts_all)
+    found = tight.fit(tool_path, s, q, EXACT, accepts_all)
     assert isinstance(found, JointPath)
     inside = found.evaluate(np.linspace(0.0, found.length, 2001)).q
     assert np.all(inside >= q.min(axis=0) - 1e-6)
