@@ -76,13 +76,14 @@ def open_simulated(
     return rig
 
 
-def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED) -> Rig:
+def open_simulated_gripper(*, q_jaw_start: float = JAW_CLOSED, clock: Clock | None = None) -> Rig:
     """Open a simulated gripper on an arm that stands still; starts no planning process.
 
     Args:
         q_jaw_start: Where the jaw stands [rad].
+        clock: What time it is; the system's if not given.
     """
-    clock = MonotonicClock()
+    clock = clock or MonotonicClock()
     return Rig(
         SimArm(clock, q_jaw=q_jaw_start),
         clock=clock,

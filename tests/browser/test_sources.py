@@ -32,7 +32,15 @@ class Cable:
         self.port = str(port)
         self.rigs: list[RigLike] = []
         self._servos = subprocess.Popen(
-            [sys.executable, "-m", "so101_motion.cli", "emulate", "--link", self.port],
+            [
+                sys.executable,
+                "-m",
+                "so101_motion.cli",
+                "emulate",
+                "--realtime",
+                "--link",
+                self.port,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -1,7 +1,7 @@
 """Servos of an arm in the tests' own process, on a port that the module's process opens.
 
-They are those of ``so101 emulate``, and time is real. What a person does to a kit, the tests do:
-they plug servos in and out, put joints somewhere, and lead them to their stops.
+They are those of ``so101 emulate --realtime``, and time is real. What a person does to a kit, the
+tests do: they plug servos in and out, put joints somewhere, and lead them to their stops.
 """
 
 import math
@@ -15,6 +15,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
 from so101_motion.drivers.emulator.hardware import DATASHEET_12V, JOINTS, SO101
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.planning.kinematics.model import RobotModel
 
 NEW = dict.fromkeys(range(1, 7), 1)
@@ -37,7 +38,10 @@ class Kit:
         self.port = str(folder / "arm")
         self.weight = RobotModel.load().gravity_torque if weighs else np.zeros_like
         self._emulator = Emulator(
-            EmulatorOptions(link=folder / "arm", calibrated=False, **options), gravity=self.weight
+            EmulatorOptions(
+                link=folder / "arm", calibrated=False, pacing=Pacing(realtime=True), **options
+            ),
+            gravity=self.weight,
         )
         self.world = self._emulator.world
 

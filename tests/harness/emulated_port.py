@@ -32,6 +32,17 @@ class HardwarePort:
         await self.process.stdin.drain()
 
 
+async def works(call):
+    """Whether a call succeeds, which is refused as long as servos are silent."""
+    try:
+        await call()
+    except GRPCError as error:
+        if error.status is not Status.UNAVAILABLE:
+            raise
+        return False
+    return True
+
+
 async def patiently(call, tries=5):
     """The outcome of ``call()``, which is asked for again when the servos came too late.
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.emulator.world import World
 
 PATIENCE = 0.03
@@ -26,7 +27,13 @@ class FreshKit:
     def __init__(self, folder: Path) -> None:
         self.port = str(folder / "arm")
         new = dict.fromkeys(range(1, 7), 1)
-        options = EmulatorOptions(link=folder / "arm", calibrated=False, ids=new, loose=True)
+        options = EmulatorOptions(
+            link=folder / "arm",
+            calibrated=False,
+            ids=new,
+            loose=True,
+            pacing=Pacing(realtime=True),
+        )
         self._emulator = Emulator(options)
         for place, joint in enumerate(SETUP_ORDER, start=1):  # no two look alike, as in a box
             shaft = self.world.servo(joint).drive.shaft

@@ -19,7 +19,7 @@ async def emulated(tmp_path):
     """A link to the port of an emulated arm, in another process."""
     link = tmp_path / "blue"
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-c", EMULATE, "emulate", "--link", str(link),
+        sys.executable, "-c", EMULATE, "emulate", "--realtime", "--link", str(link),
         cwd=ROOT, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
     )  # fmt: skip
     await process.stdout.readline()

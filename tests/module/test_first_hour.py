@@ -21,6 +21,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import parse_fault
 from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.planning.kinematics.model import RobotModel
 
 SO101_COMMAND = (sys.executable, "-c", "from so101_motion.cli import main; main()")
@@ -84,7 +85,11 @@ class Newcomer:
 @pytest.fixture
 def person(tmp_path):
     options = EmulatorOptions(
-        link=tmp_path / "so101", ids=dict.fromkeys(range(1, 7), 1), loose=True, calibrated=False
+        link=tmp_path / "so101",
+        ids=dict.fromkeys(range(1, 7), 1),
+        loose=True,
+        calibrated=False,
+        pacing=Pacing(realtime=True),
     )
     with Emulator(options) as kit:  # without weight, or it would sink while the hand is elsewhere
         yield Newcomer(kit, tmp_path / "home")

@@ -11,7 +11,7 @@ import sys
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from harness.emulated_port import HardwarePort, emulated_port
+from harness.emulated_port import HardwarePort, emulated_port, patiently, works
 from harness.fake_parent import (
     ARM,
     GRIPPER,
@@ -66,6 +66,11 @@ async def joints(arm):
     return list((await arm.get_joint_positions()).values)
 
 
+async def go(arm, q_deg):
+    await patiently(lambda: arm.move_to_joint_positions(JointPositions(values=q_deg)))
+    assert await joints(arm) == pytest.approx(q_deg, abs=0.5)
+
+
 async def test_a_session_on_a_serial_port(bench):
     async with running_module() as (module, _, _):
         attributes = {"port": bench.port, "speed_degs_per_sec": 20.0}
@@ -73,18 +78,17 @@ async def test_a_session_on_a_serial_port(bench):
         assert list(answer.dependencies) == []
         arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
         gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": bench.port}, "gripper")
+        await until(lambda: works(arm.get_geometries))
         await asyncio.sleep(1.5)  # the weight is taken up
 
         start = await joints(arm)
         goal = [inward(start[0], 8.0), *start[1:4], inward(start[4], 10.0)]
-        await arm.move_to_joint_positions(JointPositions(values=goal))
-        assert await joints(arm) == pytest.approx(goal, abs=0.5)
-        await arm.move_to_joint_positions(JointPositions(values=start))
-        assert await joints(arm) == pytest.approx(start, abs=0.5)
+        await go(arm, goal)
+        await go(arm, start)
 
-        await gripper.open()
+        await patiently(gripper.open)
         assert (await gripper.do_command({"get": True}))["position"] == pytest.approx(95.0, abs=3)
-        assert await gripper.grab() is False
+        assert await patiently(gripper.grab) is False
         assert (await arm.do_command({"command": "ping"})) == {"success": True}
         assert (await arm.do_command({"command": "diagnose"}))["servos_found"] == [1, 2, 3, 4, 5, 6]
         status = await arm.do_command({"command": "controller_status"})
@@ -94,6 +98,7 @@ async def test_a_session_on_a_serial_port(bench):
         await module.remove(ARM, "arm")
         await module.remove(GRIPPER, "gripper")
         again = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        await until(lambda: works(again.get_geometries))
         assert await joints(again) == pytest.approx(start, abs=1.0), "it was left holding"
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
@@ -123,6 +128,7 @@ async def test_an_arm_that_is_not_there_yet_can_be_added_later(emulated):
 async def test_the_cable_may_be_pulled_and_put_back(emulated):
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        await until(lambda: works(arm.get_geometries))
         start = await joints(arm)
         await emulated.fault("unplug+1")
 
@@ -135,25 +141,27 @@ async def test_the_cable_may_be_pulled_and_put_back(emulated):
         await until(is_gone)
         await until(is_back)
         goal = [start[0] + 5.0, *start[1:]]
-        await arm.move_to_joint_positions(JointPositions(values=goal))
-        assert await joints(arm) == pytest.approx(goal, abs=0.5)
+        await go(arm, goal)
 
 
 async def test_a_killed_module_leaves_the_arm_holding(bench):
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": bench.port}, "arm")
+        await until(lambda: works(arm.get_geometries))
         await asyncio.sleep(1.0)
         start = await joints(arm)
         module.process.kill()
         await module.ended()
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": bench.port}, "arm")
+        await until(lambda: works(arm.get_geometries))
         assert await joints(arm) == pytest.approx(start, abs=1.5)
 
 
 async def test_a_terminated_module_stops_the_arm_and_leaves_it_holding(emulated):
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port}, "arm")
+        await until(lambda: works(arm.get_geometries))
         start = await joints(arm)
         goal = JointPositions(values=[start[0] + 80.0, *start[1:]])
         move = asyncio.ensure_future(arm.move_to_joint_positions(goal))
@@ -179,7 +187,9 @@ async def test_an_arm_is_let_go_of_at_the_end_of_the_process_if_that_is_asked_fo
     attributes = {"port": emulated.port, "at_end": "release"}
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
-        await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": emulated.port}, "gripper")
+        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": emulated.port}, "gripper")
+        for one in (arm, gripper):
+            await until(lambda one=one: works(one.get_geometries))
         await arm.stop()
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
@@ -190,6 +200,7 @@ async def test_an_arm_that_is_let_go_of_at_the_end_holds_when_its_component_is_r
     async with running_module() as (module, _, _):
         attributes = {"port": emulated.port, "at_end": "release"}
         arm = await module.add(ARM, HARDWARE_ARM, attributes, "arm")
+        await until(lambda: works(arm.get_geometries))
         await arm.stop()
         await module.remove(ARM, "arm")
         assert [torque for torque, _, _ in servos(emulated.port)] == [1] * 6

@@ -10,7 +10,7 @@ import tty
 
 import pytest
 from grpclib import GRPCError, Status
-from harness.emulated_port import emulated_port, patiently
+from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -66,17 +66,6 @@ async def within(seconds, call):
     answer = await call
     assert time.monotonic() - begin < seconds
     return answer
-
-
-async def works(call):
-    """Whether a call succeeds, which is refused as long as servos are silent."""
-    try:
-        await call()
-    except GRPCError as error:
-        if error.status is not Status.UNAVAILABLE:
-            raise
-        return False
-    return True
 
 
 async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated):

@@ -1,17 +1,29 @@
+"""The simulated gripper over gRPC, on a clock the test moves."""
+
 import asyncio
 import json
 import math
 
 import pytest
 from grpclib import GRPCError, Status
-from harness.fake_parent import until
 from harness.in_process_module import gripper_client, new_gripper
 from viam.components.arm import KinematicsFileFormat
 
+from so101_motion.common.clock import ManualClock
+from so101_motion.rig.hardware_rig import open_simulated_gripper
+from so101_motion.viam.component_config import SimulatedGripperConfig
+from so101_motion.viam.models.simulated_gripper import SimulatedGripper
+
 
 @pytest.fixture
-async def gripper():
-    gripper = new_gripper()
+def clock():
+    return ManualClock()
+
+
+@pytest.fixture
+async def gripper(clock):
+    config = SimulatedGripperConfig.from_attributes({})
+    gripper = SimulatedGripper("gripper", open_simulated_gripper(clock=clock), config)
     yield gripper
     await gripper.close()
 
@@ -22,59 +34,82 @@ async def client(gripper):
         yield client
 
 
+@pytest.fixture
+def in_time(clock):
+    """Awaits the outcome of a call while time passes."""
+
+    async def outcome(call):
+        task = asyncio.ensure_future(call)
+        while not task.done():
+            await asyncio.to_thread(clock.advance, 0.01)
+            await asyncio.sleep(0.001)
+        return await task
+
+    return outcome
+
+
+@pytest.fixture
+def until(clock):
+    """Lets time pass until something is true."""
+
+    async def come(check):
+        for _ in range(500):
+            if await check():
+                return
+            await asyncio.to_thread(clock.advance, 0.01)
+        raise AssertionError("it never came true")
+
+    return come
+
+
 async def opening(client):
     return (await client.do_command({"command": "get_position"}))["position_percentage"]
 
 
-async def at_rest(client):
-    async def rests():
-        return not await client.is_moving()
-
-    await until(rests)
+async def rests(client):
+    return not await client.is_moving()
 
 
-async def begun(client):
-    async def opens():
-        return await opening(client) > 10.0
-
-    await until(opens)
+async def opens(client):
+    return await opening(client) > 10.0
 
 
-async def test_it_opens_and_closes_and_never_grabs_anything(client):
-    await client.open()
+async def test_it_opens_and_closes_and_never_grabs_anything(client, in_time):
+    await in_time(client.open())
     assert await opening(client) == pytest.approx(100.0, abs=0.1)
     assert not await client.is_moving()
-    assert await client.grab() is False
+    assert await in_time(client.grab()) is False
     assert await opening(client) == pytest.approx(0.0, abs=0.1)
     assert not (await client.is_holding_something()).is_holding_something
 
 
-async def test_opening_takes_as_long_as_the_published_gripper_does(client):
-    await client.grab()
-    begin = asyncio.get_running_loop().time()
-    await client.open()
-    took = asyncio.get_running_loop().time() - begin
+async def test_opening_takes_as_long_as_the_published_gripper_does(client, clock, in_time, until):
+    await in_time(client.grab())
+    begin = clock.now()
+    call = asyncio.ensure_future(client.open())
+    await until(lambda: opens(client))
+    await until(lambda: rests(client))
+    await call
 
-    assert took == pytest.approx(0.5, abs=0.6), "200 % a second, and a moment to start and settle"
-    assert took > 0.5
+    assert 0.5 < clock.now() - begin < 1.0, "200 % a second, and a moment to start and settle"
 
 
-async def test_a_position_is_set_without_waiting_for_it(client):
-    await client.grab()
+async def test_a_position_is_set_without_waiting_for_it(client, in_time, until):
+    await in_time(client.grab())
     answer = await client.do_command({"command": "set_position", "percentage": 50.0})
 
     assert answer == {"target_percentage": 50.0}
     assert await client.is_moving()
-    await at_rest(client)
+    await until(lambda: rests(client))
     position = await client.do_command({"command": "get_position"})
     assert position["target_percentage"] == pytest.approx(50.0)
     assert position["position_percentage"] == pytest.approx(50.0, abs=0.1)
 
 
-async def test_the_short_forms_work_and_are_clamped(client):
+async def test_the_short_forms_work_and_are_clamped(client, until):
     assert await client.do_command({"set": 150.0}) == {"position": 100.0}
     assert await client.do_command({"set": -5.0}) == {"position": 0.0}
-    await at_rest(client)
+    await until(lambda: rests(client))
     assert (await client.do_command({"get": True}))["position"] == pytest.approx(0.0, abs=0.1)
 
 
@@ -100,11 +135,11 @@ async def test_a_request_that_is_not_understood_is_answered_with_the_known_ones(
     assert says in caught.value.message, caught.value.message
 
 
-async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client):
-    await client.grab()
+async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client, in_time, until):
+    await in_time(client.grab())
     call = asyncio.ensure_future(client.open())
-    await begun(client)
-    await client.stop()
+    await until(lambda: opens(client))
+    await in_time(client.stop())
 
     with pytest.raises(GRPCError) as caught:
         await call
@@ -115,33 +150,33 @@ async def test_a_stop_ends_the_call_and_leaves_the_jaw_where_it_is(client):
     assert position["target_percentage"] == pytest.approx(position["position_percentage"], abs=0.1)
 
 
-async def test_a_second_command_ends_the_first_with_aborted(client):
-    await client.grab()
+async def test_a_second_command_ends_the_first_with_aborted(client, in_time, until):
+    await in_time(client.grab())
     first = asyncio.ensure_future(client.open())
-    await begun(client)
-    assert await client.grab() is False
+    await until(lambda: opens(client))
+    assert await in_time(client.grab()) is False
 
     with pytest.raises(GRPCError) as caught:
         await first
     assert caught.value.status is Status.ABORTED
 
 
-async def test_cancelling_a_call_brings_the_jaw_to_rest(client):
-    await client.grab()
+async def test_cancelling_a_call_brings_the_jaw_to_rest(client, in_time, until):
+    await in_time(client.grab())
     call = asyncio.ensure_future(client.open())
-    await begun(client)
+    await until(lambda: opens(client))
     call.cancel()
     with pytest.raises(asyncio.CancelledError):
         await call
-    await at_rest(client)
+    await until(lambda: rests(client))
 
     assert await opening(client) < 95.0
 
 
-async def test_the_jaw_is_seen_to_move(client):
-    await client.grab()
+async def test_the_jaw_is_seen_to_move(client, in_time):
+    await in_time(client.grab())
     closed = {g.label: g.center for g in await client.get_geometries()}
-    await client.open()
+    await in_time(client.open())
     opened = {g.label: g.center for g in await client.get_geometries()}
 
     assert set(closed) == {"gripper_body_0", "gripper_moving"}
@@ -161,8 +196,8 @@ async def test_its_kinematics_have_no_joints_and_so_no_inputs(client):
     assert caught.value.status is Status.OUT_OF_RANGE
 
 
-async def test_the_status_tells_the_opening(client):
-    await client.grab()
+async def test_the_status_tells_the_opening(client, in_time):
+    await in_time(client.grab())
     status = await client.get_status()
 
     assert status["is_moving"] is False
@@ -181,8 +216,8 @@ async def test_a_leader_has_a_handle_and_a_trigger():
     assert labels == ["gripper_body_0", "gripper_body_1", "gripper_moving"]
 
 
-async def test_a_new_configuration_leaves_the_jaw_where_it_is(client, gripper):
-    await client.open()
+async def test_a_new_configuration_leaves_the_jaw_where_it_is(client, gripper, in_time):
+    await in_time(client.open())
     await gripper.close()
     anew = new_gripper(mesh_detail="high")
     try:

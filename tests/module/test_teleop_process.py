@@ -15,6 +15,7 @@ import pytest
 from harness.fake_parent import ROOT, until
 
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.planning.kinematics.model import RobotModel
 
 SO101 = "from so101_motion.cli import main; main()"
@@ -61,7 +62,9 @@ class Scene:
         self.folder = folder
         self.follower = Emulator(
             EmulatorOptions(
-                link=folder / "follower", hand="\n".join(f"0 {joint} start" for joint in HEAVY)
+                link=folder / "follower",
+                hand="\n".join(f"0 {joint} start" for joint in HEAVY),
+                pacing=Pacing(realtime=True),
             ),
             gravity=RobotModel.load().gravity_torque,
         )
@@ -70,7 +73,8 @@ class Scene:
     async def begin(self):
         (self.folder / "hand").write_text(swaying())
         self.leader = await so101(
-            "emulate", "--link", self.folder / "leader", "--hand", self.folder / "hand",
+            "emulate", "--realtime",
+            "--link", self.folder / "leader", "--hand", self.folder / "hand",
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
         )  # fmt: skip
         await self.leader.stdout.readline()
@@ -101,6 +105,9 @@ class Scene:
     async def is_swaying(self):
         return await self.speed_deg() > 40.0
 
+    async def has_settled(self):
+        return await self.speed_deg(0.2) < 12.0
+
     async def end(self):
         for process in self.processes:
             if process.returncode is None:
@@ -122,8 +129,7 @@ async def test_killing_the_program_leaves_the_follower_at_rest(scene):
     await until(scene.is_swaying)
     process.kill()
     await process.wait()
-    await asyncio.sleep(0.4)
-    assert await scene.speed_deg(0.2) < 12.0, "it settles"
+    await until(scene.has_settled)
     where = scene.pan_deg
 
     again, _ = await scene.teleop()
@@ -140,8 +146,7 @@ async def test_killing_the_leader_makes_the_follower_hold_and_say_why(scene):
     scene.leader.kill()
     await scene.leader.wait()
     await until(lambda: lines.has("holding"))
-    await asyncio.sleep(0.3)
-    assert await scene.speed_deg(0.2) < 12.0, "it settles"
+    await until(scene.has_settled)
     process.send_signal(signal.SIGTERM)
     out = json.loads(await process.stdout.read())
     assert await asyncio.wait_for(process.wait(), 10.0) == 0
