@@ -175,11 +175,11 @@ def _with_arm(seen: Findings, report: PortReport) -> Findings:
 
     try:
         with lent_bus(report, "a check-up") as (rig, lease):
-            servos, hearing = examine(lease)
+            servos, bus_quality = examine(lease)
             seen = replace(
                 seen,
                 servos=servos,
-                hearing=hearing,
+                bus_quality=bus_quality,
                 speed=rig.arm.speed,
                 acceleration=rig.arm.acceleration,
             )
@@ -245,7 +245,7 @@ def _tell_next(seen: Findings) -> None:
 def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
     from so101_motion.setup.checkup import is_healthy
 
-    heard, file = seen.hearing, seen.file
+    heard, file = seen.bus_quality, seen.file
     return {
         "healthy": is_healthy(checks),
         "checks": [

@@ -1,4 +1,4 @@
-"""Figures and verdicts of a test by small motions: how well each joint follows its goals.
+"""Compute how well each joint followed its goals in a move test, and the verdict.
 
 For each joint: how far off it stands at rest, how much that depends on the side it came from
 (friction, dead band and play of the gears together; one encoder cannot tell them apart), how far
@@ -25,13 +25,13 @@ SCHEMA = "so101/move-test/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """From where on a figure is a warning, and from where on a failure."""
+    """The figures from which on there is a warning, and a failure."""
 
     warn: float
     fail: float
 
     def judge(self, value: float | None) -> Verdict:
-        """What ``value`` is; one that is not known is no reason to complain."""
+        """The verdict on ``value``; an unknown value is ok."""
         if value is None or value <= self.warn:
             return "ok"
         return "warn" if value <= self.fail else "fail"
@@ -57,7 +57,7 @@ SETTLE = Bounds(warn=1.0, fail=2.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointAccuracy:
-    """How well one joint does as it is told.
+    """How well one joint followed its goals.
 
     Attributes:
         error: How far off it stood at most, at rest [rad]; None if it never came to rest.
@@ -85,7 +85,7 @@ class JointAccuracy:
 
     @property
     def sentence(self) -> str:
-        """What there is to say of it, and what to do; empty when all is well."""
+        """The problems found and what to do; empty when all is well."""
         if self.trouble:
             return self.trouble
         return "; ".join(said for verdict, said in self._findings() if verdict != "ok")
@@ -115,7 +115,7 @@ class JointAccuracy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveReport:
-    """What test motions have shown.
+    """The result of a move test.
 
     Attributes:
         began_at: When, as an ISO date and time with its zone.
@@ -173,12 +173,12 @@ class MoveReport:
         }
 
     def file(self, versions: Mapping[str, str] | None = None) -> bytes:
-        """All of it as a JSON file."""
+        """The report as a JSON file."""
         content = {"schema": SCHEMA, **(versions or {}), **self.to_json()}
         return json.dumps(content, indent=2).encode() + b"\n"
 
     def text(self) -> str:
-        """All of it as a table."""
+        """The report as a table."""
         lines = [
             f"{self.sentence}.",
             f"{self.arm}, {self.began_at}, {self.seconds:.0f} s",
@@ -197,7 +197,7 @@ class MoveReport:
 
 
 class Measurements:
-    """What has been measured of one joint so far.
+    """The measurements of one joint so far.
 
     Attributes:
         tool: How far the tool was off at most [m].
@@ -211,7 +211,7 @@ class Measurements:
         self._visits: dict[float, dict[bool, list[float]]] = {}  # place: from below: angles
 
     def note_motion(self, i: int, states: list[JointState]) -> None:
-        """How arm joint ``i`` went to its stop."""
+        """Add the motion of arm joint ``i`` to its stop."""
         moving = [state for state in states if state.arm_moving]
         told = [state for state in moving if state.qd_ref[i] != 0.0]
         self._behind += [(float(s.q_ref[i] - s.q[i]), float(s.qd_ref[i])) for s in told]
@@ -219,17 +219,17 @@ class Measurements:
             self._settle = max(self._settle, moving[-1].t - told[-1].t)
 
     def note_stop(self, wanted: float, here: float, *, is_from_below: bool) -> None:
-        """Where the joint stood, and where it should have [rad]."""
+        """Add a stop: the wanted and the measured angle [rad]."""
         self._error = max(self._error or 0.0, abs(here - wanted))
         visits = self._visits.setdefault(round(wanted, 4), {False: [], True: []})
         visits[is_from_below].append(here)
 
     def note_jaw(self, off: float) -> None:
-        """How far the jaw stood off [rad]."""
+        """Add how far the jaw was off [rad]."""
         self._error = max(self._error or 0.0, abs(off))
 
     def accuracy(self) -> JointAccuracy:
-        """The figures."""
+        """Compute the figures."""
         lag, is_jaw = self._lag(), self._joint == GRIPPER_JOINT
         return JointAccuracy(
             joint=self._joint,
@@ -250,7 +250,7 @@ class Measurements:
         return max(apart, default=None)
 
     def _lag(self) -> float | None:
-        """How late the joint is where it should have been [s], by least squares.
+        """How late the joint is [s], by least squares.
 
         To first order a joint that is late by ``lag`` is off by ``lag`` times its speed. None where
         the arm does not tell setpoints apart from measurements.
@@ -263,17 +263,17 @@ class Measurements:
 
 
 def degrees(angle: float | None) -> str:
-    """An angle [rad] for people."""
+    """An angle [rad] as text in degrees."""
     return "–" if angle is None else f"{to_deg(angle):.1f}°"
 
 
 def milliseconds(duration: float | None) -> str:
-    """A time [s] for people."""
+    """A time [s] as text in milliseconds."""
     return "–" if duration is None else f"{1e3 * duration:.0f} ms"
 
 
 def millimetres(length: float | None) -> str:
-    """A length [m] for people."""
+    """A length [m] as text in millimetres."""
     return "–" if length is None else f"{to_mm(length):.1f} mm"
 
 

@@ -1,4 +1,4 @@
-"""Calibrate and set up motors on a serial port that an arm may be using.
+"""Calibrate and set up motors on a serial port that an arm may be using at the same time.
 
 ``calib`` knows how a calibration goes and how a servo is set up; ``rig`` knows who has the port.
 Here the two meet. The bus is borrowed when a calibration starts, and for the length of each motor
@@ -46,7 +46,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepResult:
-    """What a step of a calibration has come to.
+    """The result of a calibration step.
 
     Attributes:
         stored: What the file says now; None if nothing was saved.
@@ -75,7 +75,7 @@ def about_torque(holds: bool | None) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """Everything there is to know at one instant.
+    """The state of calibration, motor setup and arm at one instant.
 
     Attributes:
         joints: The joints that are calibrated, base to jaw: of the calibration under way, else of
@@ -107,7 +107,7 @@ class Situation:
         return f"nothing is under way, so nothing was changed; {about_torque(self.holds)}"
 
 
-class SetsUpMotors(Protocol):
+class MotorSetupLike(Protocol):
     """Gives motors their ids; see ``MotorSetup``. All but ``view`` waits for the bus."""
 
     @property
@@ -126,10 +126,10 @@ class SetsUpMotors(Protocol):
     def reset(self) -> None: ...  # noqa: D102
 
 
-class CalibratesArm(ABC):
+class BaseCalibrator(ABC):
     """Calibrates an arm on a port or of a machine. All but ``situation`` waits for the bus."""
 
-    motor_setup: SetsUpMotors
+    motor_setup: MotorSetupLike
 
     @property
     @abstractmethod
@@ -158,8 +158,8 @@ class CalibratesArm(ABC):
         return self.situation.view.state is not State.IDLE
 
 
-class Calibrator(CalibratesArm):
-    """Calibrates the arm on a port, and sets its servos up.
+class Calibrator(BaseCalibrator):
+    """Calibrates the arm on a port, and sets up its servos.
 
     Args:
         rig: A share of the port, closed by ``close``. Its settings' ``calibration_file``, else
@@ -245,7 +245,7 @@ class Calibrator(CalibratesArm):
             return StepResult()
 
     def hold(self) -> StepResult:
-        """Take the servos in hand, with the joints where they stand, even if no component asks.
+        """Hold the joints where they stand, even if no component asks for the servos.
 
         Raises:
             CalibrationError: A calibration is under way.
@@ -257,7 +257,7 @@ class Calibrator(CalibratesArm):
             return self._give_back(hold=True)
 
     def restore(self, number: int | None = None) -> StepResult:
-        """Let the file say again what it said in a version, and the servos with it.
+        """Restore an earlier version of the calibration, in the file and in the servos.
 
         Args:
             number: Which version; the last that says something else if not given.
@@ -278,7 +278,7 @@ class Calibrator(CalibratesArm):
             return self._give_back(hold=was_held, stored=stored)
 
     def close(self) -> None:
-        """Abort what is under way and give up the port; what is being done is finished first."""
+        """Abort a running calibration and close the port; waits for a running step."""
         with self._lock:
             self._session.close()
             self._give_back(hold=self._session.held_before)
@@ -331,7 +331,7 @@ class Calibrator(CalibratesArm):
 
     @contextmanager
     def _borrow(self) -> Iterator[BusAccess]:
-        """The bus for one request of the motor setup."""
+        """Borrow the bus for one request of the motor setup."""
         with self._lock:
             loan = self._rig.lend_bus("motor setup")
             try:
@@ -340,7 +340,7 @@ class Calibrator(CalibratesArm):
                 loan.abandon()  # servos are missing during a setup, and that is no error
 
     def _at_rest(self, joint: str) -> JointView:
-        """A joint that is not being calibrated."""
+        """The view of a joint that is not being calibrated."""
         setup = self._rig.servos.setups.get(joint)
         ticks = self._ticks(joint, setup)
         entry = record.default(joint) if setup is None else setup.calibration
@@ -360,7 +360,7 @@ class Calibrator(CalibratesArm):
         )
 
     def _ticks(self, joint: str, setup: JointSetup | None) -> int | None:
-        """Where a joint's servo is; None if that is not known."""
+        """The position of a joint's servo; None if that is not known."""
         servos = self._rig.servos
         if not servos.is_ours:
             ticks = servos.positions.get(joint)

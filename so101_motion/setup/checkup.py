@@ -1,4 +1,4 @@
-"""Judge whether an arm is fit to be moved: a list of checks with verdict and what to do.
+"""Check whether an arm is fit to move: a list of checks, each with a verdict and what to do.
 
 A check judges ``Findings`` and touches nothing, so the terminal, the page and a request over the
 network show the same list. A failed check means that the arm must not or cannot be moved as it is.
@@ -32,7 +32,7 @@ _USABLE = 0.7  # share of it that is left under the arm's loads; chosen
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """One thing that was looked at.
+    """One check and its result.
 
     Attributes:
         verdict: ``"ok"``, ``"warn"`` or ``"fail"``.
@@ -46,27 +46,27 @@ class Check:
 
 
 def ok(name: str, sentence: str) -> Check:
-    """All is well."""
+    """A check that passed."""
     return Check(name=name, verdict="ok", sentence=sentence)
 
 
 def warn(name: str, sentence: str, fix: str) -> Check:
-    """It works, but not as well as it could."""
+    """A check that found a problem the arm works with, but not as well as it could."""
     return Check(name=name, verdict="warn", sentence=sentence, fix=fix)
 
 
 def fail(name: str, sentence: str, fix: str) -> Check:
-    """The arm must not or cannot be moved like this; in a setup, one cannot go on yet."""
+    """A check that failed: the arm must not or cannot be moved; a setup cannot go on."""
     return Check(name=name, verdict="fail", sentence=sentence, fix=fix)
 
 
 def check_up(seen: Findings) -> tuple[Check, ...]:
-    """All checks, in the order in which to mend what they find."""
+    """Run all checks, in the order in which to fix what they find."""
     return tuple(check for checks in _CHECKS for check in checks(seen))
 
 
 def is_healthy(checks: Iterable[Check]) -> bool:
-    """Whether none has failed; warnings do not count."""
+    """Whether no check failed; warnings do not count."""
     return all(check.verdict != "fail" for check in checks)
 
 
@@ -195,8 +195,8 @@ def _faults(seen: Findings) -> Iterator[Check]:
         yield ok("faults", f"none reported; the joints are {told}")
 
 
-def _hearing(seen: Findings) -> Iterator[Check]:
-    heard = seen.hearing
+def _bus_quality(seen: Findings) -> Iterator[Check]:
+    heard = seen.bus_quality
     if heard is None:
         return
     spoiled = (heard.lost + heard.corrupt) / heard.asked
@@ -268,7 +268,7 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
 
 
 def held(facts: ServoFacts) -> dict[str, int]:
-    """What a servo holds of a calibration, under the names of the file."""
+    """The calibration that a servo holds, under the names of the file."""
     return {
         "homing_offset": facts.holds(reg.HOMING_OFFSET),
         "range_min": facts.holds(reg.MIN_POSITION),
@@ -331,7 +331,7 @@ _CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _supply,
     _temperature,
     _faults,
-    _hearing,
+    _bus_quality,
     _calibration,
     _zeros,
     _speed,

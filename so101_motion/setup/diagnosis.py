@@ -19,7 +19,7 @@ from so101_motion.drivers.feetech.servo_judgement import lossy_share, sag
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Examination:
-    """What was seen."""
+    """What an examination of the servos read."""
 
     names: Mapping[int, str]
     heard: tuple[int, ...]
@@ -27,7 +27,7 @@ class Examination:
     counters: Mapping[int, ReplyCounter]
 
     def label(self, servo_id: int) -> str:
-        """What to call a servo."""
+        """The name of a servo in a message."""
         name = self.names.get(servo_id)
         return f"servo {servo_id}" + (f" ({name})" if name else "")
 
@@ -50,7 +50,7 @@ def examine(bus: Bus, names: Mapping[int, str]) -> Examination:
 
 
 def explain(seen: Examination) -> tuple[str, ...]:
-    """Everything that is wrong, worst first; empty when all is well."""
+    """Report everything that is wrong, worst first; empty when all is well."""
     if not seen.servos:
         return (_nobody(seen),)
     return (*_missing(seen), *_each(seen), *_together(seen))
@@ -120,7 +120,7 @@ def _each(seen: Examination) -> list[str]:
 
 
 def _about_settings(facts: ServoFacts) -> list[str]:
-    """Settings with which it does not do what the driver expects of it."""
+    """The settings with which a servo does not do what the driver expects."""
     found = [f"{odd}; reinitialize, or set it up again" for odd in facts.odd_settings]
     if not facts.is_sts3215:
         found.append(f"is a {facts.model}, not an STS3215; replace it")

@@ -1,4 +1,4 @@
-"""Discover which arms are plugged in, and suggest how to configure them.
+"""Find the arms that are plugged in, and suggest a configuration for each.
 
 Every port is looked at in a thread of its own, so that one that hangs or fails hides no other. A
 port that a component of this process uses is not opened; its rig says what is on it. A port that
@@ -56,14 +56,14 @@ servos 0.6 s."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Discovery:
-    """What is plugged in."""
+    """The reports of all ports."""
 
     reports: tuple[PortReport, ...]
     notes: tuple[str, ...]
 
 
 def ports_asked_for(attributes: Mapping[str, object]) -> tuple[str, ...]:
-    """The further ports to look at, from the settings of ``devrel:so101:discovery``.
+    """Read the further ports to look at from the settings of ``devrel:so101:discovery``.
 
     The published module has no settings; ``ports`` lists what no search finds: a Raspberry Pi's own
     port, one behind a network, a link of the user's.
@@ -113,7 +113,7 @@ def discover(
 
 
 def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
-    """The reports with a place for each arm."""
+    """Give each arm a place beside the others."""
     arms = [report.port for report in reports if report.has_arm]
     return [
         replace(report, stands_at=APART * arms.index(report.port)) if report.has_arm else report
@@ -124,7 +124,7 @@ def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
 def _in_parallel(
     ports: Sequence[FoundPort], look: Callable[[FoundPort], PortReport]
 ) -> list[PortReport]:
-    """What ``look`` says of each port; one that takes too long is reported as such."""
+    """Run ``look`` for each port in parallel; a port that takes too long is reported as such."""
     found: dict[FoundPort, PortReport] = {}
 
     def run(port: FoundPort) -> None:
@@ -173,7 +173,7 @@ def _report_use(port: FoundPort, use: hardware_rig.PortUse) -> PortReport:
 
 
 def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
-    """The parts of an arm that components on a port are, by what each asked for."""
+    """The parts of an arm that components on a port use, by what each asked for."""
     parts = set()
     for asked in shares:
         if asked.servo_ids is not None:
@@ -186,7 +186,7 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
 
 
 def _ask(port: FoundPort, reply_timeout: float) -> ServosOnBus:
-    """Who is there; if nobody, perhaps at another rate than servos have as new."""
+    """Find the servos on a port; if there are none, try other rates."""
     with _opened(port, BAUDRATE, reply_timeout) as bus:
         seen = arm_identification.look(bus)
     if not seen.is_empty or not port.is_servo_adapter:
@@ -247,7 +247,7 @@ def _is_ours(seen: ServosOnBus, servo_id: int) -> bool:
 def _calibration(
     port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile], fitting: Sequence[FoundFile]
 ) -> tuple[Path | None, str]:
-    """Which calibration file to configure, and a sentence about it.
+    """Choose the calibration file to configure, with a sentence about it.
 
     One that says what the servos hold; else one that carries this adapter's name. Only files of
     this module are configured: the calibration sensor will write to them, and LeRobot does not read
@@ -272,7 +272,7 @@ def _is_own(found: FoundFile) -> bool:
 
 
 def _place(found: FoundFile) -> Path:
-    """Where the file belongs; a kept copy belongs to the file that is gone."""
+    """The path of the file; of a kept copy, that of the file that is gone."""
     return Path(found.name) if found.origin == "kept copy" else found.path
 
 

@@ -1,4 +1,4 @@
-"""Collect what is seen of an arm before it is judged: servos, bus quality, calibration.
+"""Collect what is known of an arm before the check-up: servos, bus quality, calibration.
 
 ``examine`` asks the servos and writes nothing; the caller fills in the port and the file.
 ``checkup`` judges all of it.
@@ -32,8 +32,8 @@ CYCLES = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hearing:
-    """How well the servos can be heard.
+class BusQuality:
+    """How reliably and how fast the servos answer.
 
     Attributes:
         median: How long it takes to read all servos [s].
@@ -51,7 +51,7 @@ class Hearing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """What was seen. Whatever could not be looked at is None or empty.
+    """What was found out about an arm. What could not be found out is None or empty.
 
     Attributes:
         software: Versions of what matters, by name; empty text for what is missing.
@@ -75,7 +75,7 @@ class Findings:
     supply_trouble: tuple[str, str] | None = None
     latency_timer: float | None = None
     servos: Verification | None = None
-    hearing: Hearing | None = None
+    bus_quality: BusQuality | None = None
     file: Path | None = None
     stored: Stored | None = None
     file_trouble: str = ""
@@ -88,7 +88,7 @@ class Findings:
 
     @property
     def facts(self) -> dict[str, ServoFacts]:
-        """What each servo that answers says of itself, by joint, base to jaw."""
+        """The facts of each servo that answers, by joint, base to jaw."""
         if self.servos is None:
             return {}
         found = {joint: check.facts for joint, check in self.servos.motors.items()}
@@ -96,7 +96,7 @@ class Findings:
 
 
 def software() -> dict[str, str]:
-    """Versions of this package and of what it needs, by name; empty text for what is missing.
+    """The versions of this package and its dependencies, by name; empty text if missing.
 
     What only some systems need is there if it is installed.
     """
@@ -120,8 +120,8 @@ def _name(requirement: str) -> str:
     return re.split(r"[^\w.-]", requirement, maxsplit=1)[0]
 
 
-def examine(access: BusAccess) -> tuple[Verification, Hearing | None]:
-    """How the servos are, and how well they are heard; takes a second and writes nothing.
+def examine(access: BusAccess) -> tuple[Verification, BusQuality | None]:
+    """Measure the servos and how well they answer; takes a second and writes nothing.
 
     Returns:
         The second is None when nobody answers.
@@ -132,7 +132,7 @@ def examine(access: BusAccess) -> tuple[Verification, Hearing | None]:
     return servos, access.call(lambda bus: listen(bus, ids)) if ids else None
 
 
-def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> Hearing:
+def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> BusQuality:
     """Read all servos again and again as the control loop does, on the port's thread."""
     ids = tuple(ids)
     before = _counted(bus, ids)
@@ -142,7 +142,7 @@ def listen(bus: Bus, ids: Iterable[int], cycles: int = CYCLES) -> Hearing:
         bus.sync_read(ids, VITALS_START, VITALS_COUNT)
         times.append(time.perf_counter() - begin)
     lost, corrupt = (now - then for now, then in zip(_counted(bus, ids), before, strict=True))
-    return Hearing(
+    return BusQuality(
         asked=cycles * len(ids),
         lost=lost,
         corrupt=corrupt,

@@ -1,4 +1,4 @@
-"""Test a whole arm: each joint moves a little, slowly, and is measured against its goals.
+"""Test an arm by small slow motions of each joint, and measure how well each follows its goals.
 
 One joint after the other leaves its place by ``SWING`` to one side, comes back, does the same to
 the other side, and comes back again. So it stands in one place three times, once from either side,
@@ -59,7 +59,7 @@ _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Swing:
-    """What one joint will do.
+    """The test motion of one joint.
 
     Attributes:
         stops: Where it will stand, one after the other: angles [rad], of the jaw apertures. It
@@ -74,19 +74,19 @@ class Swing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """What a test will do, for whoever has to agree to it."""
+    """The motions of a test, for the person who agrees to them."""
 
     swings: tuple[Swing, ...]
     obstacles: tuple[tuple[str, str], ...]
 
     @property
     def duration(self) -> float:
-        """How long it takes about [s]."""
+        """How long the test takes about [s]."""
         return sum(swing.duration for swing in self.swings)
 
     @property
     def sentence(self) -> str:
-        """What will move how far."""
+        """A sentence that says what will move and how far."""
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
         jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
         by = f"one after the other, by {to_deg(SWING):.0f}° to and fro"
@@ -98,7 +98,7 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveTestProgress:
-    """How far a test is.
+    """The progress of a test.
 
     Attributes:
         share: How much of the test is done, 0 to 1.
@@ -110,7 +110,7 @@ class MoveTestProgress:
 
 
 class MoveTest:
-    """Tests an arm by moving it a little, once.
+    """Tests an arm by small motions, once.
 
     Args:
         gripper: Its jaw; None to leave it alone.
@@ -125,7 +125,7 @@ class MoveTest:
         self._cancelled = threading.Event()
 
     def outline(self) -> Outline:
-        """What would be moved from where the arm stands now; moves nothing, plans a lot."""
+        """Plan the test from where the arm stands now; moves nothing."""
         swings, obstacles = [], []
         q = self._arm.state.q_ref
         for i, joint in enumerate(ARM_JOINTS):
@@ -141,7 +141,7 @@ class MoveTest:
         return Outline(swings=tuple(swings), obstacles=tuple(obstacles))
 
     def cancel(self) -> None:
-        """End the test; the arm slows to rest and holds. From any thread; returns at once."""
+        """End the test; the arm slows to rest and holds. Any thread may call; returns at once."""
         self._cancelled.set()
         if self._motion is not None:
             self._motion.interrupt("stop")
@@ -211,7 +211,7 @@ class _Stop:
 
 
 class _Run:
-    """One test, from the first motion to the last.
+    """One run of the test, from the first motion to the last.
 
     The motion's own thread goes through ``steps``; whoever called looks at the arm meanwhile
     (``look``) and measures. At each stop the motion waits until that is done.
@@ -236,7 +236,7 @@ class _Run:
     # The motion's thread
 
     def steps(self) -> Iterator[Plan | Callable[[Motion], None]]:
-        """The whole test, each plan made when it is its turn."""
+        """All steps of the test; each plan is made when it is its turn."""
         for swing in self._outline.swings:
             self._taken[swing.joint] = Measurements(swing.joint)
             self._joint = swing.joint
@@ -268,7 +268,7 @@ class _Run:
     # The caller's thread
 
     def look(self, state: JointState) -> None:
-        """Take a state of the arm into account."""
+        """Measure with a new state of the arm."""
         if self._joint != self._told:
             self._told = self._joint
             self._tell(self._progress())
@@ -284,7 +284,7 @@ class _Run:
             stop.over.set_result(None)
 
     def end(self, error: BaseException | None) -> str:
-        """Take note of how the motion ended; why the test did early, empty if it did not."""
+        """Note how the motion ended; return why the test ended early, empty if it did not."""
         if error is None:
             return ""
         if isinstance(error, Interrupted):
@@ -295,7 +295,7 @@ class _Run:
         return f"{self._joint} is in trouble" if self._joint else str(error)
 
     def results(self, outline: Outline) -> tuple[JointAccuracy, ...]:
-        """What was measured of each joint, base to jaw."""
+        """The measurements of each joint, base to jaw."""
         asked = {swing.joint for swing in outline.swings} | set(self._trouble)
         return tuple(
             self._result(joint) for joint in (*ARM_JOINTS, GRIPPER_JOINT) if joint in asked
@@ -334,13 +334,13 @@ def _jaw_swing(aperture: float) -> Swing:
 
 
 def _stops(here: float, middle: float) -> tuple[float, ...]:
-    """From ``here`` through a swing that stops at ``middle`` from both sides, and back."""
+    """The stops of a swing: from ``here``, at ``middle`` from both sides, and back."""
     swing = (middle, middle + SWING, middle, middle - SWING, middle)
     return swing if middle == here else (here, *swing, here)
 
 
 def _through(q: Array, i: int, stops: tuple[float, ...]) -> PathGoal:
-    """Joint ``i`` alone along ``stops``, the others at ``q``."""
+    """Configurations in which only joint ``i`` moves along ``stops``."""
     waypoints = np.tile(q, (len(stops), 1))
     waypoints[:, i] = stops
     return PathGoal(waypoints=waypoints, tolerance=0.0)

@@ -1,4 +1,4 @@
-"""Report what was found on a port, and what could be configured for it.
+"""Report what was found on a port, and suggest components to configure for it.
 
 Suggestions have the published module's names and shape, with these differences. A gripper gets a
 port of its own, as in that module's documentation, so that it works whatever the arm ends up being
@@ -32,7 +32,7 @@ PART_BY_MODEL = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Where a component is said to be.
+    """The frame of a suggested component.
 
     Attributes:
         y: How far to the left of it [m].
@@ -44,7 +44,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suggestion:
-    """A resource that could be configured.
+    """A component or service that could be configured.
 
     Attributes:
         api: Its API, such as ``"rdk:component:arm"``.
@@ -61,7 +61,7 @@ class Suggestion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortReport:
-    """What is on a port.
+    """What was found on a port.
 
     Attributes:
         baudrate: At which rate [bit/s].
@@ -102,7 +102,7 @@ class PortReport:
 
     @property
     def suggestions(self) -> tuple[Suggestion, ...]:
-        """What could be configured, in the order to do it."""
+        """What could be configured, in order."""
         found = _suggest(self)
         return tuple(one for one in found if PART_BY_MODEL[one.model] not in self.configured)
 
@@ -145,12 +145,12 @@ def _suggest(report: PortReport) -> Iterator[Suggestion]:
 
 
 def file_name(port: FoundPort) -> str:
-    """The calibration file of what is on a port; the published module's name for it."""
+    """The calibration file's name for a port; the published module uses the same."""
     return f"{port.key}_calibration.json"
 
 
 def name_in_data(file: Path) -> str | None:
-    """What a file in the module's data directory is called in a configuration.
+    """The name in a configuration of a file in the module's data directory.
 
     None for any other file, which has to be called by its path, and where there is no such
     directory: on the command line a name means what lies in the current one.

@@ -1,4 +1,4 @@
-"""Find the port the arm is on, and what is wrong with it, by looking at all ports.
+"""Choose the port the arm is on, or say what is wrong with it, by looking at all ports.
 
 The terminal, the doctor and the setup page all ask here. Nothing is written to a servo.
 """
@@ -21,7 +21,7 @@ from so101_motion.setup.port_report import PortReport, file_name
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """A port on which servos may be."""
+    """A port that servos may be connected to."""
 
     report: PortReport
     findings: Findings
@@ -32,7 +32,7 @@ class Candidate:
         return self.report.port.name
 
     def calibration_file(self) -> Path:
-        """Where the calibration of its arm is kept; see ``calibration_file``."""
+        """The path of its arm's calibration; see ``calibration_file``."""
         return calibration_file(self.report)
 
     @property
@@ -43,7 +43,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortsSeen:
-    """What is plugged in now.
+    """The ports that are plugged in now.
 
     Attributes:
         candidates: The ports with servo adapters and those that were named, the likeliest first.
@@ -54,7 +54,7 @@ class PortsSeen:
 
     @property
     def usable(self) -> tuple[Candidate, ...]:
-        """Those that can be opened."""
+        """The ports that can be opened."""
         return tuple(candidate for candidate in self.candidates if candidate.is_usable)
 
 
@@ -83,7 +83,7 @@ def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -
 
 
 def about(report: PortReport) -> Findings:
-    """What there is to judge of a port, and of whatever meddles with ports."""
+    """Collect the findings about a port and about programs that interfere with ports."""
     name = report.port.name
     return Findings(
         port=name,
@@ -99,7 +99,7 @@ def about(report: PortReport) -> Findings:
 
 
 def calibration_file(report: PortReport) -> Path:
-    """Where the calibration of what is on a port is kept.
+    """The path of the calibration of the arm on a port.
 
     That is the file that is this arm's already, by what its servos hold or by its name; else one in
     the user's own data directory, named after the adapter.
@@ -111,7 +111,7 @@ def calibration_file(report: PortReport) -> Path:
 
 
 def own_folder() -> Path:
-    """Where this package keeps what belongs to this user.
+    """The folder of this user's calibrations.
 
     Raises:
         CalibrationError: This user has no home.

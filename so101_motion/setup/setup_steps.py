@@ -1,4 +1,4 @@
-"""The steps from a box of parts to a moving arm, in order, and whether each is done.
+"""The steps from a box of parts to a moving arm, and whether each is done.
 
 The page, the terminal, the calibration sensor and ``so101 doctor`` all use this list. Each step
 judges a ``SetupState`` and touches nothing.
@@ -28,7 +28,7 @@ def _untouched() -> CalibrationView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupState:
-    """What is known of an arm on its way.
+    """The state of a setup, which the steps judge.
 
     Attributes:
         seen: What was looked at: the port, and the servos of the finished chain.
@@ -44,13 +44,13 @@ class SetupState:
 
     @classmethod
     def found(cls, seen: Findings) -> SetupState:
-        """What a check-up has found by looking, without a setup under way."""
+        """The state that a check-up has found, without a setup under way."""
         is_saved = seen.stored is not None and not seen.file_trouble and not seen.is_unfinished
         return cls(seen=seen, saved=seen.file if is_saved else None)
 
     @classmethod
     def of(cls, calibrator: Calibrator) -> SetupState:
-        """What a calibrator tells by itself; the port is not looked at."""
+        """The state that a calibrator reports; does not look at the port."""
         now = calibrator.situation
         return cls(
             seen=Findings(
@@ -67,7 +67,7 @@ class SetupState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetupStep:
-    """One step.
+    """One step of a setup.
 
     Attributes:
         minutes: How long it takes somebody who does it for the first time. Chosen.
@@ -82,7 +82,7 @@ class SetupStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workflow:
-    """Some of the steps, for a purpose."""
+    """A list of steps for one purpose."""
 
     name: str
     title: str
@@ -91,16 +91,16 @@ class Workflow:
 
     @property
     def minutes(self) -> int:
-        """How long it takes, the time to screw an arm together not counted."""
+        """How long it takes, without the time to assemble the arm."""
         return sum(step.minutes for step in self.steps)
 
     @property
     def extent(self) -> str:
-        """How many steps, and how long they take, in words."""
+        """The number of steps and how long they take, in words."""
         return f"{len(self.steps)} steps, about {self.minutes} minutes"
 
     def place(self, name: str) -> int | None:
-        """The place of a step by its name, from 0; None if it is not among these."""
+        """The index of a step by its name; None if it is not in this workflow."""
         return next((k for k, step in enumerate(self.steps) if step.name == name), None)
 
     def next_open(self, known: SetupState) -> SetupStep | None:
@@ -112,7 +112,7 @@ class Workflow:
 
 
 def worst(name: str, checks: Iterable[Check]) -> Check | None:
-    """The first of the worst among ``checks``, under another name; None if there is none."""
+    """The first of the worst of ``checks``, under another name; None if there is none."""
     ranked = sorted(checks, key=lambda check: ("fail", "warn", "ok").index(check.verdict))
     if not ranked:
         return None
@@ -155,7 +155,7 @@ def _numbered(known: SetupState) -> Check:
 
 
 def _have_ids(servos: Verification) -> bool:
-    """Whether nobody answers who has no id of his own; a silent one may have a loose cable."""
+    """Whether no servo answers without its own id; a silent one may have a loose cable."""
     shared = any(check.status == "duplicate" for check in servos.motors.values())
     return bool(not shared and not servos.unexpected_ids)
 
@@ -175,7 +175,7 @@ def _complete(known: SetupState) -> Check:
 
 
 def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
-    """Whether a calibration has come so far."""
+    """Whether a calibration has come this far."""
     view = known.view
     if known.saved is not None:
         return ok(name, f"calibrated: {known.saved}")

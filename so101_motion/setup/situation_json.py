@@ -1,4 +1,4 @@
-"""Write a calibrator's situation as the calibration sensor's readings, and read it back.
+"""Convert a calibrator's situation to the calibration sensor's readings and back.
 
 Keys and types are the published module's, and a few more. Nulls are not sent, for they read back
 as 0: what is not known has no key. The published module sends the extremes of a 32-bit number for
@@ -88,7 +88,7 @@ def _read(told: Json, rows: Mapping[str, _Row]) -> dict[str, Any]:
 
 
 def readings(now: Situation) -> dict[str, Any]:
-    """Everything there is to know, under the sensor's keys; what is None is not to be sent."""
+    """The readings under the sensor's keys; None values are not to be sent."""
     view, setup = now.view, now.setup
     told: dict[str, Any] = {
         "calibration_state": view.state.value,
@@ -127,7 +127,7 @@ def _joint(joint: JointView) -> dict[str, Any]:
 
 
 def about_servo(motor: MotorView) -> dict[str, Any]:
-    """What is known of the servo that was found for a motor."""
+    """The keys about the servo that was found for a motor."""
     return _write(motor, _SERVO)
 
 
@@ -135,7 +135,7 @@ def about_servo(motor: MotorView) -> dict[str, Any]:
 
 
 def from_readings(told: Json, angles: Mapping[str, float]) -> Situation:
-    """The situation that a sensor's readings tell of, as far as they do.
+    """Read a situation from a sensor's readings.
 
     Args:
         told: The readings.

@@ -1,4 +1,4 @@
-"""What an arm does for a while: programs of waypoints, guided paths, teleoperation.
+"""Tasks of an arm: programs of waypoints, guided paths, teleoperation.
 
 Each is a folder of its own. It may import ``rig`` and what is below it.
 """

@@ -10,7 +10,7 @@ from so101_motion.common.errors import ConfigError, MachineRefused
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.protocols import ArmConnection, RigLike
 from so101_motion.rig.servo_driver import ServoSettings
-from so101_motion.setup.calibrator import CalibratesArm, Calibrator
+from so101_motion.setup.calibrator import BaseCalibrator, Calibrator
 from so101_motion.setup.findings import Findings
 from so101_motion.setup.port_selection import REPLY_TIMEOUT, Candidate, PortsSeen, look
 from so101_motion.viam.client import MachineRig, MachineSensor
@@ -29,7 +29,7 @@ class SetupTarget:
     """
 
     where: str
-    calibrator: CalibratesArm
+    calibrator: BaseCalibrator
     rig: RigLike | None = None
     is_remote: bool = False
 

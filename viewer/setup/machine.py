@@ -19,14 +19,14 @@ from so101_motion.calib.procedure.view import JointView
 from so101_motion.calib.record.record import JOINTS
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import CalibrationError, So101Error
-from so101_motion.setup.calibrator import CalibratesArm, Situation, StepResult
+from so101_motion.setup.calibrator import BaseCalibrator, Situation, StepResult
 from so101_motion.setup.situation_json import Json, from_readings
 
 PERIOD = 0.12
 """How often the sensor is read [s]; chosen: bars that move with the hand."""
 
 
-class MachineCalibrator(CalibratesArm):
+class MachineCalibrator(BaseCalibrator):
     """Calibrates the arm of a machine through its calibration sensor.
 
     Args:
@@ -125,7 +125,7 @@ def _result(answer: Json, joints: Mapping[str, JointView]) -> StepResult:
 
 
 class MachineMotors:
-    """Sets the motors of a machine up; fits ``SetsUpMotors``."""
+    """Sets the motors of a machine up; fits ``MotorSetupLike``."""
 
     def __init__(self, ask: Callable[[Json], Json], view: Callable[[], SetupView]) -> None:
         self._ask, self._view = ask, view

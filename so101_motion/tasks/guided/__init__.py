@@ -1,4 +1,4 @@
-"""Paths that a hand has shown: recorded while the arm is guided, saved, replayed.
+"""Guided paths: recorded while a hand guides the arm, saved and replayed.
 
 ``path.py`` is the path and what is left of it within a tolerance, ``recorder.py`` records it,
 ``files.py`` saves it, ``replay.py`` plans it under the arm's own caps, ``run.py`` runs that.

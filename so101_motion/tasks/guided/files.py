@@ -1,4 +1,4 @@
-"""Guided paths as JSON files, that people can read and programs can make.
+"""Save and load guided paths as JSON files.
 
 A file looks like this::
 
@@ -55,7 +55,7 @@ class SavedPath:
 
 
 def file_of(folder: Path, name: object) -> Path:
-    """The file of the path called ``name``, there or not.
+    """The file of the path called ``name``, existing or not.
 
     Raises:
         ConfigError: It cannot be a name.
@@ -67,7 +67,7 @@ def file_of(folder: Path, name: object) -> Path:
 
 
 def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
-    """Save a path; its folder is made if need be.
+    """Save a path; makes its folder if need be.
 
     Args:
         path: The path.
@@ -90,7 +90,7 @@ def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
 
 
 def refuse_taken(file: Path, *, replace: bool = False) -> None:
-    """Refuse a file that ``write`` would refuse, before anything has been recorded for it.
+    """Refuse a file that ``write`` would refuse, before the recording starts.
 
     Raises:
         ConfigError: It is there already, or has another ending.
@@ -102,7 +102,7 @@ def refuse_taken(file: Path, *, replace: bool = False) -> None:
 
 
 def read(file: Path) -> GuidedPath:
-    """The path in a file.
+    """Read the path in a file.
 
     Raises:
         ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
@@ -111,7 +111,7 @@ def read(file: Path) -> GuidedPath:
 
 
 def listed(folder: Path) -> list[SavedPath]:
-    """The paths in a folder, by name; what is no path is left out."""
+    """List the paths in a folder by name; leaves other files out."""
     found = []
     for file in sorted(folder.glob("*.json")):
         try:
@@ -122,7 +122,7 @@ def listed(folder: Path) -> list[SavedPath]:
 
 
 def delete(file: Path) -> None:
-    """Remove the path in a file.
+    """Delete a path's file.
 
     Raises:
         ConfigError: There is none, or it cannot be removed.

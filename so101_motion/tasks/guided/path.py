@@ -1,4 +1,4 @@
-"""A path that a hand has shown, and how it is reduced to few points.
+"""A recorded path, and how it is reduced to a few points.
 
 How it is thinned. Between two kept points the arm will go straight, so a stretch may be replaced by
 a straight line if every point of it is near that line, *in the order of the points*: a hand that
@@ -30,7 +30,7 @@ _SPACING = np.radians(0.5)  # of the places on a polyline that points are compar
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GuidedPath:
-    """Where a hand has led the arm.
+    """The path along which a hand has guided the arm.
 
     Attributes:
         t: When, from 0 on, increasing, shape (n,), n >= 1, [s].
@@ -63,7 +63,7 @@ class GuidedPath:
 
     @property
     def duration(self) -> float:
-        """How long the hand took [s]."""
+        """How long the recording took [s]."""
         return float(self.t[-1])
 
     def taken(self, chosen: NDArray[np.intp] | slice) -> GuidedPath:
@@ -73,7 +73,7 @@ class GuidedPath:
         return GuidedPath(t=t - t[0], q=self.q[chosen], aperture=jaw)
 
     def thinned(self, tolerance: float = TOLERANCE) -> GuidedPath:
-        """The points that are left when straight lines between them do as well.
+        """The path reduced to the points that straight lines between them cannot replace.
 
         Args:
             tolerance: How far any joint of any point of this path may be from the lines [rad].
@@ -81,7 +81,7 @@ class GuidedPath:
         return self.taken(self.corners(tolerance))
 
     def corners(self, tolerance: float) -> NDArray[np.intp]:
-        """The indices of the points that ``thinned`` keeps, the ends among them."""
+        """The indices of the points that ``thinned`` keeps, the ends included."""
         x = self.q if self.aperture is None else np.column_stack(
             [self.q, self.aperture * (tolerance / JAW_TOLERANCE)]
         )  # fmt: skip
@@ -89,7 +89,7 @@ class GuidedPath:
 
 
 def corners_of(x: Array, tolerance: float) -> NDArray[np.intp]:
-    """The indices of as few of the points ``x``, shape (n, d), as stay near all of them, in order.
+    """The fewest points of ``x``, shape (n, d), whose polyline stays near all points; indices.
 
     Both ends are among them. No coordinate of a point that is left out is further than
     ``tolerance`` from the straight line between the kept ones beside it.
@@ -121,7 +121,7 @@ def _off_line(x: Array) -> Array:
 
 
 def along(corners: Array, points: Array) -> Array:
-    """Where on a polyline points are that go along it, as corner number and share of what follows.
+    """Places on a polyline nearest to points that follow it, as corner number and share.
 
     Args:
         corners: Shape (m, d), m >= 2, [rad].
@@ -148,7 +148,7 @@ def along(corners: Array, points: Array) -> Array:
 
 
 def _in_order(places: Array, points: Array) -> NDArray[np.intp]:
-    """The place for each point, never going back, with the least sum of squared distances."""
+    """The places of points in rising order, with the least sum of squared distances."""
     all_places = np.arange(len(places))
     total = np.square(places - points[0]).sum(axis=1)
     came_from = np.zeros((len(points), len(places)), dtype=np.intp)

@@ -1,4 +1,4 @@
-"""Record where a hand leads the arm, from the measurements of the I/O thread.
+"""Record the path of a guided arm from the snapshots of the I/O thread.
 
 A point is taken when a joint or the jaw has moved by more than an encoder that cannot decide, so a
 hand that rests costs nothing and a recording is as long as its path. It ends by itself with manual
@@ -41,7 +41,7 @@ _ENDED = {
 
 
 class PathRecorder:
-    """Records the path of an arm in manual mode, from now on. Any thread may ask it.
+    """Records the path of an arm in manual mode, from now on. Any thread may use it.
 
     Args:
         executor: The I/O thread of the arm.
@@ -73,12 +73,12 @@ class PathRecorder:
 
     @property
     def points(self) -> int:
-        """How many points have been taken."""
+        """How many points have been recorded."""
         return len(self._rows)
 
     @property
     def path(self) -> GuidedPath:
-        """The path until now, where the arm is at this moment included."""
+        """The path so far, with the arm's present place at its end."""
         with self._lock:
             rows = list(self._rows)
             if rows[-1] is not self._newest and self._newest[0] > rows[-1][0]:
@@ -88,14 +88,14 @@ class PathRecorder:
         return GuidedPath(t=table[:, 0] - table[0, 0], q=table[:, 1:6], aperture=jaw)
 
     def end(self) -> GuidedPath:
-        """End the recording, if it has not ended yet; the arm stays in manual mode."""
+        """End the recording, if it has not ended; the arm stays in manual mode."""
         self._end("")
         return self.future.result()
 
     # How
 
     def _hear(self, state: JointState) -> None:
-        """A snapshot; on the I/O thread."""
+        """Record a snapshot; on the I/O thread."""
         if self.future.done():
             return
         if state.mode is not self._mode:

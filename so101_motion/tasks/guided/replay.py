@@ -1,4 +1,4 @@
-"""Plan the replay of a guided path, all of it before anything moves.
+"""Plan the replay of a guided path completely, before anything moves.
 
 The hand's own timing does not count. The path is thinned (``path.py``) and cut where the arm stood
 and only the jaw moved, where a jaw that had closed begins to open, and at either end of a stretch
@@ -56,7 +56,7 @@ _STILL = 1e-3  # changes of the aperture below this are none
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReplayLeg:
-    """A part of the path that is gone in one go.
+    """A part of the path that is played as one motion.
 
     Attributes:
         begin: How far the jaw is opened or closed before, while the arm stands; None to leave it.
@@ -71,7 +71,7 @@ class ReplayLeg:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Replay:
-    """A guided path, planned.
+    """A planned replay of a guided path.
 
     Attributes:
         path: As it was shown.
@@ -87,7 +87,7 @@ class Replay:
 
     @property
     def plans(self) -> tuple[Plan, ...]:
-        """What the arm does, one after the other; the approach first."""
+        """The plans of the arm, one after the other; the approach first."""
         return (self.approach, *(leg.plan for leg in self.legs if leg.plan is not None))
 
     @property
@@ -104,7 +104,7 @@ def plan_replay(
     tolerance: float = TOLERANCE,
     limits: MotionLimits | None = None,
 ) -> Replay:
-    """Plan to go to the beginning of a path and along it; moves nothing.
+    """Plan to move to the beginning of a path and along it; moves nothing.
 
     Args:
         arm: Whose caps, range and scene count.
@@ -160,7 +160,7 @@ def _within_range(arm: Arm, path: GuidedPath, tolerance: float) -> GuidedPath:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Cut:
-    """Corners between two cuts.
+    """The corners between two cuts.
 
     Attributes:
         corners: One at least; their times are those of the recording.
@@ -175,7 +175,7 @@ class _Cut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Pace:
-    """How fast arm and jaw may go.
+    """The speed limits of arm and jaw.
 
     Attributes:
         joints: Shape (5,), [rad/s].
@@ -199,7 +199,7 @@ class _Pace:
 
 
 def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[_Cut]:
-    """A path cut where the jaw needs the arm to stand, or to wait for it; see above.
+    """Cut a path where the arm must stand or wait for the jaw; see above.
 
     Args:
         corners: The path.
@@ -230,7 +230,7 @@ def _cut(corners: GuidedPath, tolerance: float, pace: _Pace | None) -> Iterator[
 
 
 def _without_halves(corners: GuidedPath, stands: float) -> NDArray[np.intp]:
-    """Which corners are left when the jaw goes in one go where the arm stands."""
+    """The corners that are left when the jaw moves in one go where the arm stands."""
     jaw = corners.aperture
     assert jaw is not None
     kept = [0]
@@ -274,7 +274,7 @@ class _LegMaker:
         self._aperture = 0.0 if gripper is None else min(max(gripper.aperture, 0.0), 1.0)
 
     def leg(self, cut: _Cut, q_from: Array) -> ReplayLeg:
-        """The leg between two cuts, from where the one before ends, shape (5,), [rad].
+        """Plan the leg between two cuts, from where the one before ends, shape (5,), [rad].
 
         Raises:
             PlanningError: It cannot be gone, and when in the recording.
@@ -308,7 +308,7 @@ class _LegMaker:
         return ReplayLeg(begin=begin, plan=plan, aperture=aperture)
 
     def _check(self, gripper: Gripper, q: Array, aperture: Array) -> None:
-        """Look at a motion, shape (n, 5), with the jaw as far open as it is at each place."""
+        """Check a motion, shape (n, 5), with the jaw's aperture at each place."""
         q_jaws = angles(gripper, aperture)
         level = np.round(q_jaws / _JAW_LOOK).astype(int)
         changes = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
@@ -331,7 +331,7 @@ class _LegMaker:
 
 
 def _together(plan: Plan, q: Array, jaw: Array, gripper: Gripper) -> tuple[Plan, Array]:
-    """A plan slow enough for the jaw, and how far that is open at each sample of it."""
+    """Slow a plan down for the jaw; return it with the aperture at each sample."""
     aperture = _apertures(plan, q, jaw)
     span = abs(gripper.opened - gripper.closed)
     fastest = float(np.abs(np.diff(aperture)).max()) * span / plan.trajectory.dt

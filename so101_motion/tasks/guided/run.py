@@ -32,7 +32,7 @@ than can be left out in a row."""
 def start_replay(
     arm: Arm, gripper: Gripper | None, replay: Replay | Callable[[], Future[Replay]]
 ) -> Motion:
-    """Go along a planned path; supersedes what is under way.
+    """Move along a planned path; supersedes what is under way.
 
     A stop, a newer motion or ``Motion.interrupt`` ends it at any point, and the jaw stops too.
 
@@ -53,7 +53,7 @@ def _steps(
     replay: Replay | Callable[[], Future[Replay]],
     runs: list[_JawRun],
 ) -> Iterator[Plan | Callable[[Motion], None]]:
-    """What is done, one after the other; each step is asked for when the one before is done."""
+    """The steps of the replay; each is asked for when the one before is done."""
     if callable(replay):
         planning, planned = replay(), list[Replay]()
         yield lambda motion: planned.append(motion.wait_for(planning))
@@ -80,7 +80,7 @@ def _close(runs: list[_JawRun]) -> None:
 
 
 class _JawRun:
-    """The jaw on one leg: it runs after what belongs to where the arm is wanted."""
+    """Moves the jaw on one leg: it follows the aperture that belongs to the arm's place."""
 
     def __init__(self, arm: Arm, gripper: Gripper, plan: Plan, aperture: Array) -> None:
         self._arm, self._gripper = arm, gripper
@@ -91,14 +91,14 @@ class _JawRun:
         self._gripped: Future[None] = running_future()  # what the jaw met, if it met something
 
     def begin(self, motion: Motion) -> None:
-        """Let it run; a jaw that grips and shall not open goes on gripping."""
+        """Start the jaw; a jaw that grips and shall not open keeps its grip."""
         if self._gripper.is_holding and self._aperture.max() <= self._gripper.aperture:
             return
         self._pursuit = self._gripper.open_pursuit(self._aim)
         self._pursuit.future.add_done_callback(self._met)
 
     def end(self, motion: Motion) -> None:
-        """The arm has arrived; wait for the jaw."""
+        """Wait for the jaw, because the arm has arrived."""
         pursuit = self._pursuit
         if pursuit is None:
             return
@@ -110,13 +110,13 @@ class _JawRun:
             motion.wait_for(self._gripped)
 
     def close(self) -> None:
-        """Let the jaw come to rest; has no effect when it has."""
+        """Stop the jaw; does nothing when it is at rest."""
         if self._pursuit is not None:
             self._pursuit.close()
 
     @property
     def _closes(self) -> bool:
-        """Whether it does at the place that the arm has reached."""
+        """Whether the jaw closes at the arm's present place."""
         return bool(self._rate[self._at] <= 0.0)
 
     # The I/O thread
@@ -135,7 +135,7 @@ class _JawRun:
         )
 
     def _met(self, done: Future[None]) -> None:
-        """What stops a jaw that closes is gripped."""
+        """Grip what has stopped a closing jaw."""
         if isinstance(done.exception(), FollowingError) and self._closes:
             grab = self._gripper.start_grab(float(self._aperture.min()))
             grab.future.add_done_callback(lambda _: self._gripped.set_result(None))

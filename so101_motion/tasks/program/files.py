@@ -1,4 +1,4 @@
-"""Programs as JSON files, that people can read and programs can make.
+"""Save and load programs as JSON files.
 
 A file looks like this::
 
@@ -34,7 +34,7 @@ _ENDLESS = "endless"
 
 
 def folder() -> Path:
-    """Where the user's programs are.
+    """The folder of the user's programs.
 
     Raises:
         ConfigError: This user has no home.
@@ -43,7 +43,7 @@ def folder() -> Path:
 
 
 def file_of(name: str) -> Path:
-    """The file of the user's program ``name``, there or not.
+    """The file of the user's program ``name``, existing or not.
 
     Raises:
         ConfigError: It cannot be the name of a file.
@@ -58,12 +58,12 @@ def file_of(name: str) -> Path:
 
 
 def names() -> tuple[str, ...]:
-    """The user's programs, by name."""
+    """List the user's programs by name."""
     return tuple(sorted(file.stem for file in folder().glob("*.json")))
 
 
 def find(name: str) -> Path:
-    """The file that is meant by the name of a program, or of a file.
+    """Find a program's file by the program's name, or by the file's own path.
 
     Raises:
         ConfigError: There is none; the message names the nearest program.
@@ -79,7 +79,7 @@ def find(name: str) -> Path:
 
 
 def read(path: Path) -> Program:
-    """The program in a file.
+    """Read the program in a file.
 
     Raises:
         ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
@@ -96,7 +96,7 @@ def read(path: Path) -> Program:
 
 
 def write(program: Program, path: Path) -> None:
-    """Save a program; its folder is made if need be.
+    """Save a program; makes its folder if need be.
 
     Raises:
         ConfigError: It cannot be written; what was there is as it was.
@@ -107,7 +107,7 @@ def write(program: Program, path: Path) -> None:
 
 
 def delete(name: str) -> None:
-    """Remove the user's program ``name``.
+    """Delete the user's program ``name``.
 
     Raises:
         ConfigError: There is none, or it cannot be removed.

@@ -38,7 +38,7 @@ never slower than with stops; their tool was 5 mm off a waypoint at the median, 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProgramLeg:
-    """The path to a stop.
+    """The planned path to one stop.
 
     Attributes:
         indices: Its waypoints: those that are passed, and last the one that is stopped at.
@@ -53,7 +53,7 @@ class ProgramLeg:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rehearsal:
-    """A program, planned.
+    """A planned program.
 
     Attributes:
         program: What was planned.
@@ -146,19 +146,19 @@ def plan_leg(
 
 
 def jaw_after(gripper: GripperLike | None, aperture: float | None, q_jaw: float) -> float:
-    """Where the jaw is [rad] after a waypoint, coming with ``q_jaw``."""
+    """The jaw's angle [rad] after a waypoint, starting from ``q_jaw``."""
     if gripper is None or aperture is None:
         return q_jaw
     return gripper.angle_of(aperture)
 
 
 def stands_at(q: Array, other: Array) -> bool:
-    """Whether two configurations are the same, as far as a motion may begin at either."""
+    """Whether two configurations are equal enough for a motion to begin at either."""
     return float(np.max(np.abs(q - other))) <= START_TOLERANCE
 
 
 def error_about(error: E, about: str) -> E:
-    """The same error, saying first what it is about."""
+    """The same error, with what it is about at its beginning."""
     copied = copy.copy(error)
     copied.args = (f"{about}: {error}",)
     return copied
@@ -174,7 +174,7 @@ def _planned(
 
 
 def _passed_at(plan: Plan, passed: list[Array]) -> list[float]:
-    """When a motion is nearest to each of the waypoints it passes in this order [s].
+    """The times at which a motion is nearest to each waypoint it passes [s].
 
     A path may come by the same place again, so each is looked for only until it is left behind.
     """

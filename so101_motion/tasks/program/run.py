@@ -46,7 +46,7 @@ the last digit where it was sent; beyond, somebody has moved it. Chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Where:
-    """How far a run is.
+    """The progress of a run.
 
     Attributes:
         round: Which time through, from 0.
@@ -60,7 +60,7 @@ class Where:
 
 
 class ProgramRun:
-    """A program being run; ``start_program`` makes it.
+    """A running program; made by ``start_program``.
 
     Attributes:
         program: What is run.
@@ -84,12 +84,12 @@ class ProgramRun:
         self._motion.future.add_done_callback(self._ended)
 
     def stop(self) -> None:
-        """End it early; the arm slows to rest. As ``Arm.stop``, but returns at once."""
+        """End the run early; the arm slows to rest. Like ``Arm.stop``, but returns at once."""
         self._motion.interrupt("stop")
 
     @property
     def where(self) -> Where:
-        """How far it is."""
+        """The progress of the run."""
         where, under_way = self._where, self._under_way
         if under_way is None or where.doing != "moving":
             return where
@@ -99,7 +99,7 @@ class ProgramRun:
 
     @property
     def share(self) -> float:
-        """How much of it is done, 0 to 1; of an endless one, how much of this round."""
+        """How much of the run is done, 0 to 1; of an endless one, how much of this round."""
         where, n = self.where, len(self.program)
         if self.program.rounds is None:
             return where.index / n
@@ -126,7 +126,7 @@ class ProgramRun:
                 q_jaw = jaw_after(self._gripper, program.waypoints[stop].aperture, q_jaw)
 
     def _checked(self, leg: ProgramLeg, q: Array, q_jaw: float) -> ProgramLeg:
-        """The leg as it was planned, or planned anew from where arm and jaw really are."""
+        """The planned leg, or a new plan if arm and jaw are elsewhere."""
         state = self._arm.state
         if float(np.max(np.abs(q - state.q_ref))) > _ARRIVED:
             raise MotionError("the arm has been moved meanwhile; plan the program again")
@@ -165,7 +165,7 @@ class ProgramRun:
 def start_program(
     arm: Arm, gripper: GripperLike | None, clock: Clock, rehearsal: Rehearsal
 ) -> ProgramRun:
-    """Run a program that was rehearsed; supersedes what is under way.
+    """Run a rehearsed program; supersedes what is under way.
 
     ``ProgramRun.stop``, ``Arm.stop`` and a newer motion of the arm end it at any point, in a pause
     too, and the jaw stops with it.

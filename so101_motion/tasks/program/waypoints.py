@@ -1,4 +1,4 @@
-"""A program as a value. Editing one makes another; an index counts from 0, a number from 1."""
+"""Programs as immutable values; an index counts from 0, a number from 1."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_ROUNDS = 10_000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoint:
-    """Where the arm goes, what the jaw does there, and how long they stay; or where it only passes.
+    """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes.
 
     Attributes:
         name: What people call it; need not be the only one of that name.
@@ -56,7 +56,7 @@ class Waypoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Waypoints in their order, and how often they are gone through.
+    """Waypoints in order, and how often they are repeated.
 
     Attributes:
         waypoints: At most ``MOST``.
@@ -80,7 +80,7 @@ class Program:
         return len(self.waypoints)
 
     def called(self, index: int) -> str:
-        """How messages name a waypoint: its number and its name."""
+        """The name of a waypoint in messages: its number and its name."""
         return f"waypoint {index + 1} ({self.waypoints[index].name})"
 
     def stops_at(self, index: int) -> bool:
@@ -88,7 +88,7 @@ class Program:
         return index == len(self.waypoints) - 1 or not self.waypoints[index].passes
 
     def stretches(self) -> Iterator[range]:
-        """The waypoints from one stop to the next: those passed, and the one stopped at."""
+        """The waypoints from one stop to the next: those passed, then the one stopped at."""
         begin = 0
         for index in range(len(self.waypoints)):
             if self.stops_at(index):
@@ -96,22 +96,22 @@ class Program:
                 begin = index + 1
 
     def with_waypoint(self, waypoint: Waypoint) -> Program:
-        """One more, at the end."""
+        """This program with one more waypoint at the end."""
         return replace(self, waypoints=(*self.waypoints, waypoint))
 
     def without(self, index: int) -> Program:
-        """All but one."""
+        """This program without one waypoint."""
         self._check(index)
         return replace(self, waypoints=self.waypoints[:index] + self.waypoints[index + 1 :])
 
     def with_changed(self, index: int, waypoint: Waypoint) -> Program:
-        """Another waypoint in one's place."""
+        """This program with one waypoint replaced."""
         self._check(index)
         changed = (*self.waypoints[:index], waypoint, *self.waypoints[index + 1 :])
         return replace(self, waypoints=changed)
 
     def moved(self, index: int, to: int) -> Program:
-        """One waypoint at another place in the order; the others close up."""
+        """This program with one waypoint at another place in the order."""
         self._check(index)
         self._check(to)
         others = [*self.waypoints]
@@ -119,7 +119,7 @@ class Program:
         return replace(self, waypoints=tuple(others))
 
     def with_rounds(self, rounds: int | None) -> Program:
-        """The same waypoints, so often."""
+        """This program with another number of rounds."""
         return replace(self, rounds=rounds)
 
     def _check(self, index: int) -> None:

@@ -1,4 +1,4 @@
-"""Teleoperation: one arm follows another that is led by hand.
+"""Teleoperation: one arm follows another that is guided by hand.
 
 ``session.py`` has the whole story; ``predictor``, ``mirror``, ``gate`` and ``pilot`` say where the
 follower goes, ``sides`` and ``jaw`` bring arms of this process to do so, ``recording`` writes it

@@ -1,4 +1,4 @@
-"""The attributes of ``devrel:so101:teleop``, and what the command line's options mean."""
+"""Read the attributes of ``devrel:so101:teleop``, and the command line's options."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class TeleopConfig:
 
 
 def read_mirror(attributes: Mapping[str, object]) -> Mirror:
-    """What ``scale``, ``offsets_deg`` and ``mirror`` say.
+    """Read ``scale``, ``offsets_deg`` and ``mirror``.
 
     Raises:
         ConfigError: One of them cannot be used.
@@ -143,7 +143,7 @@ def read_mirror(attributes: Mapping[str, object]) -> Mirror:
 
 
 def read_pace(attributes: Mapping[str, object]) -> Pace:
-    """What the speeds and the acceleration say.
+    """Read the speeds and the acceleration.
 
     Raises:
         ConfigError: One of them cannot be used.

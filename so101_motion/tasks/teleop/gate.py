@@ -39,7 +39,7 @@ EASE = 0.5
 
 
 class Phase(Enum):
-    """What the follower does."""
+    """The phase of a teleoperation."""
 
     STOPPED = "stopped"
     APPROACHING = "approaching"
@@ -48,7 +48,7 @@ class Phase(Enum):
 
 
 class Gate:
-    """Decides in every period. Used by one thread at a time.
+    """Decides in every period whether and how fast the follower may move. For one thread at a time.
 
     Args:
         full: Caps while mirroring.
@@ -70,7 +70,7 @@ class Gate:
         self._since = 0.0
 
     def begin(self) -> None:
-        """Come to the leader and then mirror it."""
+        """Approach the leader, then mirror it."""
         self.phase, self.reason, self.is_paused = Phase.APPROACHING, "", False
 
     def stop(self) -> None:
@@ -78,27 +78,27 @@ class Gate:
         self.phase, self.reason, self.is_paused = Phase.STOPPED, "", False
 
     def trouble(self, reason: str) -> None:
-        """One side is lost: the follower holds from now on."""
+        """Hold the follower, because one side is lost."""
         if self.phase is not Phase.STOPPED:
             self.phase, self.reason, self.is_paused = Phase.WAITING, reason, False
 
     def pause(self, reason: str) -> None:
-        """Nothing is heard: the follower holds until ``resume``, or until the gate opens."""
+        """Hold the follower while the leader is silent, until ``resume`` or the gate opens."""
         if self.phase in (Phase.APPROACHING, Phase.MIRRORING):
             self.phase, self.reason, self.is_paused = Phase.WAITING, reason, True
 
     def resume(self) -> None:
-        """The leader is heard again, and the follower is at rest."""
+        """Continue, because the leader answers again and the follower is at rest."""
         if self.is_paused:
             self.begin()
 
     def hold_back(self) -> None:
-        """Something keeps the follower from mirroring; once it may, it comes at its slow pace."""
+        """Note that an obstacle stops the follower; it continues at its slow pace."""
         if self.phase is Phase.MIRRORING and self.gap[1] > GATE:
             self.phase = Phase.APPROACHING
 
     def is_open(self, off: Array) -> bool:
-        """Whether nothing is further off than ``GATE``; ``off`` has shape (5,), [rad]."""
+        """Whether no joint is further off than ``GATE``; ``off`` has shape (5,), [rad]."""
         i = int(np.argmax(np.abs(off)))
         self.gap = (ARM_JOINTS[i], float(abs(off[i])))
         return self.gap[1] <= GATE
@@ -119,7 +119,7 @@ class Gate:
         return self._eased(t - self._since) if self.phase is Phase.MIRRORING else None
 
     def share(self, t: float) -> float:
-        """How much of the full pace is reached at ``t`` [s], 0 to 1."""
+        """The share of the full pace that is reached at ``t`` [s], 0 to 1."""
         return min(max((t - self._since) / EASE, 0.0), 1.0)
 
     def _eased(self, elapsed: float) -> MotionLimits:

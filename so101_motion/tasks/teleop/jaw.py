@@ -1,4 +1,4 @@
-"""Move the follower's jaw with the leader's trigger, and grip what it meets.
+"""Move the follower's jaw with the leader's trigger, and grip what it closes on.
 
 The jaw runs after the trigger like the arm after the leader. What it closes on stops it; it then
 falls behind its setpoints, which ends the pursuit, and the gripper's own grab takes over: that
@@ -24,7 +24,7 @@ the travel; chosen: more than a trigger trembles."""
 
 
 class Jaw:
-    """Leads one gripper after the trigger.
+    """Moves one gripper after the trigger.
 
     Args:
         gripper: The follower's.
@@ -42,7 +42,7 @@ class Jaw:
         return self._grip is not None and self._gripper.is_holding
 
     def is_idle(self) -> bool:
-        """Whether it does not do what the trigger wants any more, so ``take_up`` is due."""
+        """Whether it no longer follows the trigger, so that ``take_up`` is due."""
         if self._grip is not None:
             wanted = self._wanted()
             is_let_go = wanted is not None and wanted > self._gripper.aperture + LET_GO
@@ -50,7 +50,7 @@ class Jaw:
         return self._pursuit is None or self._pursuit.future.done()
 
     def take_up(self) -> None:
-        """Press on what has been met, or run after the trigger again. May block.
+        """Press on the object, or follow the trigger again. May block.
 
         Raises:
             So101Error: The jaw cannot be moved now.
@@ -62,7 +62,7 @@ class Jaw:
         self._go_on(grips=has_met)
 
     def resume(self) -> None:
-        """Go on after the joints were held anew, which took the force from a grip. May block.
+        """Continue after the joints were held anew, which released the grip. May block.
 
         Raises:
             So101Error: The jaw cannot be moved now.
@@ -72,7 +72,7 @@ class Jaw:
         self._go_on(grips=gripped)
 
     def close(self) -> None:
-        """Come to rest; what is gripped stays gripped."""
+        """Stop; keeps a grip."""
         pursuit, self._pursuit = self._pursuit, None
         if pursuit is not None:
             pursuit.close().exception()

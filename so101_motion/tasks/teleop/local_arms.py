@@ -1,4 +1,4 @@
-"""What teleoperation and guided paths need of a rig: its side, its jaw, LeRobot's zeros."""
+"""Make the sides of a teleoperation from rigs: arm, jaw, and LeRobot's zeros."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from so101_motion.tasks.teleop import LocalArm
 
 
 def side_of(rig: Rig, jaw: Rig | None) -> LocalArm:
-    """An arm and its gripper, which may be of another rig, as one side.
+    """Make one side from an arm and a gripper, which may belong to another rig.
 
     Args:
         rig: The arm's.
@@ -44,7 +44,7 @@ def jaw_of(rig: Rig) -> Gripper | None:
 
 
 def lerobot_of(rig: RigLike) -> LeRobot:
-    """How LeRobot counts for this arm, with the jaw as it is."""
+    """LeRobot's units for this arm, with the jaw's present aperture."""
     middles = middles_of(rig) if isinstance(rig, Rig) else np.zeros(5)
     return LeRobot(middles=middles, aperture=rig.gripper.aperture)
 

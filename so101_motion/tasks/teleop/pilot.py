@@ -1,4 +1,4 @@
-"""Decide in every period where the follower goes, and how fast.
+"""Decide in every period where the follower moves, and how fast.
 
 The pilot puts the parts together: the predictor says where the leader will be, the mirror which
 angles of the follower that is, the gate whether it may go there. It is asked by a ``Pursuit`` of
@@ -47,7 +47,7 @@ makes the follower swing around a hand that trembles."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pace:
-    """How fast the follower goes.
+    """The follower's speeds.
 
     Attributes:
         full: Caps of the arm while it mirrors.
@@ -67,7 +67,7 @@ class Pace:
 
 
 class Pilot:
-    """Aims; safe to be asked from several threads.
+    """Computes the follower's targets. Several threads may use it.
 
     Args:
         clock: What time it is, for both sides.
@@ -105,21 +105,21 @@ class Pilot:
     def fit(
         self, lower: Array, upper: Array, effective_limits: Callable[[MotionLimits], MotionLimits]
     ) -> None:
-        """Learn the follower's range, shapes (5,), [rad], and what caps it grants."""
+        """Set the follower's range, shapes (5,), [rad], and the function that gives its caps."""
         with self._lock:
             self._lower, self._upper, self._granted = lower, upper, effective_limits
 
     # Deciding
 
     def begin(self) -> None:
-        """Come to the leader and then mirror it."""
+        """Approach the leader, then mirror it."""
         with self._lock:
             track = self._predictor.track
             self._jumps = track.jumps if track is not None else 0
             self.gate.begin()
 
     def stop(self) -> None:
-        """Hold, for good."""
+        """Hold for good."""
         with self._lock:
             self.gate.stop()
 
@@ -129,12 +129,12 @@ class Pilot:
             self.gate.trouble(reason)
 
     def hold_back(self) -> None:
-        """Something keeps the follower from mirroring; once it may, it comes at its slow pace."""
+        """Note that an obstacle stops the follower; it continues at its slow pace."""
         with self._lock:
             self.gate.hold_back()
 
     def may_begin(self, q: Array) -> bool:
-        """Whether a follower that stands at ``q``, shape (5,), [rad], may set off."""
+        """Whether a follower at ``q``, shape (5,), [rad], may start to move."""
         with self._lock:
             target = self._target()
             if target is None:
@@ -144,7 +144,7 @@ class Pilot:
     # Aiming
 
     def arm(self, now: Setpoint) -> TrackingTarget | None:
-        """Where the arm goes from ``now``; None to hold."""
+        """The arm's target from ``now`` on; None to hold."""
         with self._lock:
             target = self._target()
             if target is None:
@@ -159,7 +159,7 @@ class Pilot:
             return TrackingTarget(q=q, qd=qd, limits=self._granted(limits))
 
     def jaw(self, limits: MotionLimits) -> tuple[float, float, MotionLimits] | None:
-        """The aperture that is wanted, 0 to 1, how fast it changes, and caps; None to hold.
+        """The wanted aperture, 0 to 1, its rate of change, and caps; None to hold.
 
         Args:
             limits: The jaw's own caps.
@@ -180,7 +180,7 @@ class Pilot:
     # How
 
     def _target(self) -> tuple[Array, Array] | None:
-        """Where the follower is wanted and how fast that moves, within its range; None to hold."""
+        """The follower's wanted angles and velocities, within its range; None to hold."""
         seen = self._seen()
         if seen is None:
             return None
@@ -209,7 +209,7 @@ class Pilot:
         return self._predictor.at(now + self._horizon)
 
     def _rested(self, q: Array, qd: Array) -> Array:
-        """``q``, but a joint that hardly moves stays where it was wanted last."""
+        """``q``, with joints that hardly move kept at their last target."""
         if self._rest is not None:
             idle = (np.abs(qd) < SLOW) & (np.abs(q - self._rest) < _REST)
             q = np.where(idle, self._rest, q)

@@ -1,4 +1,4 @@
-"""Predict where a hand-led arm will be a moment from now.
+"""Predict where the guided leader will be a moment from now, with a Kalman filter per joint.
 
 The follower's servos are some 50 ms behind their goals, a measurement is up to a period old when it
 is used, and it takes time to tell motion from noise. All of that is made up for by aiming at where
@@ -48,7 +48,7 @@ USUAL = 0.1
 
 
 class Track(NamedTuple):
-    """What is known of the leader.
+    """What the predictor knows of the leader.
 
     Attributes:
         t: When [s].
@@ -66,7 +66,7 @@ class Track(NamedTuple):
 
 
 class Predictor:
-    """Takes measurements of the leader and says where it will be.
+    """Takes measurements of the leader and predicts its angles.
 
     Args:
         longest: After how long a silence the leader may be anywhere [s].
@@ -82,14 +82,14 @@ class Predictor:
         self._forget()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget all measurements."""
         self.track = None
         self._forget()
 
     # The thread that measures
 
     def take(self, t: float, x: Array, heard: Array) -> None:
-        """Take in a measurement.
+        """Add a measurement.
 
         Args:
             t: When it was made [s]; later than the one before, or it is ignored.
@@ -120,7 +120,7 @@ class Predictor:
         )
 
     def lose(self) -> None:
-        """The leader is known not to answer any more; no need to wait and see."""
+        """Note that the leader does not answer any more, without waiting for a timeout."""
         if self.track is not None:
             self._heard[:] = -np.inf
             self.track = self.track._replace(t_heard=-np.inf)

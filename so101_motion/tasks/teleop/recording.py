@@ -1,4 +1,4 @@
-"""Record what both arms did: MCAP for looking at it, CSV for learning from it.
+"""Record both arms of a teleoperation: MCAP for viewers, CSV for learning.
 
 **MCAP** holds ROS 2 messages, ``sensor_msgs/msg/JointState``, radians with the zero of the model:
 ``joint_states`` as measured and ``joint_commands`` as wanted, of ``/leader`` and ``/follower``. A
@@ -52,7 +52,7 @@ _BACKLOG = 6000
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordedSample:
-    """One period.
+    """One row of a recording.
 
     Attributes:
         t: When, on the session's clock [s].
@@ -107,7 +107,7 @@ class Recorder:
         self._thread.start()
 
     def take(self, row: RecordedSample) -> None:
-        """Take down ``row`` if one is due; never waits. Times must not go back."""
+        """Record ``row`` if one is due; never waits. Times must not go back."""
         if self._t0 is None:
             self._t0 = row.t
         due = math.floor((row.t - self._t0) * self._fps + 0.5) + 1
@@ -121,7 +121,7 @@ class Recorder:
                 return
 
     def close(self) -> None:
-        """Write what is left and close the file; may be called again."""
+        """Write the rest and close the file; may be called again."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()

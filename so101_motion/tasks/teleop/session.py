@@ -44,7 +44,7 @@ failed; chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """How a session is.
+    """The state of a session.
 
     Attributes:
         phase: What the follower does.
@@ -79,7 +79,7 @@ class Status:
 
 
 class Teleop:
-    """Lets one arm follow another. All methods: from any thread; they block until done.
+    """Lets one arm follow another. Any thread may call; the methods block until done.
 
     Use it in a ``with`` block or call ``close``.
 
@@ -128,7 +128,7 @@ class Teleop:
         self._closed = threading.Event()
 
     def start(self, recorder: Recorder | None = None) -> None:
-        """Let go of the leader and bring the follower to it; does nothing while it runs.
+        """Release the leader and bring the follower to it; does nothing while it runs.
 
         Args:
             recorder: Takes down what happens; closed when the session ends.
@@ -157,7 +157,7 @@ class Teleop:
 
     @property
     def status(self) -> Status:
-        """How it is; never waits."""
+        """The state of the session; never waits."""
         gate = self._pilot.gate
         return Status(
             phase=gate.phase,
@@ -227,7 +227,7 @@ class Teleop:
     # The follower's I/O thread
 
     def look(self) -> None:
-        """See to it that the follower does what it should; brief, called in every period."""
+        """Start and stop the follower as needed; brief, called in every period."""
         if not self._is_running:
             return
         self._count()

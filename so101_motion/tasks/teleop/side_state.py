@@ -1,4 +1,4 @@
-"""How one side of a teleoperation stands at one instant."""
+"""The state of one side of a teleoperation at one instant."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from so101_motion.common.geometry import Array
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SideState:
-    """Measured, and as wanted.
+    """Measured and commanded joints.
 
     Attributes:
         x: Joint angles [rad], and the aperture of the jaw, 0 to 1, shape (6,).

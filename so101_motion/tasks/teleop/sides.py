@@ -1,4 +1,4 @@
-"""The two sides of a teleoperation: what leads, and what follows.
+"""The two sides of a teleoperation: the leader and the follower.
 
 ``Leader`` and ``Follower`` are what a session needs of them; here are those for arms of this
 process, which are reached without a detour. For arms elsewhere see
@@ -40,22 +40,22 @@ FRESH = 0.05
 
 
 class Leader(ABC):
-    """What leads. Its methods may block."""
+    """The side that is guided by hand. Its methods may block."""
 
     @abstractmethod
     def attach(self, predictor: Predictor) -> None:
-        """Let go of the joints and tell ``predictor`` every measurement from now on."""
+        """Release the joints and pass every measurement to ``predictor`` from now on."""
 
     @abstractmethod
     def detach(self) -> None:
-        """No more measurements; hold the joints again if they were let go of."""
+        """End the measurements; hold the joints again if they were released."""
 
     def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do what ``needs_recovery`` is about; raises ``So101Error`` if it cannot be done."""
+        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
 
     @property
     def needs_recovery(self) -> bool:
-        """Whether something has to be done that takes a moment."""
+        """Whether there is work to do that takes a moment."""
         return False
 
     @property
@@ -66,40 +66,40 @@ class Leader(ABC):
     @property
     @abstractmethod
     def state(self) -> SideState:
-        """How it stands."""
+        """Its state."""
 
 
 class Follower(ABC):
-    """What follows. ``attach``, ``engage``, ``detach`` and ``recover`` may block."""
+    """The side that follows. ``attach``, ``engage``, ``detach`` and ``recover`` may block."""
 
     @abstractmethod
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
-        """Learn who says where to go, and call ``look`` in every period until detached."""
+        """Set the pilot, and call ``look`` in every period until detached."""
 
     @abstractmethod
     def engage(self) -> None:
-        """Begin to go where the pilot says; raises ``So101Error`` if it cannot."""
+        """Start to follow the pilot; raises ``So101Error`` if it cannot."""
 
     @abstractmethod
     def detach(self) -> None:
-        """Come to rest and hold; no more looks."""
+        """Stop and hold; ends the calls of ``look``."""
 
     @abstractmethod
     def ending(self) -> BaseException | None:
-        """Why it stopped going where the pilot says, told once; None while it goes."""
+        """Why it stopped following, reported once; None while it follows."""
 
     def recover(self) -> None:  # noqa: B027  # most sides need none
-        """Do what ``needs_recovery`` is about; raises ``So101Error`` if it cannot be done."""
+        """Do the work that ``needs_recovery`` announces; raises ``So101Error`` if it fails."""
 
     @property
     def needs_recovery(self) -> bool:
-        """Whether something has to be done that takes a moment."""
+        """Whether there is work to do that takes a moment."""
         return False
 
     @property
     @abstractmethod
     def is_engaged(self) -> bool:
-        """Whether it goes where the pilot says."""
+        """Whether it follows the pilot."""
 
     @property
     @abstractmethod
@@ -108,18 +108,18 @@ class Follower(ABC):
 
     @property
     def is_held(self) -> bool:
-        """Whether something in its way holds it back, as far as it tells."""
+        """Whether an obstacle holds it back, as far as it reports that."""
         return False
 
     @property
     def is_gripping(self) -> bool:
-        """Whether the jaw has closed on something, as far as it tells."""
+        """Whether the jaw has closed on something, as far as it reports that."""
         return False
 
     @property
     @abstractmethod
     def state(self) -> SideState:
-        """How it stands."""
+        """Its state."""
 
 
 class Station(Protocol):
@@ -153,7 +153,7 @@ class LocalArm:
 
     @property
     def state(self) -> SideState:
-        """How it stands."""
+        """Its state."""
         state = self.station.executor.state
         aperture = goal = 0.0
         if self.jaw is not None:
@@ -168,7 +168,7 @@ class LocalArm:
 
 
 class LocalLeader(Leader):
-    """An arm of this process that leads.
+    """An arm of this process as leader.
 
     Args:
         arm: The arm.
@@ -239,7 +239,7 @@ class LocalLeader(Leader):
 
 
 class LocalFollower(Follower):
-    """An arm of this process that follows.
+    """An arm of this process as follower.
 
     Args:
         arm: The arm.

@@ -17,7 +17,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.hardware import STS3215_7V4
 from so101_motion.setup.checkup import check_up, is_healthy
-from so101_motion.setup.findings import Findings, Hearing, examine, software
+from so101_motion.setup.findings import BusQuality, Findings, examine, software
 
 
 class Arm(LentArm):
@@ -28,9 +28,11 @@ class Arm(LentArm):
 
 
 def seen_on(arm, **changes):
-    servos, hearing = examine(arm)
+    servos, bus_quality = examine(arm)
     return replace(
-        Findings(port="/dev/x", servos=servos, hearing=hearing, speed=0.87, acceleration=1.7),
+        Findings(
+            port="/dev/x", servos=servos, bus_quality=bus_quality, speed=0.87, acceleration=1.7
+        ),
         **changes,
     )
 
@@ -54,7 +56,7 @@ def of(checks, name):
     return next(check for check in checks if check.name == name)
 
 
-QUIET = Hearing(asked=1200, lost=0, corrupt=0, median=0.002, p99=0.003, longest=0.004)
+QUIET = BusQuality(asked=1200, lost=0, corrupt=0, median=0.002, p99=0.003, longest=0.004)
 
 
 @pytest.fixture
@@ -150,7 +152,7 @@ def test_a_voltage_that_sags_along_the_cable_is_noticed(arm):
 
 
 @pytest.mark.parametrize(
-    ("hearing", "verdict"),
+    ("bus_quality", "verdict"),
     [
         (QUIET, "ok"),
         (replace(QUIET, lost=20), "warn"),
@@ -158,13 +160,13 @@ def test_a_voltage_that_sags_along_the_cable_is_noticed(arm):
         (replace(QUIET, median=0.017), "fail"),
     ],
 )
-def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, hearing, verdict):
-    assert of(check_up(seen_on(arm, hearing=hearing)), "bus").verdict == verdict
+def test_a_bus_is_judged_by_what_gets_lost_and_how_long_a_reading_takes(arm, bus_quality, verdict):
+    assert of(check_up(seen_on(arm, bus_quality=bus_quality)), "bus").verdict == verdict
 
 
 def test_an_adapter_that_holds_bytes_back_is_blamed_for_it(arm):
     slow = replace(QUIET, median=0.017)
-    checks = check_up(seen_on(arm, hearing=slow, latency_timer=0.016))
+    checks = check_up(seen_on(arm, bus_quality=slow, latency_timer=0.016))
     assert "16 ms" in of(checks, "bus").fix
 
 
@@ -276,6 +278,6 @@ def test_whatever_servos_say_is_judged_and_every_failure_says_what_to_do(found, 
         for i, joint in enumerate(JOINTS, start=1)
     }
     servos = Verification(motors=motors, unexpected_ids=(), notes=(), sentence="odd")
-    checks = check_up(Findings(servos=servos, hearing=QUIET, speed=math.pi, acceleration=1.0))
+    checks = check_up(Findings(servos=servos, bus_quality=QUIET, speed=math.pi, acceleration=1.0))
     assert all(check.fix for check in checks if check.verdict == "fail")
     assert all(check.sentence for check in checks)
