@@ -1,85 +1,199 @@
-"""``python -m campaign --minutes 10``: attack for so long, write what came of it, fail on any."""
+"""``make campaign MINUTES=10``, or pieces of it: attack, write what came of it, fail on any.
+
+    PYTHONPATH=tests python -m campaign --only readers --count 100000 --seed 3
+
+Each run is a piece with a seed of its own. What the pieces counted adds up in
+``benchmarks/results/campaign.json``, part by part; ``--fresh`` begins those parts anew.
+"""
 
 import argparse
-import contextlib
 import json
 import logging
+import subprocess
 import sys
 import time
 from pathlib import Path
 
-from campaign.interleavings import run
+from campaign import good_answers, interleavings, sessions, torn_answers
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
+from so101_motion.files import atomic
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "campaign.json"
-SHARES = {"readers": 0.4, "interleavings": 0.3, "faults": 0.3}
 MOST_TOLD = 50
+LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s")
+"""Of these figures the largest counts; all others add up."""
 
 
-def attack_readers(seed, seconds):
-    told, begin = {}, time.monotonic()
-    readers = all_readers()
+def attack_readers(seed, seconds, count):
+    """``count`` executions of all readers together."""
+    told, begin, readers = {}, time.monotonic(), all_readers()
     for k, reader in enumerate(readers):
         left = seconds - (time.monotonic() - begin)
-        outcome = attack(reader, OURS, seed=seed, seconds=left / (len(readers) - k))
+        outcome = attack(
+            reader,
+            OURS,
+            seed=seed,
+            seconds=left / (len(readers) - k),
+            executions=-(-count // len(readers)),
+        )
         told[reader.name] = {
             "executions": outcome.executions,
             "refused": outcome.refused,
             "lines_reached": outcome.lines,
             "slowest_s": round(outcome.slowest, 3),
-            "failures": [text for text, _ in outcome.failures.values()],
         }
-        for text, data in outcome.failures.values():
-            print(f"{reader.name}: {text}\n  with {data[:200]!r}")
+        failures = [
+            f"{reader.name}: {text} with {data[:200]!r}" for text, data in outcome.failures.values()
+        ]
+        told[reader.name]["failures"] = failures
+    failed = [text for each in told.values() for text in each.pop("failures")]
     total = sum(each["executions"] for each in told.values())
-    return {"executions": total, "each": told}
+    return {"executions": total, "each": told, "failures": failed}
 
 
-def interleave(seed, seconds, *, faulty):
-    end, count, pretended, requests, broken = time.monotonic() + seconds, 0, 0.0, {}, []
-    while time.monotonic() < end:
-        done, passed, objections = run(f"{seed}-{count}", count=50, faulty=faulty)
-        count, pretended, broken = count + 50, pretended + passed, broken + objections
-        for name, times in done.items():
-            requests[name] = requests.get(name, 0) + times
-        for text in objections:
-            print(text)
+def spoil_answers(seed, seconds, count):
+    """``count`` spoiled answers, in turn few and many of all."""
+    told, end, piece = {}, time.monotonic() + seconds, 0
+    while told.get("spoiled", 0) < count and time.monotonic() < end:
+        share = (0.15, 0.5)[piece % 2]
+        name, left = f"{seed}{piece:03}", count - told.get("spoiled", 0)
+        tally = torn_answers.run(min(left, 5_000), seed=int(name), share=share)
+        figures = {
+            "spoiled": tally.total,
+            "each": dict(sorted(tally.spoiled.items())),
+            "answers": tally.answers,
+            "cycles": tally.cycles,
+            "errors": dict(sorted(tally.faults.items())),
+            "failures": [f"share {share}, {broken}" for broken in tally.broken],
+        }
+        told, piece = added(told, figures), piece + 1
+    return told
+
+
+def count_good_answers(seed, seconds, count):
+    """``count`` good answers of joints that are treated roughly."""
+    told, end, piece = {}, time.monotonic() + seconds, 0
+    while told.get("answers", 0) < count and time.monotonic() < end:
+        left = min(count - told.get("answers", 0), 20_000)
+        seen, again, fastest = good_answers.run(left, seed=int(f"{seed}{piece:03}"))
+        figures = {"answers": seen, "refused": again, "fastest_deg_per_s": round(fastest)}
+        told, piece = added(told, figures), piece + 1
+    too_many = told["refused"] * 100_000 > max(told["answers"], 100_000)
+    failures = [f"seed {seed}: {told['refused']} of {told['answers']} good answers refused"]
+    return told | {"failures": failures if too_many else []}
+
+
+def interleave(faulty):
+    def run(seed, seconds, count):
+        told, end, first = {}, time.monotonic() + seconds, 0
+        key = "pretended_s" if faulty else "interleavings"
+        while told.get(key, 0) < count and time.monotonic() < end:
+            left = 50 if faulty else min(50, count - told.get(key, 0))
+            done, passed, broken = interleavings.run(f"{seed}-{first}", count=left, faulty=faulty)
+            figures = {
+                "interleavings": left,
+                "pretended_s": round(passed),
+                "each": dict(sorted(done.items())),
+                "failures": broken,
+            }
+            told, first = added(told, figures), first + left
+        return told
+
+    return run
+
+
+def play_sessions(seed, seconds, count):
+    """``count`` sessions with a module process, ten of them with one."""
+    told, end, piece = {}, time.monotonic() + seconds, 0
+    while told.get("sessions", 0) < count and time.monotonic() < end:
+        left = min(count - told.get("sessions", 0), 10)
+        name = f"{seed}-{piece}"
+        told = added(told, sessions.run(name, seconds=end - time.monotonic(), sessions=left))
+        piece += 1
+    return told
+
+
+def attack_files(seed, seconds, count):
+    """``count`` sizes for each kind of file; a process of its own."""
+    command = [sys.executable, "-m", "campaign.kept_files", f"--seed={seed}", f"--each={count}"]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE)
+    found = json.loads(done.stdout)
     return {
-        "interleavings": count,
-        "pretended_s": round(pretended),
-        "requests": dict(sorted(requests.items())),
-        "failures": broken[:MOST_TOLD],
-        "failure_count": len(broken),
+        "attacks": sum(found["done"].values()),
+        "each": found["done"],
+        "skipped": found["skipped"],
+        "failures": found["failures"],
     }
 
 
+ENDLESS = 10**9
+PARTS = {
+    "readers": (0.25, attack_readers, ENDLESS),
+    "torn answers": (0.2, spoil_answers, ENDLESS),
+    "good answers": (0.05, count_good_answers, ENDLESS),
+    "interleavings": (0.15, interleave(False), ENDLESS),
+    "faults": (0.15, interleave(True), ENDLESS),
+    "sessions": (0.2, play_sessions, ENDLESS),
+    "files": (0.0, attack_files, 100),
+}
+"""Share of the time, what runs, and how many if it is not said."""
+
+
+def added(one, other):
+    """Two pieces of results as one."""
+    total = dict(one)
+    for key, value in other.items():
+        if key not in total:
+            total[key] = value
+        elif isinstance(value, dict):
+            total[key] = added(total[key], value)
+        elif key in LARGEST:
+            total[key] = max(total[key], value)
+        elif not isinstance(value, str):
+            total[key] = total[key] + value
+    return total
+
+
+def keep(part, figures, file, *, fresh):
+    """Add a piece to what is written down."""
+    with atomic.locked(file.parent):
+        known = json.loads(file.read_text()) if file.exists() else {}
+        before = {} if fresh else known.get(part, {})
+        total = added(before, figures)
+        total["failure_count"] = before.get("failure_count", 0) + len(figures["failures"])
+        total["failures"] = total["failures"][:MOST_TOLD]
+        known[part] = total
+        atomic.write(file, json.dumps(known, indent=1).encode() + b"\n")
+
+
 def main():
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--minutes", type=float, default=10.0)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, help="how long, all parts together")
+    parser.add_argument("--count", type=int, help="how many instead, of one part")
     parser.add_argument("--seed", type=int, default=int(time.time()))
-    parser.add_argument("--only", choices=SHARES, action="append")
+    parser.add_argument("--only", choices=PARTS, action="append", help="which parts")
+    parser.add_argument("--fresh", action="store_true", help="forget earlier pieces")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="where to add it up")
     asked = parser.parse_args()
     logging.disable(logging.CRITICAL)
-    chosen = asked.only or list(SHARES)
-    unit = 60.0 * asked.minutes / sum(SHARES[name] for name in chosen)
-    told = {"seed": asked.seed}
-    if "readers" in chosen:
-        told["readers"] = attack_readers(asked.seed, unit * SHARES["readers"])
-    for name in ("interleavings", "faults"):
-        if name in chosen:
-            seconds = unit * SHARES[name]
-            told[name] = interleave(asked.seed, seconds, faulty=name == "faults")
-    before = {}
-    with contextlib.suppress(OSError, ValueError):
-        before = json.loads(RESULTS.read_text())
+    chosen = asked.only or list(PARTS)
+    minutes = asked.minutes or (10.0 if asked.count is None else 1e6)
+    unit = 60.0 * minutes / max(sum(PARTS[name][0] for name in chosen), 1e-9)
+    failed = 0
     for name in chosen:
-        before[name] = {"seed": asked.seed, "minutes": asked.minutes, **told[name]}
-    RESULTS.write_text(json.dumps(before, indent=1) + "\n")
-    failed = [each["failures"] for each in told.get("readers", {}).get("each", {}).values()]
-    failed += [told[name]["failures"] for name in told if name in ("interleavings", "faults")]
-    print(f"seed {asked.seed}: {sum(map(len, failed))} kinds of failure; see {RESULTS.name}")
-    return 1 if any(failed) else 0
+        share, attack_it, usual = PARTS[name]
+        begin = time.monotonic()
+        figures = attack_it(asked.seed, unit * share, asked.count or usual)
+        figures |= {"seeds": [asked.seed], "minutes": round((time.monotonic() - begin) / 60.0, 1)}
+        keep(name, figures, asked.results, fresh=asked.fresh)
+        plain = {key: value for key, value in figures.items() if isinstance(value, int | float)}
+        print(f"{name}, seed {asked.seed}: {plain}, {len(figures['failures'])} failures")
+        for text in figures["failures"]:
+            print(f"  {text}")
+        failed += len(figures["failures"])
+    print(f"{failed} failures; see {asked.results}")
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from campaign.interleavings import run
+from campaign import interleavings, sessions
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
 
@@ -37,6 +37,17 @@ def test_what_the_campaign_begins_with_is_good(name, tmp_path):
 
 @pytest.mark.parametrize("faulty", [False, True])
 def test_requests_in_any_order_end_and_break_no_rule_of_motion(seed, faulty):
-    done, _, broken = run(seed, count=15, faulty=faulty)
+    done, _, broken = interleavings.run(seed, count=10, faulty=faulty)
     assert broken == []
     assert sum(done.values()) > 20
+
+
+def test_the_same_seed_gives_the_same_run(seed):
+    once, again = (interleavings.run(seed, count=4, faulty=True) for _ in range(2))
+    assert once == again
+
+
+def test_a_session_with_a_module_that_is_stopped_and_continued_breaks_no_law(seed):
+    told = sessions.run(seed, sessions=2, requests=12, stopped=(0.5,))
+    assert told["failures"] == []
+    assert told["each"]["process stopped"] == 1

@@ -105,6 +105,7 @@ class Match:
         self._ask = None
         self._referee = referee
         self._writes = Writes()
+        self._commands = []
         world = emulator.world
         # Real time: what left the driver on time may be heard late, together with its successor.
         self._jitter = 0.15 if emulator.now is time.monotonic else 0.0
@@ -141,6 +142,7 @@ class Match:
             dt: Period of the commands [s].
         """
         judges = [Command(self._reporter(i), dt) for i in range(1, 7)]
+        self._commands += judges
         servos = self.emulator.world.servos
 
         def sent(command):
@@ -169,6 +171,11 @@ class Match:
         """The arm has been asked to move again."""
         for wire in self._wire:
             wire.set_off()
+
+    def paused(self):
+        """Whoever drives the arm was stopped for a while; its next command begins anew."""
+        for judge in self._commands:
+            judge.forget()
 
     def observe(self, now, data):
         """A client wrote ``data``; the world has caught up and has not yet obeyed."""

@@ -172,6 +172,36 @@ def test_a_new_request_ends_the_stop(pitch):
     assert pitch.referee.findings == []
 
 
+def test_a_stop_says_nothing_of_a_joint_that_lost_its_power_and_fell(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.match.stop_answered()
+    pitch.emulator.world.reboot(2)
+    pitch.emulator.world.servo(2).drive.shaft.put(2700)
+    pitch.wait(2.0)
+    pitch.hold(2)
+    pitch.wait(0.1)
+    pitch.say(goal(2, 2701))
+    assert pitch.referee.findings == []
+
+
+def test_a_servo_that_protected_itself_is_where_its_goal_is_not_until_it_gets_another(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    world = pitch.emulator.world
+    world.warm(3, 80.0)
+    pitch.wait(1.0)
+    world.servo(3).drive.shaft.put(3000)
+    world.servo(3).drive.motor.temperature = 20.0
+    world.cool(3)
+    pitch.wait(2.0)
+    assert world.servo(3).drive.guard.flags == 0
+    assert pitch.referee.findings == []
+    pitch.say(goal(3, 2048))  # where it was; the joint is not
+    pitch.wait(0.02)
+    assert "distance" in pitch.broken
+
+
 # The joints
 
 
@@ -287,6 +317,27 @@ def test_the_record_of_an_arm_reaches_the_judge_of_each_joint(pitch, goals, find
             )
         )  # fmt: skip
     assert [(one.rule, one.place) for one in pitch.referee.findings] == findings
+
+
+def test_what_is_commanded_after_the_process_was_stopped_begins_anew(pitch):
+    caps = CommandCaps(50.0, 100.0, 1000.0)
+    sent = pitch.match.listen(lambda: (caps,) * 6, lambda i, q: 2048 + q * 4096.0 / math.tau)
+
+    def say(t, q):
+        q_cmd = (q, 0.0, 0.0, 0.0, 0.0)
+        sent(SimpleNamespace(t=t, q_cmd=q_cmd, q_jaw_cmd=0.0, is_guided=False, is_seed=False,
+                             goals=range(1, 7)))  # fmt: skip
+
+    for k in range(6):
+        say(0.01 * k, 0.008 * k)  # at full speed
+    pitch.match.paused()
+    for k in range(6, 12):
+        say(2.0 + 0.01 * k, 0.008 * k)
+    assert pitch.referee.findings == []
+    say(4.0, 0.1)
+    say(4.01, 0.12)
+    say(4.02, 0.14)
+    assert pitch.broken == {"command"}
 
 
 # Its tools

@@ -40,6 +40,7 @@ class ServoOnWire:
         self._was_driven = False
         self._stop = None
         self._held_up = -RECOVERY
+        self._holds_itself = False
         self._recent = deque(maxlen=8)  # goals
 
     # The truth
@@ -74,11 +75,15 @@ class ServoOnWire:
             self._recent.clear()
             self._travel.restart()
             if not driven:
-                self._seeded, self.goal = False, None
+                self._seeded, self.goal, self._stop = False, None, None
             elif self.goal is not None:
                 self._begin(t, self.goal, caps)
         if pushed or is_held_up(self._servo):
             self._held_up = t
+        if self._servo.drive.guard.flags:  # afterwards it holds where it is until it gets a goal
+            self._holds_itself = True
+        if self._holds_itself:
+            return
         if driven and self.goal is not None and t - self._held_up > RECOVERY:
             self._judge_distance(t, caps)
 
@@ -98,6 +103,7 @@ class ServoOnWire:
             self._judge_seed(t)
 
     def _goal(self, t, goal, caps, jitter):
+        self._holds_itself = False
         lower, upper = self._limits
         if lower != upper and not lower <= goal <= upper:
             self._report("limits", t, f"goal {goal} outside {lower} to {upper}")

@@ -290,7 +290,11 @@ def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) ->
     atomic.write(path, json.dumps(said, indent=2).encode() + b"\n")
     now = zero_file.text((calibration, zeros))
     notes += _keep(path, now)
-    _write_or_remove(beside, now)
+    try:
+        _write_or_remove(beside, now)
+    except OSError as error:  # it is saved; what stands beside it is true of it, too
+        reason = error.strerror or error
+        notes += (f"{beside} still tells of the calibration before as well: {reason}",)
     found = read(path)
     return replace(found, notes=found.notes + notes)
 

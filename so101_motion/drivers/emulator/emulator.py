@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import ClassVar, Protocol, Self
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator import registers as reg
@@ -126,6 +126,23 @@ def build_world(
     return World(servos, t=t, gravity=gravity, supply=Supply(volts))
 
 
+class ServedPort(Protocol):
+    """Where a bus can be reached, plugged in or not."""
+
+    @property
+    def port(self) -> str:
+        """What a client opens."""
+
+    def plug(self) -> None:
+        """Bring the port into being, if it is not there."""
+
+    def unplug(self) -> None:
+        """Take the port away under its client."""
+
+    def close(self) -> None:
+        """Take it away for good."""
+
+
 class Emulator:
     """An emulated arm on a port, until closed.
 
@@ -133,6 +150,7 @@ class Emulator:
         options: What to emulate.
         now: The clock the physics follows [s].
         gravity: Holding torque [N m] as a function of the six joint angles [rad].
+        serve: Makes the port; a pseudo-terminal by default.
 
     Attributes:
         world: The servos; call its methods to trouble them.
@@ -149,6 +167,7 @@ class Emulator:
         *,
         now: Callable[[], float] = time.monotonic,
         gravity: Gravity = no_gravity,
+        serve: Callable[[Bus], ServedPort] | None = None,
     ) -> None:
         self._options = options or EmulatorOptions()
         self.now, self._gravity = now, gravity
@@ -158,20 +177,23 @@ class Emulator:
         self._ids = [servo.memory.raw(reg.ID) for servo in self.world.servos]
         for attend in self.on_open:
             attend(self)
-        self._pty = PtyPort(self.bus, now, pacing=self._options.pacing, link=self._options.link)
+        self._port = serve(self.bus) if serve is not None else self._on_terminal(self.bus)
+
+    def _on_terminal(self, bus: Bus) -> ServedPort:
+        return PtyPort(bus, self.now, pacing=self._options.pacing, link=self._options.link)
 
     @property
     def port(self) -> str:
         """What a client opens; changes when the port is plugged in again, unless it is a link."""
-        return self._pty.port
+        return self._port.port
 
     def unplug(self) -> None:
         """Pull the USB plug; the servos keep their power and go on."""
-        self._pty.unplug()
+        self._port.unplug()
 
     def plug(self) -> None:
         """Put the USB plug back."""
-        self._pty.plug()
+        self._port.plug()
 
     def advance(self) -> None:
         """Let the physics catch up with the clock, as any traffic would.
@@ -258,7 +280,7 @@ class Emulator:
 
     def close(self) -> None:
         """Take the port away and end the thread."""
-        self._pty.close()
+        self._port.close()
 
     def __enter__(self) -> Self:
         return self

@@ -1,5 +1,6 @@
 import json
 import os
+import stat
 import threading
 
 import pytest
@@ -373,3 +374,20 @@ def test_after_any_saves_the_file_says_the_last_of_each_joint(tmp_path_factory, 
     assert found.calibration == wanted
     for joint, entry in wanted.items():
         assert found.zeros[joint].angle == pytest.approx(entry.range_min / 100, abs=1e-5)
+
+
+def test_a_calibration_that_is_in_its_place_is_saved_though_the_disk_is_full_by_then(
+    file, monkeypatch
+):
+    store.save(file, {"elbow_flex": ELBOW}, zeros={"elbow_flex": BY_STOPS})
+    moved = JointCalibration(id=3, homing_offset=9, range_min=940, range_max=3150)
+
+    def fsync(opened):
+        is_file = stat.S_ISREG(os.fstat(opened).st_mode)
+        if is_file and b'"homing_offset": 9' in file.read_bytes():
+            raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    found = store.save(file, {"elbow_flex": moved}, zeros={"elbow_flex": BY_STOPS})
+    assert store.read(file).calibration == found.calibration == {"elbow_flex": moved}
+    assert "No space left" in " ".join(found.notes)

@@ -1,0 +1,97 @@
+"""A pretended clock whose threads run one at a time and only while it is advanced.
+
+With ``ManualClock`` a thread goes on as soon as it is woken, at the same time as the one that woke
+it, so what a test sees may differ from run to run. Here a woken thread waits until the clock is
+advanced, and the same seed gives the same run, however busy the machine is.
+"""
+
+import threading
+import time
+from contextlib import contextmanager
+
+_EPSILON = 1e-9
+_PATIENCE = 60.0  # [s] on the wall clock, for a thread that neither waits nor ends
+
+
+class TurnClock:
+    """Fits ``Clock``.
+
+    Attributes:
+        wall: What a clock on the wall shows beyond this one [s]; it may be set like one.
+    """
+
+    def __init__(self):
+        self.wall = 1_750_000_000.0
+        self._now = 0.0
+        self._changed = threading.Condition()
+        self._waits = {}  # thread: until, wake, its turn; None while it runs
+
+    def now(self):
+        return self._now
+
+    def jump(self, seconds):
+        """Let time pass for whoever runs, as when the process was stopped meanwhile."""
+        self._now += seconds
+
+    @contextmanager
+    def attend(self):
+        me = threading.current_thread()
+        with self._changed:
+            self._waits[me] = None
+        try:
+            yield
+        finally:
+            with self._changed:
+                del self._waits[me]
+                self._changed.notify_all()
+
+    def wait(self, until, wake):
+        turn = threading.Event()
+        with self._changed:
+            self._waits[threading.current_thread()] = (until, wake, turn)
+            self._changed.notify_all()
+        turn.wait()
+        wake.clear()
+
+    def advance(self, seconds):
+        """Let time pass; everything due until then has been done when this returns."""
+        end = self._now + seconds
+        while self._step(end):
+            pass
+        self._now = max(self._now, end)
+
+    def join(self, thread):
+        while thread in self._waits and self._step(float("inf")):
+            pass
+        thread.join()
+
+    def _step(self, end):
+        """Let the thread run that is woken or due next; whether there was one."""
+        with self._changed:
+            if not self._changed.wait_for(self._nobody_runs, _PATIENCE):
+                raise RuntimeError("a thread neither waits nor ends")
+            waits = list(self._waits.items())
+            woken = [each for each in waits if each[1][1].is_set()]
+            due = woken[:1] or sorted(waits, key=lambda each: each[1][0])[:1]
+            if not due or (not woken and due[0][1][0] > end + _EPSILON):
+                return False
+            thread, (until, _, turn) = due[0]
+            if not woken:
+                self._now = max(self._now, until)
+            self._waits[thread] = None
+            turn.set()
+            self._changed.wait_for(self._nobody_runs, _PATIENCE)
+            return True
+
+    def _nobody_runs(self):
+        return None not in self._waits.values()
+
+    @contextmanager
+    def everywhere(self):
+        """Let this be what ``time.monotonic`` and ``time.time`` of Python say, too."""
+        real = time.monotonic, time.time
+        time.monotonic, time.time = self.now, lambda: self.wall + self._now
+        try:
+            yield
+        finally:
+            time.monotonic, time.time = real
