@@ -113,7 +113,7 @@ class Arm:
     def _driver(self):
         driver = FeetechArm(
             self.socket.open, self.clock, MAPS, gravity=_model().gravity_torque,
-            speed=math.pi, acceleration=10.0, patience=0.0,
+            speed=math.pi, acceleration=10.0, reply_timeout=0.0,
         )  # fmt: skip
         driver.on_command = self.match.listen(
             lambda: CAPS, lambda i, q: MAPS[JOINTS[i]].to_ticks(q)

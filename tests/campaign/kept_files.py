@@ -25,12 +25,12 @@ from harness import dying
 
 from so101_motion.calib.motors.progress import SetupProgress
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.procedure.eeprom import Held
+from so101_motion.calib.procedure.eeprom import HeldCalibration
 from so101_motion.calib.record import lerobot, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.common.errors import So101Error
-from so101_motion.files.saved_poses import PoseBook
+from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene, write_scene
 from so101_motion.files.trajectory_export import export
 from so101_motion.planning.collision.scene import Scene
@@ -90,7 +90,9 @@ def _write_journal(folder, n):
 
 
 def _held(n):
-    return {joint: Held(homing_offset=n, range_min=700, range_max=3000) for joint in JOINTS}
+    return {
+        joint: HeldCalibration(homing_offset=n, range_min=700, range_max=3000) for joint in JOINTS
+    }
 
 
 def _read_journal(folder):
@@ -174,8 +176,8 @@ KINDS = (
     Kept("setup progress", _reach, _reached, is_silent=True),
     Kept(
         "poses",
-        lambda folder, n: PoseBook(folder / "poses.json").save("mine", _q(n)),
-        lambda folder: _number(PoseBook(folder / "poses.json").own()[0].q),
+        lambda folder, n: SavedPoses(folder / "poses.json").save("mine", _q(n)),
+        lambda folder: _number(SavedPoses(folder / "poses.json").own()[0].q),
     ),
     Kept("program", _write_program, _read_program),
     Kept("guided path", _write_guided, _read_guided),
