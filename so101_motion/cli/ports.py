@@ -41,7 +41,7 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
     with quietly(), busy_message("looking at the serial ports"):
         found = discover(extra)
     if as_json:
-        reports = [facts(report) for report in found.reports]
+        reports = [report.to_json() for report in found.reports]
         print_json("ports", {"ports": reports, "notes": list(found.notes)})
     else:
         for report in found.reports:
@@ -64,24 +64,3 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
 def _is_there(report: PortReport) -> bool:
     """Whether the system has this port, be there an arm or not."""
     return sys.platform == "win32" or os.path.exists(report.port.device)
-
-
-def facts(report: PortReport) -> dict[str, object]:
-    """A report, for programs."""
-    port = report.port
-    return {
-        "port": port.name,
-        "device": port.device,
-        "aliases": list(port.aliases),
-        "adapter": port.description,
-        "serial_number": port.serial_number,
-        "is_servo_adapter": port.is_servo_adapter,
-        "found": report.sentence,
-        "has_arm": report.has_arm,
-        "joints": list(report.joints),
-        "servo_ids": list(report.servo_ids),
-        "baudrate": report.baudrate,
-        "role": report.role,
-        "role_because": report.because,
-        "calibration_file": None if report.calibration is None else str(report.calibration),
-    }

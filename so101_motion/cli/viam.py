@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from so101_motion.cli.ports import facts, further_ports_option
+from so101_motion.cli.ports import further_ports_option
 from so101_motion.cli.shared import (
     CHECK_FAILED,
     NO_DEVICE,
@@ -88,7 +88,7 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
         found = discover(extra)
     suggested = configuration(found.reports)
     if as_json:
-        reports = [facts(report) for report in found.reports]
+        reports = [report.to_json() for report in found.reports]
         told = {"ports": reports, "notes": list(found.notes), "configuration": suggested}
         print_json("viam-config", told)
     else:

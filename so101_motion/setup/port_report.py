@@ -14,6 +14,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from so101_motion.calib.motors.arm_identification import Role
 from so101_motion.calib.record import store
@@ -99,6 +100,27 @@ class PortReport:
     def has_arm(self) -> bool:
         """Whether an arm can be configured."""
         return all(joint in self.joints for joint in ARM_JOINTS)
+
+    def to_json(self) -> dict[str, Any]:
+        """For programs."""
+        port = self.port
+        return {
+            "port": port.name,
+            "device": port.device,
+            "aliases": list(port.aliases),
+            "adapter": port.description,
+            "serial_number": port.serial_number,
+            "is_servo_adapter": port.is_servo_adapter,
+            "found": self.sentence,
+            "in_use": self.in_use,
+            "has_arm": self.has_arm,
+            "joints": list(self.joints),
+            "servo_ids": list(self.servo_ids),
+            "baudrate": self.baudrate,
+            "role": self.role,
+            "role_because": self.because,
+            "calibration_file": None if self.calibration is None else str(self.calibration),
+        }
 
     @property
     def suggestions(self) -> tuple[Suggestion, ...]:

@@ -37,6 +37,14 @@ _MODES = {
 }
 
 
+def capital(text: str) -> str:
+    """With a capital letter and a full stop; nothing for nothing."""
+    text = text.strip()
+    if not text:
+        return ""
+    return text[0].upper() + text[1:] + ("" if text[-1] in ".?!…" else ".")
+
+
 def mode(state: JointState, *, lost: bool = False) -> str:
     """What the arm is doing, in a word or two; why a fault is one is said elsewhere."""
     return "Arm disconnected" if lost else _MODES[state.mode]
@@ -83,7 +91,7 @@ def ended(error: BaseException) -> Sentence:
         return Sentence(text=f"{by}. The arm holds where it is.")
     if isinstance(error, So101Error):
         text = _refused(error) if isinstance(error, ConfigError) else str(error)
-        return Sentence(text=text[:1].upper() + text[1:].rstrip(".") + ".", tone=Tone.BAD)
+        return Sentence(text=capital(text), tone=Tone.BAD)
     return Sentence(text=f"Internal error: {quoted(error)}. See the log.", tone=Tone.BAD)
 
 

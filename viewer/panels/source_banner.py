@@ -22,6 +22,7 @@ from ..page import markup
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
+from ..page.texts import capital
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +46,7 @@ def waiting(title: str, error: Exception | None = None) -> BannerContent:
         return BannerContent(
             title=title, said=Sentence(text="Looking for the arm …", tone=Tone.WARM)
         )
-    text = f"{_sentence(error)} Still looking."
+    text = f"{capital(str(error))} Still looking."
     return BannerContent(title=title, said=Sentence(text=text, tone=Tone.BAD))
 
 
@@ -53,12 +54,12 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Ban
     """With an arm."""
     if connection.problem is not None:
         text = (
-            f"Lost the {connection.to} at {since:%H:%M:%S}. {_sentence(connection.problem)} Showing"
+            f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
             " its last position. It reconnects by itself; nothing will move."
         )
         return BannerContent(said=Sentence(text=text, tone=Tone.BAD))
     if state.mode is Mode.FAULT:
-        text = f"Fault: {_sentence(state.fault or 'no reason given')} Fix this, then press Hold."
+        text = f"Fault: {capital(state.fault or 'no reason given')} Fix this, then press Hold."
         return BannerContent(said=Sentence(text=text, tone=Tone.BAD), can_hold=True)
     if state.mode is Mode.LIMP:
         text = "The arm is limp. Press Hold to keep it where it is."
@@ -136,8 +137,3 @@ def hold(rig: RigLike) -> None:
     rig.arm.set_torque(True)
     if isinstance(rig, Rig):
         rig.gripper.regrip()
-
-
-def _sentence(reason: str | Exception) -> str:
-    text = str(reason).rstrip(".")
-    return f"{text[:1].upper()}{text[1:]}."

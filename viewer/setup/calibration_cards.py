@@ -14,7 +14,8 @@ from so101_motion.setup.accuracy import (
     milliseconds,
 )
 
-from .cards import BAD, DIM, GOOD, WARM, capital
+from ..page.texts import capital
+from .cards import BAD, DIM, GOOD, WARM
 
 _COLOURS: dict[Tone, str] = {"good": GOOD, "busy": "#f0a500", "warm": WARM, "bad": BAD, "dim": DIM}
 _VERDICTS: dict[str, tuple[str, Tone]] = {

@@ -11,6 +11,7 @@ from so101_motion.setup.checkup import Check
 from so101_motion.setup.port_selection import Candidate
 from so101_motion.setup.setup_steps import Workflow
 
+from ..page.texts import capital
 from .step_wizard import StepRow
 from .torque import TorqueText
 
@@ -114,14 +115,6 @@ def _marked(mark: str, colour: str, sentence: str, fix: str) -> str:
         'grid-template-columns:1.1em 1fr;overflow-wrap:anywhere">'
         f'<b style="color:{colour}">{mark}</b><div>{escape(capital(sentence))}{todo}</div></div>'
     )
-
-
-def capital(text: str) -> str:
-    """With a capital letter and a full stop."""
-    text = text.strip()
-    if not text:
-        return ""
-    return text[0].upper() + text[1:] + ("" if text[-1] in ".?!…" else ".")
 
 
 def port(candidate: Candidate, *, is_chosen: bool) -> str:

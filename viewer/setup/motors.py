@@ -23,6 +23,7 @@ from so101_motion.calib.motors.setup_view import (
 from so101_motion.setup.setup_steps import MOTORS
 
 from ..page.shared_fields import put
+from ..page.texts import capital
 from . import cards
 from .cards import MotorLook
 from .page import StepPage
@@ -235,7 +236,7 @@ class MotorsPage(StepPage):
 
     def _about(self, view: SetupView, is_found: bool) -> str:
         if self._is_writing:
-            return cards.capital(self._setup.doing)
+            return capital(self._setup.doing)
         if view.next_joint is None and self.model.picked is None:
             return "All motors are settled. Press Next."
         if is_found:

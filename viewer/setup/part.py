@@ -20,6 +20,7 @@ from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, WORKFLOWS, Work
 from ..page import markup
 from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
+from ..page.texts import capital
 from . import cards
 from .calibration_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .chain import ChainPage
@@ -236,7 +237,7 @@ class SetupPart(Part):
         if trouble is not None:
             inside = f"something broke inside: {trouble!r}; see the log"
             return cards.failed(str(trouble) if isinstance(trouble, So101Error) else inside)
-        return "" if reason is None else cards.note(f"Next: {cards.capital(reason)}")
+        return "" if reason is None else cards.note(f"Next: {capital(reason)}")
 
     def close(self) -> None:
         """Leave the step and let go of the arm; how far the setup is stays on disk."""

@@ -13,6 +13,7 @@ from so101_motion.calib.record.store import Stored
 from so101_motion.setup.calibrator import StepResult
 from so101_motion.setup.setup_steps import SAVE
 
+from ..page.texts import capital
 from . import calibration_cards, cards
 from .page import CalibrationPage
 from .setup_context import SetupContext
@@ -103,7 +104,7 @@ class SavePage(CalibrationPage):
         said = calibration_cards.saved(title, str(told.stored.path), told.stored.notes)
         if told.trouble:
             said += cards.failed(told.trouble)
-        return said + "".join(cards.note(cards.capital(text)) for text in told.zero_reports)
+        return said + "".join(cards.note(capital(text)) for text in told.zero_reports)
 
     # What the buttons do
 

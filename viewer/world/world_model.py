@@ -33,6 +33,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
 from ..page.screen_state import Sentence, Tone
+from ..page.texts import capital
 from ..scene import scene_edits
 from ..scene.scene_edits import Thing
 
@@ -303,7 +304,7 @@ def in_each_other(pair: tuple[str, str]) -> Sentence:
     """What to know when two bodies are."""
     first, second = pair
     return Sentence(
-        text=f"{first[:1].upper()}{first[1:]} is inside {second}. Nothing moves now; the next"
+        text=f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"
         " motion first backs out slowly, if it can.",
         tone=Tone.BAD,
     )

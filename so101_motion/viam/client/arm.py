@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from so101_motion.arm.arm import Arm
+from so101_motion.arm.joint_caps import JointCaps
 from so101_motion.common.errors import So101Error
 from so101_motion.viam.requests.commands import in_deg
 
@@ -20,20 +21,18 @@ class MachineArm(Arm):
         """See ``Arm.set_speed``; when the machine refuses, nothing has changed."""
         before = self._caps
         super().set_speed(speed)
-        if self.tell is not None:
-            try:
-                self.tell({"set_speed": in_deg(speed)})
-            except So101Error:
-                self._caps = before
-                raise
+        self._pass_on({"set_speed": in_deg(speed)}, before)
 
     def set_acceleration(self, acceleration: float) -> None:
         """See ``Arm.set_acceleration``; likewise."""
         before = self._caps
         super().set_acceleration(acceleration)
+        self._pass_on({"set_acceleration": in_deg(acceleration)}, before)
+
+    def _pass_on(self, request: Mapping[str, Any], before: JointCaps) -> None:
         if self.tell is not None:
             try:
-                self.tell({"set_acceleration": in_deg(acceleration)})
+                self.tell(request)
             except So101Error:
                 self._caps = before
                 raise

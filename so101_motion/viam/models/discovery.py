@@ -112,23 +112,5 @@ def _config(one: Suggestion) -> ComponentConfig:
 
 def _about(report: PortReport) -> dict[str, Any]:
     """A report as an answer; what is not known is left out."""
-    told: dict[str, Any] = {
-        "port": report.port.name,
-        "device": report.port.device,
-        "aliases": list(report.port.aliases),
-        "adapter": report.port.description,
-        "found": report.sentence,
-        "joints": list(report.joints),
-        "servo_ids": list(report.servo_ids),
-        "baudrate": report.baudrate,
-        "in_use": report.in_use,
-        "has_arm": report.has_arm,
-        "role": report.role,
-        "role_because": report.because,
-        "names": [one.name for one in report.suggestions],
-    }
-    if report.port.serial_number is not None:
-        told["serial_number"] = report.port.serial_number
-    if report.calibration is not None:
-        told["calibration_file"] = str(report.calibration)
-    return told
+    told = {**report.to_json(), "names": [one.name for one in report.suggestions]}
+    return {key: value for key, value in told.items() if value is not None}
