@@ -7,7 +7,6 @@ then the screen shows what is wrong.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection
 
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -18,7 +17,6 @@ from so101_motion.calib.motors.progress import SetupProgress
 from so101_motion.calib.motors.setup_view import (
     AS_NEW,
     MOVES,
-    SETUP_ORDER,
     MotorView,
     SetupView,
     Verification,
@@ -62,15 +60,12 @@ class MotorWizard:
         self._trouble = ""
         self._is_verifying = False
         self._keys = keys_line(q="stop")
+        motors.recall(progress.done)
 
     @property
     def view(self) -> SetupView:
         """How far the motors are."""
         return self._motors.view
-
-    def recall(self) -> None:
-        """Take for set up what an earlier setup has done."""
-        self._motors.recall(self._progress.done)
 
     def set_up(self, joint: str) -> None:
         """Wait for the motor of a joint, alone, and set it up.
@@ -164,15 +159,14 @@ class MotorWizard:
         return True
 
     def _refuse_done(self, joint: str, found: MotorView) -> None:
-        for other in self._progress.done:
-            given = self._motors.view.motors[other].target_id
-            if other != joint and given == found.found_id and given != AS_NEW:
-                raise MotorSetupError(
-                    joint,
-                    "other servo",
-                    f"the motor of {other}, which is done, is still connected",
-                    f"unplug it and connect that of {joint}",
-                )
+        owner = self.view.owner(found.found_id, but=joint)
+        if owner is not None:
+            raise MotorSetupError(
+                joint,
+                "other servo",
+                f"the motor of {owner}, which is done, is still connected",
+                f"unplug it and connect that of {joint}",
+            )
 
     def _doubt(self, joint: str, found: MotorView) -> str:
         """Why a person should look twice before this motor is set up; empty for no reason."""
@@ -199,10 +193,7 @@ class MotorWizard:
         view = self._motors.view
         table = Table.grid(padding=(0, 2))
         for joint, motor in view.motors.items():
-            state = motor.state
-            if not self._is_verifying and joint in self._progress.done:
-                state = "configured"
-            mark, style = _MARKS[state]
+            mark, style = _MARKS[motor.state]
             table.add_row(
                 Text(mark, style=style),
                 Text(joint, style=style),
@@ -221,8 +212,3 @@ class MotorWizard:
         if motor.state not in ("configured", "verified") or motor.volts is None:
             return Text(MOVES[motor.joint], style="dim")
         return Text(f"{motor.model}, firmware {motor.firmware}, {motor.volts:.1f} V", style="dim")
-
-
-def remaining(done: Collection[str]) -> tuple[str, ...]:
-    """The joints whose motors are still to be set up, in the order to go."""
-    return tuple(joint for joint in SETUP_ORDER if joint not in done)

@@ -106,6 +106,8 @@ def setup(
     if dry_run:
         _would(report, () if start_over else progress.done, joints, as_json)
         return
+    if start_over:
+        progress.clear()
     with (
         quietly(),
         closing(Calibrator.open(name, port_choice.calibration_file(None, report))) as calibrator,
@@ -117,12 +119,13 @@ def setup(
             try:
                 checked = None
                 if joints:
-                    _some(walk, joints)
+                    for joint in joints:
+                        walk.set_up(joint)
                 elif len(report.joints) == 6 and not start_over:
                     terminal.say("all six motors answer already")
                     checked = motors.verify()
                 else:
-                    checked = _all(walk, terminal, progress, about(report), start_over)
+                    checked = _all(walk, terminal, progress, about(report))
             except (Quit, KeyboardInterrupt) as reason:
                 terminal.say("stopped; so101 setup goes on from here", style="yellow")
                 raise SystemExit(STOPPED if isinstance(reason, Quit) else INTERRUPTED) from None
@@ -131,9 +134,10 @@ def setup(
 
 def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool) -> None:
     """Say what a setup would do; nothing is written to a servo."""
-    from so101_motion.cli.motor_wizard import remaining
+    from so101_motion.calib.motors.setup_view import SETUP_ORDER
 
-    wanted = joints or (() if len(report.joints) == 6 else remaining(done))
+    left = [joint for joint in SETUP_ORDER if joint not in done]
+    wanted = joints or (() if len(report.joints) == 6 else left)
     ids = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT), start=1)}
     plan = [{"joint": joint, "servo_id": ids[joint]} for joint in wanted]
     if as_json:
@@ -147,19 +151,14 @@ def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_
     click.echo("nothing was written", err=True)
 
 
-def _some(walk: MotorWizard, joints: tuple[str, ...]) -> None:
-    for joint in joints:
-        walk.set_up(joint)
-
-
 def _all(
-    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings, start_over: bool
+    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings
 ) -> Verification:
     """The steps of the workflow, each with its own check before the next."""
     from so101_motion.setup.setup_steps import CHAIN, MOTORS, MOTORS_ONLY, SetupState
 
     doing = {
-        MOTORS.name: lambda: _one_by_one(walk, terminal, progress, start_over),
+        MOTORS.name: lambda: _one_by_one(walk, terminal, progress),
         CHAIN.name: walk.verify,
     }
     for place, step in enumerate(MOTORS_ONLY.steps, start=1):
@@ -176,20 +175,13 @@ def _all(
     return seen.servos
 
 
-def _one_by_one(
-    walk: MotorWizard, terminal: Terminal, progress: SetupProgress, start_over: bool
-) -> None:
-    from so101_motion.cli.motor_wizard import remaining
-
-    if start_over:
-        progress.clear()
-    elif progress.done:
+def _one_by_one(walk: MotorWizard, terminal: Terminal, progress: SetupProgress) -> None:
+    if progress.done:
         terminal.say(
             f"set up before: {', '.join(progress.done)}; going on from there"
             " (--start-over begins with the gripper)"
         )
-        walk.recall()
-    for joint in remaining(progress.done):
+    while (joint := walk.view.next_joint) is not None:
         walk.set_up(joint)
 
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from so101_description import PARTS, load_visual
 
 from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.shape_files import coarse
 from so101_motion.planning.kinematics.model import RobotModel
 
 from .robot_view import Color
@@ -66,7 +66,8 @@ class SweepView:
             node.batched_positions = positions.astype(np.float32)
             node.visible = True
             return
-        vertices, faces = _coarse(_LINKS[link])
+        surfaces = [surface.mesh for surface in load_visual(_LINKS[link])]
+        vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in surfaces], _CELL)
         self._links[link] = self._scene.add_batched_meshes_simple(
             f"{self._name}/{link}",
             vertices,
@@ -79,24 +80,3 @@ class SweepView:
             cast_shadow=False,
             receive_shadow=False,
         )
-
-
-def _coarse(part: str) -> tuple[Array, NDArray[np.intp]]:
-    """All surfaces of a part as one mesh of few triangles: vertices and faces.
-
-    Corners that share a cell of a coarse grid become one; what collapses is left out.
-    """
-    vertices: list[Array] = []
-    faces: list[NDArray[np.intp]] = []
-    count = 0
-    for surface in load_visual(part):
-        vertices.append(surface.mesh.vertices)
-        faces.append(surface.mesh.faces.astype(np.intp) + count)
-        count += len(surface.mesh.vertices)
-    cells = np.round(np.concatenate(vertices) / _CELL).astype(np.int64)
-    kept, cell_of = np.unique(cells, axis=0, return_inverse=True)
-    found = cell_of.reshape(-1)[np.concatenate(faces)]
-    a, b, c = found.T
-    found = found[(a != b) & (b != c) & (c != a)]
-    _, first = np.unique(np.sort(found, axis=1), axis=0, return_index=True)
-    return np.asarray(kept * _CELL, dtype=np.float64), found[first]

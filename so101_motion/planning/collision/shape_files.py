@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,29 @@ def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
     place = np.empty(len(vertices), dtype=np.intp)
     place[order] = np.cumsum(is_new) - 1
     return vertices[order[is_new]], place[triangles]
+
+
+def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any]:
+    """Meshes as one of few triangles, for a picture.
+
+    All vertices of a grid cell are drawn together into their mean; what collapses is left out.
+
+    Args:
+        meshes: Vertices (n, 3), [m], and triangles (m, 3) of each, in one frame.
+        grid: Edge of a cell [m].
+    """
+    vertices = np.concatenate([each for each, _ in meshes])
+    starts = np.cumsum([0, *(len(each) for each, _ in meshes[:-1])])
+    faces = np.concatenate([each + start for (_, each), start in zip(meshes, starts, strict=True)])
+    cells = np.round(vertices / grid).astype(np.int64)
+    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    cell = cell.ravel()
+    sums = [np.bincount(cell, weights=vertices[:, axis]) for axis in range(3)]
+    faces = cell[faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return np.column_stack(sums) / count[:, None], faces[np.sort(first)].astype(np.int32)
 
 
 def read_points(data: bytes) -> Array:

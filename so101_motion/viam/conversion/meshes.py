@@ -21,11 +21,12 @@ from functools import cache
 
 import numpy as np
 import so101_description
-from so101_description import Surface, TriangleMesh
+from so101_description import Surface
 from viam.proto.common import Geometry, Mesh, RectangularPrism, Vector3
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_mm
+from so101_motion.planning.collision.shape_files import coarse
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.kinematics import LINKS, Box, link_box, part_boxes
@@ -162,30 +163,9 @@ def _moving_mesh(kind: str, detail: str) -> Mesh:
 
 def _ply(surfaces: Sequence[Surface], grid: float) -> Mesh:
     """Surfaces as one PLY mesh in metres, its vertices welded on a grid."""
-    mesh = welded([surface.mesh for surface in surfaces], grid)
-    return Mesh(content_type="ply", mesh=ply(mesh.vertices, mesh.faces, digits=5))
-
-
-def welded(meshes: Sequence[TriangleMesh], grid: float) -> TriangleMesh:
-    """Meshes as one, with all vertices of a grid cell drawn together into their mean.
-
-    Args:
-        meshes: What to join, in one frame.
-        grid: Edge of a cell [m].
-    """
-    vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)])
-    cells = np.round(vertices / grid).astype(np.int64)
-    _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    cell = cell.ravel()
-    sums = [np.bincount(cell, weights=vertices[:, axis]) for axis in range(3)]
-    faces = cell[faces]
-    a, b, c = faces.T
-    faces = faces[(a != b) & (b != c) & (c != a)]
-    return TriangleMesh(
-        vertices=np.column_stack(sums) / count[:, None], faces=faces.astype(np.int32)
-    )
+    meshes = [surface.mesh for surface in surfaces]
+    vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], grid)
+    return Mesh(content_type="ply", mesh=ply(vertices, faces, digits=5))
 
 
 def gripper_placements(model: RobotModel, q_jaw: float) -> tuple[SE3, SE3]:

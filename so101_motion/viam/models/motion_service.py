@@ -262,25 +262,13 @@ class So101Motion(ServiceForAnArm, MotionService):
 
     # What it does not do
 
-    async def move_on_map(self, *args: Any, **kwargs: Any) -> str:
-        """Not for arms."""
-        raise _not_for_arms("MoveOnMap")
-
-    async def move_on_globe(self, *args: Any, **kwargs: Any) -> str:
-        """Not for arms."""
-        raise _not_for_arms("MoveOnGlobe")
-
-    async def stop_plan(self, *args: Any, **kwargs: Any) -> None:
+    async def _not_for_arms(self, *args: Any, **kwargs: Any) -> Any:
         """Not for arms; their own Stop ends a move of this service."""
-        raise _not_for_arms("StopPlan")
+        raise GRPCError(
+            Status.UNIMPLEMENTED, "that is for machines that drive; this service moves an arm"
+        )
 
-    async def get_plan(self, *args: Any, **kwargs: Any) -> Any:
-        """Not for arms."""
-        raise _not_for_arms("GetPlan")
-
-    async def list_plan_statuses(self, *args: Any, **kwargs: Any) -> Any:
-        """Not for arms."""
-        raise _not_for_arms("ListPlanStatuses")
+    move_on_map = move_on_globe = stop_plan = get_plan = list_plan_statuses = _not_for_arms
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -409,7 +397,3 @@ def _read_steps(steps: object) -> tuple[str, Array]:
             raise ConfigError(f"execute[{i}]", angles, f"must be {len(ARM_JOINTS)} angles [rad]")
         rows.append([checked_number(f"execute[{i}]", angle, unit="rad") for angle in angles])
     return str(name), np.array(rows)
-
-
-def _not_for_arms(what: str) -> GRPCError:
-    return GRPCError(Status.UNIMPLEMENTED, f"{what} is for machines that drive; this moves an arm")

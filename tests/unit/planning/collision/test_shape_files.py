@@ -13,6 +13,7 @@ from so101_motion.planning.collision.scene import Obstacle, Scene, ShapeFile
 from so101_motion.planning.collision.shape_files import (
     MOST_POINTS,
     MOST_TRIANGLES,
+    coarse,
     mesh_kind,
     read_mesh,
     read_points,
@@ -147,3 +148,13 @@ def test_a_file_is_the_same_scene_again_and_another_one_is_not():
 
     assert scene(stl(CORNERS[FACES])) == scene(stl(CORNERS[FACES]))
     assert scene(stl(CORNERS[FACES])) != scene(stl(2 * CORNERS[FACES]))
+
+
+def test_a_coarse_mesh_joins_the_vertices_of_a_cell_and_drops_what_collapses():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.01, 0, 0]], dtype=float)
+    faces = np.array([[0, 1, 2], [0, 3, 2]], dtype=np.int32)
+    vertices, faces = coarse([(vertices, faces)], 0.1)
+
+    assert len(vertices) == 3
+    assert len(faces) == 1
+    assert sorted(vertices[:, 0]) == pytest.approx([0.0, 0.005, 1.0])

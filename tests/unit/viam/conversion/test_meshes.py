@@ -5,7 +5,6 @@ import struct
 import numpy as np
 import pytest
 import so101_description
-from so101_description import TriangleMesh
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.kinematics.model import RobotModel
@@ -135,15 +134,3 @@ def test_the_jaw_turns_about_its_joint_in_the_published_tool_frame(model):
     assert opened.p == pytest.approx(closed.p)
     turned = math.acos((np.trace(closed.R.T @ opened.R) - 1) / 2)
     assert turned == pytest.approx(1.919863)
-
-
-def test_welding_joins_vertices_of_a_cell_and_drops_what_collapses():
-    flat = TriangleMesh(
-        vertices=np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0.01, 0, 0]], dtype=float),
-        faces=np.array([[0, 1, 2], [0, 3, 2]], dtype=np.int32),
-    )
-    mesh = meshes.welded([flat], 0.1)
-
-    assert len(mesh.vertices) == 3
-    assert len(mesh.faces) == 1
-    assert sorted(mesh.vertices[:, 0]) == pytest.approx([0.0, 0.005, 1.0])

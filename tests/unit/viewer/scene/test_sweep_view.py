@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import viser
 from so101_description import load_visual
-from so101_viewer.scene.sweep_view import _LINKS, SweepView, _coarse
+from so101_viewer.scene.sweep_view import _CELL, _LINKS, SweepView
 
+from so101_motion.planning.collision.shape_files import coarse
 from so101_motion.planning.kinematics.model import RobotModel
 
 BLUE = (60, 130, 246)
@@ -22,7 +23,8 @@ def scene() -> Iterator[viser.SceneApi]:
 
 @pytest.mark.parametrize("part", _LINKS.values())
 def test_a_coarse_part_is_light_and_of_the_same_size(part: str) -> None:
-    vertices, faces = _coarse(part)
+    meshes = [surface.mesh for surface in load_visual(part)]
+    vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], _CELL)
     fine = np.concatenate([surface.mesh.vertices for surface in load_visual(part)])
     np.testing.assert_allclose(vertices.min(axis=0), fine.min(axis=0), atol=0.003)
     np.testing.assert_allclose(vertices.max(axis=0), fine.max(axis=0), atol=0.003)
