@@ -23,7 +23,6 @@ from so101_motion.cli.sources import AnySource, any_source_options, pace_options
 from so101_motion.common.units import to_deg
 
 if TYPE_CHECKING:
-    from so101_motion.rig.protocols import RigLike
     from so101_motion.tasks.program import Program, ProgramRun, Rehearsal
 
 
@@ -62,7 +61,8 @@ def run(
             click.echo(_planned(rehearsal), err=True)
         if not yes:
             have_agreed(f"Move the {source.what}?")
-        _wait(rig, start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
+        with stops_on_ctrl_c(rig.arm):
+            _wait(start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
         if as_json:
             facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
             where = {"q_deg": to_deg(rig.arm.state.q).tolist()}
@@ -83,13 +83,12 @@ def _planned(rehearsal: Rehearsal) -> str:
     return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
 
 
-def _wait(rig: RigLike, run: ProgramRun) -> None:
-    """Wait for the end and say on stderr where it is; Ctrl-C stops the arm and waits for rest."""
+def _wait(run: ProgramRun) -> None:
+    """Wait for the end and say on stderr where it is."""
     said = None
-    with stops_on_ctrl_c(rig.arm):
-        while not wait((run.future,), 0.1).done:
-            said = _say(run, run.program, said)
-        run.future.result()
+    while not wait((run.future,), 0.1).done:
+        said = _say(run, run.program, said)
+    run.future.result()
 
 
 def _say(run: ProgramRun, program: Program, said: str | None) -> str | None:

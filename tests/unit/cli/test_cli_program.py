@@ -78,4 +78,4 @@ def test_a_servo_that_falls_silent_ends_the_run_though_its_error_is_a_timeout_to
     run = SimpleNamespace(future=Future[None]())
     run.future.set_exception(NoReply("no reply from servo 3", servo_id=3, register="goal"))
     with pytest.raises(NoReply):
-        _wait(None, run)
+        _wait(run)
