@@ -1,4 +1,4 @@
-"""Serve the preview page of one arm, from whatever source.
+"""Serve the preview page of one arm.
 
 The page is up at once; its arm may come later (``source.py``).
 """
@@ -24,7 +24,7 @@ from .world.world_panel import WorldPart
 
 
 class Preview(ServedPage):
-    """A preview that is being served."""
+    """A served preview page."""
 
     def __init__(self, source: Source, server: GuardedServer, *, plan: Plan | None = None) -> None:
         super().__init__(server)
@@ -42,13 +42,13 @@ class Preview(ServedPage):
             self._search = SourceOpener(source, found=self._found, failed=self._missed)
 
     def stop(self) -> None:
-        """Stop the arm and forget every command still waiting; returns when the arm is at rest."""
+        """Stop the arm and drop all waiting commands; returns when the arm is at rest."""
         self.host.drop_commands()
         if self._rig is not None:
             self._rig.arm.stop()
 
     def close(self) -> None:
-        """Stop serving. An arm that was handed to the page goes on; one it opened is closed."""
+        """Stop serving. A rig that was passed in stays open; one that was opened is closed."""
         if self._search is not None:
             self._search.close()
         self.host.close()
@@ -124,7 +124,7 @@ def serve_source(
     allow_remote: bool = False,
     plan: Plan | None = None,
 ) -> Preview:
-    """Show the arm of ``source`` in browsers as soon as it is there; the page is there at once.
+    """Serve the page at once, and show the arm of ``source`` as soon as it is there.
 
     Arguments, result and errors are otherwise those of ``serve``.
     """

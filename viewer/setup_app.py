@@ -1,4 +1,4 @@
-"""The setup on a page of its own: ``so101 setup --web``. No arm need be there yet."""
+"""Serve the setup on a page of its own: ``so101 setup --web``. No arm is needed yet."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .setup.stop import StopPanel
 
 
 class SetupApp(ServedPage):
-    """A setup that is being served; closing it puts a calibration under way back."""
+    """A served setup; closing it undoes a running calibration."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Where the page's arm comes from; opens it in the background until it is there.
+"""Open the page's arm in the background, again and again until it is there.
 
 Once opened, an arm that disconnects is not opened again here: its rig reconnects by itself.
 """
@@ -23,7 +23,7 @@ the page shows it before one has sat down."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where an arm comes from.
+    """Describes how to open an arm.
 
     Attributes:
         title: Which arm it is, in words that can stand alone: ``"Arm on /dev/ttyACM0"``.
@@ -39,7 +39,7 @@ class Source:
 
     @classmethod
     def given(cls, rig: RigLike, title: str) -> Source:
-        """A rig that is there already and stays its owner's."""
+        """A source of a rig that is open already; its owner closes it."""
         return cls(title=title, open=lambda: rig, lasts=True)
 
 
@@ -59,7 +59,7 @@ class SourceOpener:
         self._thread.start()
 
     def close(self) -> None:
-        """Give up; waits for a running attempt and closes what it opened."""
+        """Stop trying; waits for a running attempt and closes what it opened."""
         self.closing.set()
         self._thread.join()
 

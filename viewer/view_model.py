@@ -1,4 +1,4 @@
-"""What the buttons of the Move tab do and what the page shows, without viser.
+"""State and commands of the Move tab, without viser.
 
 A target is chosen, planned, executed and reached. A plan is dropped as soon as the arm, the
 gripper, the speed limits, the surroundings or the target differ from those it was made for.
@@ -82,11 +82,11 @@ class ViewModel:
     # Commands
 
     def set_target_point(self, p_base: Array) -> None:
-        """Take a new target point, shape (3,), [m]."""
+        """Set a new target point, shape (3,), [m]."""
         self._take(self._at_point(p_base, self._target.frame))
 
     def set_target_joints(self, q: Array) -> None:
-        """Take joint angles as the target, shape (5,), [rad]."""
+        """Set joint angles as the target, shape (5,), [rad]."""
         self._take(self._at_joints(q, self._target.frame))
 
     def set_target_joint(self, i: int, angle: float) -> None:
@@ -96,11 +96,11 @@ class ViewModel:
         self.set_target_joints(q)
 
     def set_target_here(self) -> None:
-        """Take where the arm is as the target, to go on from there."""
+        """Set the target to where the arm is."""
         self.set_target_joints(self._state.q_ref)
 
     def set_target_frame(self, frame: str) -> None:
-        """Bring this frame to targets from now on; the ghost stays where it is.
+        """Set the frame that targets are for; the ghost stays where it is.
 
         Raises:
             ConfigError: There is no such frame.
@@ -127,7 +127,7 @@ class ViewModel:
             self._sentence = texts.PLANNING
 
     def show(self, plan: Plan) -> None:
-        """Show a plan that was made elsewhere, as if it had been made here."""
+        """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
         self._take_plan(plan)
 
@@ -137,7 +137,7 @@ class ViewModel:
             self._playback.seek(t)
 
     def play(self, rate: float) -> None:
-        """Let the ghost go along the plan at ``rate`` times the arm's pace, or stand again."""
+        """Play the plan with the ghost at ``rate`` times real time, or pause."""
         if self._plan_is_current:
             self._playback.play(rate)
 
@@ -160,11 +160,11 @@ class ViewModel:
             self._drop_plan(texts.JAW_MOVED)
 
     def report(self, error: BaseException) -> None:
-        """Say that a command failed."""
+        """Show that a command failed."""
         self._sentence = texts.ended(error)
 
     def tell(self, sentence: Sentence) -> None:
-        """Say what somebody else has done."""
+        """Show what another part has done."""
         self._sentence = sentence
 
     @property
@@ -174,13 +174,13 @@ class ViewModel:
 
     @property
     def q_arm(self) -> Array:
-        """Where the arm is, shape (5,), [rad]: as it is held, or as a hand has left it."""
+        """The arm's reference, shape (5,), [rad], or its measured angles after hand guiding."""
         state = self._arm.state
         return state.q_ref if state.mode is Mode.HOLDING else np.clip(state.q, *self._arm.range)
 
     @property
     def plan_view(self) -> PlanView | None:
-        """The newest plan and what there is to see of it."""
+        """The newest plan and what is drawn of it."""
         return self._plan
 
     @property
@@ -191,7 +191,7 @@ class ViewModel:
     # What time brings
 
     def refresh(self) -> bool:
-        """Take note of what happened since the last call.
+        """Take in changes since the last call.
 
         Returns:
             Whether there is anything new to show.
@@ -273,7 +273,7 @@ class ViewModel:
         return PathLine(points=points, planned=False)
 
     def _follow_surroundings(self) -> bool:
-        """Take up another scene, or another range of the joints, beside the page."""
+        """Use a changed scene or joint range, on a worker thread."""
         around = Surroundings(self._arm.scene, self._arm.range)
         if self._loading is None and not around.same_as(self._around):
             self._around = around
@@ -298,7 +298,7 @@ class ViewModel:
         return True
 
     def _follow_run(self) -> bool:
-        """Take down how well the arm follows, whoever moves it; true when it has come to rest."""
+        """Record how well the arm follows, whoever moves it; true when it has stopped."""
         if self._state.arm_moving:
             if self._tracker is None:
                 self._tracker, self._t_begin = Tracker(), self._state.t

@@ -10,7 +10,7 @@ Command = Callable[[], None]
 
 
 class Commands:
-    """A queue of commands that can be emptied from any thread.
+    """A queue of commands for one thread, which any thread can empty.
 
     Args:
         on_error: Told what a command raised; the next one is run all the same.
@@ -26,7 +26,7 @@ class Commands:
         self._waiting.append(command)
 
     def run(self) -> bool:
-        """Run everything that waits, in order; true if there was anything."""
+        """Run all waiting commands in order; return whether there were any."""
         acted = False
         with self._running:
             while self._waiting:
@@ -39,7 +39,7 @@ class Commands:
         return acted
 
     def drop(self) -> None:
-        """Forget what waits, and return once nothing is running.
+        """Drop all waiting commands, and wait for the running one.
 
         After this no command given before it can have an effect any more: what it set in motion
         can be stopped, and nothing more will be.

@@ -37,7 +37,7 @@ _MODES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that happened.
+    """One event in the log.
 
     Attributes:
         at: When, by the clock on the wall here.
@@ -54,7 +54,7 @@ class Event:
 
 
 class EventLog:
-    """The last ``KEPT`` events; from any thread.
+    """The last ``KEPT`` events; any thread may use it.
 
     Attributes:
         count: How many there have been.
@@ -66,7 +66,7 @@ class EventLog:
         self._events: deque[Event] = deque(maxlen=KEPT)
 
     def add(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Note that ``text`` happened now; the same again within a second is one event."""
+        """Log ``text`` now; the same text within a second counts as one event."""
         event = Event(at=datetime.now(), text=text.rstrip("."), tone=tone)
         with self._lock:
             if self._events:
@@ -82,12 +82,12 @@ class EventLog:
             return list(self._events)[: -most - 1 : -1]
 
     def text(self) -> str:
-        """All of them as lines, the oldest first."""
+        """All events as lines, the oldest first."""
         return "".join(f"{event}\n" for event in reversed(self.newest()))
 
 
 class ArmEvents(Part):
-    """Tells what an arm does; a part of the page that shows nothing itself."""
+    """Logs what an arm does; a part of the page without widgets."""
 
     def __init__(self, rig: RigLike, tell: Callable[[str, Tone], None]) -> None:
         self._rig, self._tell = rig, tell
@@ -97,7 +97,7 @@ class ArmEvents(Part):
         self._began = 0.0
 
     def refresh(self) -> bool:
-        """Compare with the last look; there is nothing to show."""
+        """Log what changed since the last call; there is nothing to show."""
         before, self._state = self._state, self._rig.arm.state
         self._look_at_connection()
         plan = _newest(self._rig)

@@ -15,7 +15,7 @@ GUIDED_FOR = 180.0
 
 
 class Guiding:
-    """Lets an arm be guided, and holds it again. Belongs to the page's thread."""
+    """Lets an arm be guided by hand for a limited time. For the page's thread."""
 
     def __init__(
         self,
@@ -29,7 +29,7 @@ class Guiding:
 
     @property
     def is_on(self) -> bool:
-        """Whether the arm yields to a hand, whoever asked for it."""
+        """Whether the arm is guided by hand, whoever started that."""
         return self._arm.state.mode is Mode.GUIDING
 
     @property
@@ -39,17 +39,17 @@ class Guiding:
 
     @property
     def left(self) -> float | None:
-        """How long it still lasts [s]; None when nobody counts, or it is over."""
+        """The time left [s]; None when there is no limit, or it is over."""
         return None if self._until is None else self._until - self._clock.now()
 
     def start(self) -> None:
-        """Let the arm yield to a hand, if it may."""
+        """Start hand guiding, if that is allowed now."""
         if self.can_start:
             self._until = self._clock.now() + GUIDED_FOR
             self._switching = self._submit(lambda: self._arm.set_manual(True))
 
     def refresh(self) -> bool:
-        """Look at the time and at the arm; true when the time is up now.
+        """Check time and arm; return whether the time has just run out.
 
         Raises:
             So101Error: The arm cannot be guided, or not be held again; says why.

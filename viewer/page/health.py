@@ -23,7 +23,7 @@ _HARD_WORK = 0.8
 
 
 def tones(servo: JointHealth) -> dict[str, Tone]:
-    """Which figures of a servo are out of the ordinary: ``volts``, ``celsius``, ``load``."""
+    """Which figures of a servo are unusual: ``volts``, ``celsius``, ``load``."""
     faults = set(servo.faults)
     hot = "overheated" in faults or servo.temperature_c >= HOT_C
     weak = "voltage" in faults or servo.volts < TOO_LOW_V
@@ -37,7 +37,7 @@ def tones(servo: JointHealth) -> dict[str, Tone]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Health:
-    """Health of an arm's servos and its bus.
+    """The health of an arm's servos and its bus.
 
     Attributes:
         servos: Base to jaw; empty when nothing is measured.
@@ -89,7 +89,7 @@ def _tone(bad: bool, odd: bool) -> Tone:
 
 
 def _from_status(told: Mapping[str, Any]) -> list[JointHealth]:
-    """The servos in a machine's status; entries that cannot be read are left out."""
+    """The servos in a machine's status; leaves out entries that cannot be read."""
     found = []
     for joint, figures in told.items():
         try:

@@ -27,7 +27,7 @@ _TONES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bar:
-    """A value between its limits, in the unit people read.
+    """A value between its limits, in the unit that is shown.
 
     Attributes:
         name: What it is.
@@ -47,7 +47,7 @@ class Bar:
 
     @property
     def share(self) -> float:
-        """How far up it stands, 0 at the lower limit to 1 at the upper."""
+        """Where the value is, 0 at the lower limit to 1 at the upper."""
         share = (self.value - self.lower) / (self.upper - self.lower)
         return min(max(share, 0.0), 1.0)
 
@@ -86,7 +86,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 def banner(said: Sentence) -> str:
-    """A sentence that is not to be overlooked."""
+    """A sentence in a conspicuous box."""
     color = _TONES[said.tone]
     return (
         f'<div style="margin:.5em .6em;padding:.5em .7em;border-left:.3em solid {color};'
@@ -101,7 +101,7 @@ def small(text: str) -> str:
 
 
 def to_copy(about: str, text: str) -> str:
-    """A text to be taken elsewhere, with a button that copies it; works without https as well."""
+    """A text with a button that copies it; works without https as well."""
     copy = (
         "const t=this.previousElementSibling;t.select();"
         "if(document.execCommand('copy'))this.textContent='Copied';t.blur()"  # Space stops again
@@ -185,7 +185,7 @@ def _figure(text: str, tone: Tone) -> str:
 
 
 def events(items: Iterable[Event]) -> str:
-    """What happened, the newest first."""
+    """The events, the newest first."""
     rows = "".join(
         f'<span style="opacity:.6">{event.at:%H:%M:%S}</span>'
         f'<span style="color:{_TONES[event.tone]};overflow-wrap:anywhere">'
@@ -200,7 +200,7 @@ def events(items: Iterable[Event]) -> str:
 
 
 def steps(rows: Iterable[tuple[str, str]], *, chosen: int | None, active: int | None) -> str:
-    """Things to do in their order: a name and small print each.
+    """A list of steps: a name and small print each.
 
     Args:
         rows: Name and small print.

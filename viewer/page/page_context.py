@@ -46,15 +46,15 @@ class PageContext:
 
     @property
     def gui(self) -> viser.GuiApi:
-        """Where widgets are made."""
+        """The interface that makes widgets."""
         return self.server.gui
 
     def beside(self, call: Callable[[], T]) -> Future[T]:
-        """Run a slow ``call`` on a worker."""
+        """Run a slow ``call`` on a worker thread."""
         return self.workers.submit(call)
 
     def _on(self, command_for: Callable[[Any], Command | None]) -> Callable[[Any], Any]:
-        """A handler for viser's threads: it posts the command for an event, if there is one."""
+        """A handler for viser's threads: it posts the event's command, if there is one."""
 
         async def handler(event: Any) -> None:
             command = command_for(event)
@@ -64,7 +64,7 @@ class PageContext:
         return handler
 
     def reporting(self, report: Callable[[So101Error], None]) -> Self:
-        """The same context for a part that shows refused commands itself, by ``report``."""
+        """The same context, with refused commands passed to ``report``."""
 
         def post(command: Command) -> None:
             def run() -> None:

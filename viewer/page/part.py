@@ -4,14 +4,14 @@ from __future__ import annotations
 
 
 class Part:
-    """One thing the page can do: some widgets and what they mean. Runs on the page's thread."""
+    """A part of the page: its widgets and their commands. Runs on the page's thread."""
 
     def refresh(self) -> bool:
-        """Look at what happened since the last call; whether there is anything new to show."""
+        """Take in changes since the last call; return whether there is anything new to show."""
         return False
 
     def show(self) -> None:
-        """Bring widgets and picture up to date; viser sends only what differs."""
+        """Update widgets and scene; viser sends only what differs."""
 
     def close(self) -> None:
         """Release what does not belong to the page."""

@@ -1,4 +1,4 @@
-"""Position of the ghost on the plan's timeline, standing or playing."""
+"""The ghost's place on the plan's timeline, paused or playing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ RATES = (0.25, 0.5, 1.0, 2.0)
 
 
 class Playback:
-    """A place on a timeline that can be dragged, or runs by itself."""
+    """A place on a timeline that is dragged or plays."""
 
     def __init__(self) -> None:
         self.t = 0.0
@@ -17,21 +17,21 @@ class Playback:
 
     @property
     def rate(self) -> float | None:
-        """How fast it runs; None while it stands."""
+        """Its playing rate; None while it is paused."""
         return self._rate
 
     def load(self, duration: float) -> None:
-        """Take up another plan of ``duration`` [s]; stands at its end, where the goal is."""
+        """Load a plan of ``duration`` [s]; pauses at its end."""
         self.t = self._duration = duration
         self._rate = None
 
     def seek(self, t: float) -> None:
-        """Stand at ``t`` [s]."""
+        """Pause at ``t`` [s]."""
         self.t = min(max(t, 0.0), self._duration)
         self._rate = None
 
     def play(self, rate: float) -> None:
-        """Run at ``rate``, from the beginning if it is at the end; the same rate again stops it."""
+        """Play at ``rate``, from the beginning if it is at the end; the same rate pauses it."""
         if self._rate == rate:
             self._rate = None
             return
@@ -40,7 +40,7 @@ class Playback:
         self._rate, self._seen = rate, None
 
     def advance(self, now: float) -> bool:
-        """Run on.
+        """Advance while it plays.
 
         Args:
             now: The time [s].

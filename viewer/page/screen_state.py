@@ -15,7 +15,7 @@ from .tracking import Tracking
 
 
 class Tone(Enum):
-    """How a sentence is meant."""
+    """The kind of a sentence, which gives its colour."""
 
     PLAIN = "plain"
     GOOD = "good"
@@ -25,7 +25,7 @@ class Tone(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sentence:
-    """What to know or to do now."""
+    """The status sentence: what is going on, or what to do now."""
 
     text: str
     tone: Tone = Tone.PLAIN
@@ -33,7 +33,7 @@ class Sentence:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PathLine:
-    """The line of the tool to the target.
+    """The tool's path to the target.
 
     Attributes:
         points: Shape (k, 3), [m], in the base frame.
@@ -46,7 +46,7 @@ class PathLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PlanView:
-    """A plan and what there is to see of it.
+    """A plan and what is drawn of it.
 
     Attributes:
         plan: The plan.
@@ -65,7 +65,7 @@ class PlanView:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screen:
-    """The picture, the words and which buttons can be pressed.
+    """Everything that the Move tab shows, and which buttons are enabled.
 
     Attributes:
         state: The arm, as it is.

@@ -9,7 +9,7 @@ from .page_context import PageContext
 
 
 class SharedField:
-    """A widget whose value people set, and the page too.
+    """A widget whose value both people and the page set.
 
     The page writes only what is news: a value it has not shown yet and that nobody entered. Else
     a picture drawn while somebody types or drags would put the previous value back under their
@@ -39,7 +39,7 @@ class SharedField:
         self._command(value)
 
     def show(self, value: Any) -> None:
-        """Show ``value`` if it is news."""
+        """Set ``value`` unless it was set already."""
         shown = self._shown(value)
         if shown != self._known:
             self._known = shown

@@ -36,7 +36,7 @@ _FIRST_OFFSETS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
-    """A target and what becomes of the arm there.
+    """A target, and the joint angles that reach it or not.
 
     Attributes:
         goal: What to plan for.
@@ -58,7 +58,7 @@ class Target:
 
 
 class Surroundings(NamedTuple):
-    """What reaching a target depends on besides the point itself.
+    """What inverse kinematics depends on besides the target: scene, range and frame.
 
     Attributes:
         scene: What is around the arm and in its hand.
@@ -69,7 +69,7 @@ class Surroundings(NamedTuple):
     range: tuple[Array, Array]
 
     def same_as(self, other: Surroundings) -> bool:
-        """Whether these are the very same; what changes is replaced whole."""
+        """Whether these are the identical objects; a change replaces them."""
         return self.scene is other.scene and self.range is other.range
 
 
@@ -101,7 +101,7 @@ class TargetSolver:
 
     @classmethod
     def load(cls, around: Surroundings) -> TargetSolver:
-        """One for the SO-101 with what is around it and in its hand."""
+        """Make a solver for the SO-101 with its surroundings."""
         model = RobotModel.load().narrowed(*around.range)
         collisions = CollisionModel(model, around.scene)
         return cls(
@@ -159,7 +159,7 @@ class TargetSolver:
         )
 
     def first_target(self, q: Array, *, q_jaw: float) -> Target:
-        """A target beside the arm, so that the first picture already shows a path.
+        """A target beside the arm, so that the first picture shows a path.
 
         Args:
             q: Where the arm is, shape (5,), [rad].

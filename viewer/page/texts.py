@@ -46,7 +46,7 @@ def capital(text: str) -> str:
 
 
 def mode(state: JointState, *, lost: bool = False) -> str:
-    """What the arm is doing, in a word or two; why a fault is one is said elsewhere."""
+    """The mode of the arm in a word or two; another sentence gives the reason of a fault."""
     return "Arm disconnected" if lost else _MODES[state.mode]
 
 
@@ -63,17 +63,17 @@ def blocked(state: JointState) -> Sentence | None:
 
 
 def saved(name: str) -> Sentence:
-    """Something was kept under a name."""
+    """Something was saved under a name."""
     return Sentence(text=f"Saved as {name}.", tone=Tone.GOOD)
 
 
 def renamed(name: str, new: str) -> Sentence:
-    """Something is called otherwise now."""
+    """Something was renamed."""
     return Sentence(text=f"{name} is now called {new}.", tone=Tone.GOOD)
 
 
 def deleted(name: str) -> Sentence:
-    """Something is no longer kept."""
+    """Something was deleted."""
     return Sentence(text=f"Deleted {name}.")
 
 
@@ -85,7 +85,7 @@ def arrived(distance: float) -> Sentence:
 
 
 def ended(error: BaseException) -> Sentence:
-    """Why a plan or a motion came to nothing."""
+    """Why a plan or a motion failed."""
     if isinstance(error, Interrupted):
         by = "Stopped" if error.by == "stop" else f"Ended early by {error.by}"
         return Sentence(text=f"{by}. The arm holds where it is.")
@@ -96,7 +96,7 @@ def ended(error: BaseException) -> Sentence:
 
 
 def _refused(error: ConfigError) -> str:
-    """What is wrong with a value that somebody has just entered: its key is known to them."""
+    """What is wrong with a value that was just entered; its key is left out."""
     if error.value in (None, ""):
         return error.reason
     return f"{quoted(error.value)} {error.reason}" if isinstance(error.value, str) else str(error)

@@ -24,7 +24,7 @@ _FASTEST = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Tracking:
-    """A motion as it was.
+    """The measured states of one motion.
 
     Attributes:
         t: Since it began, shape (n,), [s].
@@ -45,7 +45,7 @@ class Tracking:
 
     @property
     def run(self) -> Run:
-        """The same for files."""
+        """The motion as a ``Run``, for files."""
         return Run(t=self.t, q_ref=self.q - self.error, q=self.q)
 
     @property
@@ -60,19 +60,19 @@ class Tracking:
 
 
 class Tracker:
-    """Takes snapshots while the arm moves."""
+    """Records snapshots while the arm moves."""
 
     def __init__(self) -> None:
         self._states: list[JointState] = []
 
     def take(self, state: JointState) -> None:
-        """Note ``state`` if it is a new one and the arm moves."""
+        """Record ``state`` if it is new and the arm moves."""
         new = not self._states or state.t > self._states[-1].t
         if new and state.arm_moving and len(self._states) < _MOST:
             self._states.append(state)
 
     def tracking(self) -> Tracking | None:
-        """What was seen; None when that is too little to say anything."""
+        """The recorded motion; None if it is too short."""
         if len(self._states) < 2:
             return None
         t = np.array([state.t for state in self._states])

@@ -1,4 +1,4 @@
-"""The panel on the left: what the arm is doing, its joints, and Stop.
+"""The panel on the left: the arm's state, its joints, and Stop.
 
 Stop is the only thing to press in its panel. viser sends at most one message per panel every 50 ms
 and the last one wins, so beside another button a click on Stop could be lost.

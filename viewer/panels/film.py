@@ -50,7 +50,7 @@ _POLICY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Film:
-    """What a recording shows.
+    """The content of a recording.
 
     Attributes:
         title: What it is called.
@@ -89,7 +89,7 @@ class Film:
 def film_of(
     view: PlanView, scene: Scene, *, title: str, q_jaw: float, run: Run | None = None
 ) -> Film:
-    """A plan as a film: the arm moves along it, and its ghost waits at the goal.
+    """Make a film of a plan: the arm moves along it, and its ghost waits at the goal.
 
     Args:
         view: What to show.
@@ -115,7 +115,7 @@ def film_of(
 
 
 def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
-    """The same for a plan that no page shows."""
+    """Make a film of a plan that no page shows."""
     model = RobotModel.load()
     solver = TargetSolver.load(Surroundings(scene=scene, range=(model.lower, model.upper)))
     return film_of(plan_view(plan, solver, "tool", q_jaw), scene, title=title, q_jaw=q_jaw)
@@ -136,7 +136,7 @@ def write_recording(film: Film, path: Path) -> None:
 
 
 def recording(film: Film) -> bytes:
-    """``film`` as an HTML file that needs nothing else."""
+    """``film`` as one HTML file that needs nothing else."""
     model = RobotModel.load()
     server = start_guarded(port=0)
     try:

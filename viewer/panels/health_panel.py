@@ -25,7 +25,7 @@ _LINES = 60
 
 
 class HealthPart(Part):
-    """Figures of the servos and the bus, and the log."""
+    """Shows the figures of servos and bus, and the log."""
 
     def __init__(self, context: ArmContext) -> None:
         self._rig: RigLike = context.rig
@@ -43,7 +43,7 @@ class HealthPart(Part):
         self.panel = panel
 
     def refresh(self) -> bool:
-        """Look at the figures now and then, and whether anything happened."""
+        """Read the figures now and then; return whether anything changed."""
         now = time.monotonic()
         news = self._count != self._log.count
         if now >= self._due:
@@ -54,7 +54,7 @@ class HealthPart(Part):
         return news
 
     def show(self) -> None:
-        """Write what is new; viser sends only what differs."""
+        """Update the widgets; viser sends only what differs."""
         if self._health is not None:
             self._figures.content = markup.health(self._health)
         if self._count != self._log.count:

@@ -25,7 +25,7 @@ _WORDS_EVERY = 3
 
 
 class MovePart(Part):
-    """See the arm, choose a target, plan and execute.
+    """Shows the arm; target, Plan and Execute.
 
     Args:
         stops: What Stop calls, each in a thread of its own.
@@ -72,11 +72,11 @@ class MovePart(Part):
         return self._arm_panel.panel
 
     def set_visible(self, visible: bool) -> None:
-        """Show the arm and its target, or nothing of them."""
+        """Show or hide the arm and its target."""
         self._stage.set_visible(visible)
 
     def set_handles(self, shown: bool) -> None:
-        """Show the target's arrows, or none until the target changes."""
+        """Show the target's arrows, or hide them until the target changes."""
         self._stage.set_handles(shown)
 
     def fade(self, faded: bool) -> None:
@@ -84,11 +84,11 @@ class MovePart(Part):
         self._stage.fade(faded)
 
     def refresh(self) -> bool:
-        """Look at the arm, the plan being made and the motion being carried out."""
+        """Take in the state of the arm, the plan being made and the running motion."""
         return self.page.refresh()
 
     def show(self) -> None:
-        """Draw the arm; tell its figures now and then."""
+        """Draw the arm; update its figures now and then."""
         screen = self.page.screen()
         self._pictures += 1
         self._stage.show(screen)

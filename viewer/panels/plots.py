@@ -26,7 +26,7 @@ perfect motion would look like a storm."""
 
 
 class PlanPlots:
-    """Four tabs of a panel, empty until there is something to show."""
+    """Four tabs of plots, empty until there is a plan."""
 
     def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle) -> None:
         with panel.add_tab("Velocity"):
@@ -57,7 +57,7 @@ class PlanPlots:
         self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
     def show_tracking(self, tracking: Tracking) -> None:
-        """Draw how well the arm followed, and tell it in figures."""
+        """Plot the tracking error, and show it in figures."""
         keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
         most = np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
@@ -65,7 +65,7 @@ class PlanPlots:
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
-    """The joint limit that a motion comes nearest to [rad].
+    """The distance to the nearest joint limit along a motion [rad].
 
     Args:
         q: Joint angles along the path, shape (n, 5), [rad].

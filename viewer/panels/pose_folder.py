@@ -28,7 +28,7 @@ class PoseFolder:
         context.on_choice(save, lambda name: SOURCES[name](poses))
 
     def show(self) -> None:
-        """Bring it up to date."""
+        """Update the widgets."""
         names = tuple(pose.name for pose in self._poses.poses)
         if self._list.options != (names or (_NONE,)):
             self._list.options = names or (_NONE,)

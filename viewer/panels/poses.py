@@ -15,7 +15,7 @@ from ..view_model import ViewModel
 
 
 class PoseList:
-    """Poses of the user's own, at hand. Belongs to the page's thread.
+    """The user's own poses. For the page's thread.
 
     Args:
         page: Has the arm and the target, and says what came of it.
@@ -37,35 +37,35 @@ class PoseList:
             page.report(error)
 
     def choose(self, name: str) -> None:
-        """Let the pose ``name`` be the one to be used."""
+        """Select the pose ``name``."""
         if any(pose.name == name for pose in self.poses):
             self.chosen = self.name = name
 
     def call(self, name: str) -> None:
-        """Note what the next pose, or a renamed one, shall be called."""
+        """Set the name for the next pose, or for a renamed one."""
         self.name = name
 
     def save_arm(self) -> None:
-        """Keep where the arm is."""
+        """Save the arm's present angles."""
         self._save(self._page.q_arm)
 
     def save_target(self) -> None:
-        """Keep where the ghost is."""
+        """Save the ghost's angles."""
         self._save(self._page.target.q)
 
     def use(self) -> None:
-        """Make the chosen pose the target."""
+        """Make the selected pose the target."""
         chosen = self._chosen()
         self._page.set_target_joints(next(pose.q for pose in self.poses if pose.name == chosen))
 
     def rename(self) -> None:
-        """Call the chosen pose by the name that was typed."""
+        """Rename the selected pose to the typed name."""
         chosen = self._chosen()
         self._book.rename(chosen, self.name)
         self._changed(self.name.strip(), texts.renamed(chosen, self.name.strip()))
 
     def delete(self) -> None:
-        """Forget the chosen pose."""
+        """Delete the selected pose."""
         chosen = self._chosen()
         self._book.delete(chosen)
         self._changed(None, texts.deleted(chosen))

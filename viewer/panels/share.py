@@ -43,7 +43,7 @@ PLAN, RUN = "The plan", "The last run"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SharedMotion:
-    """A motion to take away.
+    """A motion that can be downloaded.
 
     Attributes:
         view: Its plan.
@@ -63,19 +63,19 @@ class SharedMotion:
 
 
 def kind_called(label: str) -> FileKind:
-    """The kind of file with that label; the first if there is none."""
+    """The kind of file with this label; the first if there is none."""
     return next((kind for kind in KINDS if kind.label == label), KINDS[0])
 
 
 def file_name(subject: SharedMotion, kind: FileKind, now: datetime) -> str:
-    """A name that sorts by time and says what is in the file."""
+    """A file name with time and content, so that names sort by time."""
     what = "plan" if subject.run is None else "run"
     names = "-lerobot" if kind.lerobot else ""
     return f"so101-{what}-{now:%Y%m%d-%H%M%S}{names}{kind.suffix}"
 
 
 def content(subject: SharedMotion, kind: FileKind) -> bytes:
-    """The file; takes up to some seconds for a long film.
+    """The bytes of the file; takes some seconds for a long film.
 
     Raises:
         ConfigError: MCAP needs a package that is not installed.

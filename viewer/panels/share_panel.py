@@ -33,7 +33,7 @@ class _PendingFile:
 
 
 class SharePart(Part):
-    """Takes motions away.
+    """Offers motions for download.
 
     Args:
         page: Knows the newest plan and how the newest motion was followed.
@@ -56,7 +56,7 @@ class SharePart(Part):
         context.leave_open(self._what, self._kind, self._download)
 
     def refresh(self) -> bool:
-        """Note what there is to share, and hand over the files that are done."""
+        """Note what can be shared, and send the files that are ready."""
         page = self._page
         news = page.plan_view is not self._plan or page.tracking is not self._tracking
         if page.tracking is not self._tracking and page.tracking and page.plan_view:
@@ -71,7 +71,7 @@ class SharePart(Part):
         return news or bool(done)
 
     def show(self) -> None:
-        """Say what can be had."""
+        """Update the widgets."""
         has_plan = self._plan is not None
         self._download.disabled = not has_plan
         self._what.visible = self._ran is not None

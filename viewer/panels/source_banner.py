@@ -27,7 +27,7 @@ from ..page.texts import capital
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BannerContent:
-    """What there is to say of the source.
+    """The content of the banner.
 
     Attributes:
         title: Which arm, where nothing else says it.
@@ -41,7 +41,7 @@ class BannerContent:
 
 
 def waiting(title: str, error: Exception | None = None) -> BannerContent:
-    """Before there has been any arm."""
+    """The banner before the first arm is found."""
     if error is None:
         return BannerContent(
             title=title, said=Sentence(text="Looking for the arm …", tone=Tone.WARM)
@@ -51,7 +51,7 @@ def waiting(title: str, error: Exception | None = None) -> BannerContent:
 
 
 def notice(connection: ArmConnection, state: JointState, since: datetime) -> BannerContent:
-    """With an arm."""
+    """The banner while there is an arm."""
     if connection.problem is not None:
         text = (
             f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
@@ -71,7 +71,7 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Ban
 
 
 class SourceBanner:
-    """The widgets: one line above everything else on the right, and Hold under it."""
+    """The banner's widgets: a line at the top right, and Hold under it."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
         self._said = gui.add_html("", order=-10.0, visible=False)
@@ -84,7 +84,7 @@ class SourceBanner:
         )
 
     def show(self, notice: BannerContent) -> None:
-        """Tell ``notice``."""
+        """Show ``notice``."""
         head = "" if notice.title is None else markup.headline(notice.title, "")
         self._said.content = "" if notice.said is None else head + markup.banner(notice.said)
         self._said.visible = notice.said is not None
@@ -92,7 +92,7 @@ class SourceBanner:
 
 
 class SourcePart(Part):
-    """Watches the source of an arm that was found."""
+    """Watches the connection to an arm."""
 
     def __init__(
         self, context: ArmContext, line: SourceBanner, *, fade: Callable[[bool], None]
@@ -104,7 +104,7 @@ class SourcePart(Part):
         context.on_press(line.hold, self._hold)
 
     def refresh(self) -> bool:
-        """Look whether the arm is there and ready."""
+        """Check whether the arm is connected and ready."""
         connection = self._rig.connection
         lost = connection.problem is not None
         if lost and not self._lost:
@@ -116,7 +116,7 @@ class SourcePart(Part):
         return before != self._notice
 
     def show(self) -> None:
-        """Say it."""
+        """Update the banner."""
         self._line.show(self._notice)
 
     def _hold(self) -> None:
@@ -129,7 +129,7 @@ class SourcePart(Part):
 
 
 def hold(rig: RigLike) -> None:
-    """Drive the joints where they stand; what was gripped is gripped again.
+    """Hold the joints where they stand; a grip is pressed again.
 
     Raises:
         So101Error: The cause of a fault is still there.

@@ -1,4 +1,4 @@
-"""What the buttons of the Program tab do and what it shows, without viser.
+"""State and commands of the Program tab, without viser.
 
 A program is edited, planned as a whole and run. The plan is dropped when the waypoints, the arm's
 position, the gripper, the speed limits or the surroundings change. Nothing here waits: slow calls
@@ -43,7 +43,7 @@ SAME_JAW = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProgramScreen:
-    """Everything the tab shows at one instant.
+    """Everything that the tab shows at one instant.
 
     Attributes:
         program: What is edited, or run.
@@ -109,32 +109,32 @@ class ProgramModel:
     # Waypoints
 
     def record_arm(self) -> None:
-        """Add where the arm is, with its jaw as it is."""
+        """Add a waypoint at the arm's place, with the jaw as it is."""
         self._record(self._q_arm())
 
     def record_target(self) -> None:
-        """Add where the ghost is, with the jaw as it is."""
+        """Add a waypoint at the ghost's place, with the jaw as it is."""
         self._record(self._q_target())
 
     def choose(self, index: int) -> None:
-        """Edit this waypoint from now on, and show the ghost there."""
+        """Select a waypoint for editing, and show the ghost there."""
         if 0 <= index < len(self._program):
             self._chosen = index
             self._aim_at(self._program.waypoints[index].q)
 
     def rename(self, name: str) -> None:
-        """Call the chosen waypoint ``name``."""
+        """Rename the selected waypoint."""
         self._change(name=name)
 
     def set_pause(self, seconds: float) -> None:
-        """Stay so long at the chosen waypoint [s]; it is then stopped at."""
+        """Set the pause at the selected waypoint [s]; the arm then stops there."""
         passed = self._program.waypoints[self._chosen_index()].passes
         self._change(pause=seconds, passes=passed and seconds == 0.0)
         if passed and seconds > 0.0:
             self._sentence = words.PAUSE_STOPS
 
     def set_aperture(self, aperture: float | None) -> None:
-        """Open or close the jaw so far at the chosen waypoint, 0 to 1; None to leave it.
+        """Set the jaw's aperture at the selected waypoint, 0 to 1; None to leave it.
 
         A waypoint with something to do for the jaw is stopped at.
         """
@@ -144,7 +144,7 @@ class ProgramModel:
             self._sentence = words.JAW_STOPS
 
     def set_passes(self, passes: bool) -> None:
-        """Pass the chosen waypoint without stopping, so without pause and jaw; or stop there."""
+        """Pass the selected waypoint without a stop, pause and jaw; or stop there."""
         index = self._chosen_index()
         if not passes:
             self._change(passes=False)
@@ -154,7 +154,7 @@ class ProgramModel:
         self._sentence = words.passing(before, is_last=self._program.stops_at(index))
 
     def move(self, by: int) -> None:
-        """Have the chosen waypoint earlier (-1) or later (1)."""
+        """Move the selected waypoint earlier (-1) or later (1)."""
         index = self._chosen_index()
         to = index + by
         if 0 <= to < len(self._program):
@@ -162,24 +162,24 @@ class ProgramModel:
             self._chosen = to
 
     def remove(self) -> None:
-        """Forget the chosen waypoint."""
+        """Remove the selected waypoint."""
         index = self._chosen_index()
         self._edit(self._program.without(index))
         left = len(self._program)
         self._chosen = min(index, left - 1) if left else None
 
     def set_rounds(self, rounds: int | None) -> None:
-        """Go through it so often; None for until it is stopped."""
+        """Set the number of rounds; None for endless."""
         self._edit(self._program.with_rounds(rounds))
 
     # Files
 
     def call(self, name: str) -> None:
-        """Note what the program is called when it is saved."""
+        """Set the name for saving."""
         self._name = name
 
     def save(self) -> None:
-        """Keep the program under its name; one of that name is replaced."""
+        """Save the program under its name; replaces one of that name."""
         if not self._program.waypoints:
             raise ConfigError("program", None, "record a waypoint first")
         file = files.file_of(self._name)
@@ -188,20 +188,20 @@ class ProgramModel:
         self._sentence = words.saved(file)
 
     def load(self, name: str) -> None:
-        """Take up the program ``name``; nothing moves."""
+        """Load the program ``name``; nothing moves."""
         program = files.read(files.file_of(name))
         self._edit(program)
         self._name, self._chosen = name, 0 if program.waypoints else None
         self._sentence = words.loaded(name, len(program))
 
     def delete(self, name: str) -> None:
-        """Forget the file of the program ``name``; what is being edited stays."""
+        """Delete the file of the program ``name``; the edited program stays."""
         files.delete(name)
         self._saved = self._listed()
         self._sentence = words.deleted(name)
 
     def clear(self) -> None:
-        """Begin a new program."""
+        """Start a new program."""
         self._edit(Program())
         self._name, self._chosen = "", None
         self._sentence = words.WELCOME
@@ -209,12 +209,12 @@ class ProgramModel:
     # Guiding, planning, running
 
     def guide(self) -> None:
-        """Let the arm yield to a hand for a while. Hold and Stop end that as well."""
+        """Start hand guiding for a limited time. Hold and Stop end it as well."""
         if self._can_guide():
             self._guiding.start()
 
     def plan(self) -> None:
-        """Plan all of it; nothing moves."""
+        """Plan the whole program; nothing moves."""
         if self._can_plan():
             program, arm, gripper = self._program, self._arm, self._gripper
             self._made_for = self._things()
@@ -222,19 +222,19 @@ class ProgramModel:
             self._sentence = words.PLANNING
 
     def run(self) -> None:
-        """Move the arm through it, as it was planned."""
+        """Run the program as it was planned."""
         rehearsal = self._rehearsal
         if rehearsal is not None and self._can_run():
             self._run = start_program(self._arm, self._gripper, self._clock, rehearsal)
 
     def report(self, error: BaseException) -> None:
-        """Say that a command failed."""
+        """Show that a command failed."""
         self._sentence = words.ended(error)
 
     # What time brings
 
     def refresh(self) -> bool:
-        """Take note of what happened since the last call; whether there is anything new to show."""
+        """Take in changes since the last call; return whether there is anything new to show."""
         self._watch_hand()
         self._collect_rehearsal()
         self._watch_plan()
@@ -378,14 +378,14 @@ class ProgramModel:
 
 
 def _next_letter(program: Program) -> str:
-    """A first name for a waypoint, which it keeps when the order changes: A to Z, then A2."""
+    """The first name of a waypoint, kept when the order changes: A to Z, then A2."""
     taken = {waypoint.name for waypoint in program.waypoints}
     names = (f"{letter}{lap if lap > 1 else ''}" for lap in count(1) for letter in ascii_uppercase)
     return next(name for name in names if name not in taken)
 
 
 def _same(things: tuple[object, ...], others: tuple[object, ...]) -> bool:
-    """Whether scenes and ranges are the very same, and figures equal."""
+    """Whether scenes and ranges are identical objects, and figures equal."""
     return len(things) == len(others) and all(
         one is other or (isinstance(one, float) and one == other)
         for one, other in zip(things, others, strict=True)

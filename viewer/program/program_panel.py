@@ -1,4 +1,4 @@
-"""The Program tab: record waypoints, order them, plan all of them, run them, keep them."""
+"""The Program tab: record waypoints, order them, plan, run and save them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _QUIET: Final = "gray"
 
 
 class ProgramPart(Part):
-    """Waypoints, one after the other."""
+    """The widgets of the Program tab."""
 
     def __init__(self, context: ArmContext, page: ViewModel) -> None:
         rig = context.rig
@@ -138,11 +138,11 @@ class ProgramPart(Part):
     # The page
 
     def refresh(self) -> bool:
-        """Look at the arm, the plan being made and the program being run."""
+        """Take in the state of the arm, the plan being made and the running program."""
         return self.model.refresh()
 
     def show(self) -> None:
-        """Bring tab and stage up to date; viser sends only what differs."""
+        """Update tab and scene; viser sends only what differs."""
         screen = self.model.screen()
         program, run = screen.program, screen.run
         self._view.show(program, screen.rehearsal)
@@ -195,5 +195,5 @@ def _moves_jaw(waypoint: Waypoint | None) -> bool:
 
 
 def _index(label: str) -> int:
-    """Which waypoint is meant by its line in the list, which begins with its number."""
+    """The waypoint of a line in the list, which begins with its number."""
     return int(label.split()[0]) - 1

@@ -35,7 +35,7 @@ def recorded(number: int) -> Sentence:
 
 
 def passing(before: Waypoint, *, is_last: bool) -> Sentence:
-    """A waypoint is passed from now on."""
+    """A waypoint is passed without a stop now."""
     if is_last:
         return Sentence(text="The arm stops at the last waypoint; this is passed when one follows.")
     if before.pause > 0.0 or before.aperture is not None:
@@ -45,23 +45,23 @@ def passing(before: Waypoint, *, is_last: bool) -> Sentence:
 
 
 def saved(file: Path) -> Sentence:
-    """The program was written."""
+    """The program was saved."""
     return Sentence(text=f"Saved as {file.stem}: {file}", tone=Tone.GOOD)
 
 
 def loaded(name: str, count: int) -> Sentence:
-    """A program was taken up."""
+    """A program was loaded."""
     return Sentence(text=f"Loaded {name}, {_waypoints(count)}. Press Plan program.")
 
 
 def guided(left: float | None) -> Sentence:
-    """The arm yields to a hand, for ``left`` more seconds if that is limited."""
+    """The arm is guided by hand, for ``left`` more seconds if that is limited."""
     end = "" if left is None else f" It holds again in {max(math.ceil(left), 0)} s."
     return Sentence(text=f"Move the arm by hand and record.{end}", tone=Tone.WARM)
 
 
 def running(run: ProgramRun) -> Sentence:
-    """How far a run is."""
+    """The progress of a run."""
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
     doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
@@ -70,14 +70,14 @@ def running(run: ProgramRun) -> Sentence:
 
 
 def done(run: ProgramRun) -> Sentence:
-    """A run has come to its end."""
+    """A run has ended as planned."""
     rounds = run.program.rounds
     times = "" if rounds == 1 else f" {rounds} times"
     return Sentence(text=f"Done{times}. Press Plan program to run it again.", tone=Tone.GOOD)
 
 
 def ended(error: BaseException) -> Sentence:
-    """Why a plan or a run came to nothing."""
+    """Why a plan or a run failed."""
     if isinstance(error, Interrupted) and error.by == "stop":
         return Sentence(text="Stopped. The arm holds where it is; the rest was not run.")
     return texts.ended(error)
@@ -97,7 +97,7 @@ def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
 
 
 def line(waypoint: Waypoint) -> str:
-    """What happens at a waypoint beside going there."""
+    """What happens at a waypoint besides the motion to it."""
     told = ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
         told.append(f"gripper {100.0 * waypoint.aperture:.0f} %")

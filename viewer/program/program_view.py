@@ -38,7 +38,7 @@ class ProgramView:
         self._path: viser.LineSegmentsHandle | None = None
 
     def show(self, program: Program, rehearsal: Rehearsal | None) -> None:
-        """Draw them; nothing is sent when they are those drawn last."""
+        """Draw program and plan; sends nothing if they are unchanged."""
         if program is not self._program:
             self._program = program
             self._draw_dots(np.array([self._model.frame(each.q).p for each in program.waypoints]))

@@ -1,4 +1,4 @@
-"""Camera and lights, for the page and for a recording."""
+"""Set up camera and lights, for the page and for a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TALL = 0.7
 
 
 def set_up_view(server: viser.ViserServer) -> None:
-    """Set the camera up and switch the lights on.
+    """Set up camera and lights.
 
     A sky and a light over the viewer's left shoulder stand in for viser's surroundings, which every
     browser would have to filter before its first picture: without a GPU that takes seconds of all
@@ -42,13 +42,13 @@ def set_up_view(server: viser.ViserServer) -> None:
 
 
 def set_up_recording(server: viser.ViserServer) -> None:
-    """The same for a recording: players take surroundings away and fade them in at each round."""
+    """Set up camera and lights of a recording, whose player resets them in each round."""
     _set_up(server)
     server.scene.add_light_ambient("/light", intensity=0.8)
 
 
 async def _step_back_if_tall(client: viser.ClientHandle) -> None:
-    """Have the picture of a phone begin, and begin again after viser's reset, further away."""
+    """Move the camera back on a phone, also after viser resets it."""
 
     async def look(camera: viser.CameraHandle) -> None:
         if camera.aspect < _TALL and np.allclose(camera.position, _CAMERA):

@@ -21,7 +21,7 @@ _LINE = 60
 
 
 def plan_view(plan: Plan, solver: TargetSolver, frame: str, q_jaw: float) -> PlanView:
-    """Look at ``plan``.
+    """Compute what to draw of ``plan``.
 
     Args:
         plan: The plan.

@@ -48,7 +48,7 @@ class RobotView:
         self._is_placed = False
 
     def move(self, T_base: Mapping[str, SE3]) -> None:
-        """Put every link where ``T_base`` says; keys are link names."""
+        """Place every link at ``T_base``; keys are link names."""
         for link, frame in self._frames.items():
             T_base_link = T_base[link]
             frame.position = T_base_link.p
@@ -64,7 +64,7 @@ class RobotView:
         self._draw()
 
     def set_visible(self, visible: bool) -> None:
-        """Show it, as far as its links are shown, or hide it as a whole."""
+        """Show it, as far as its links are shown, or hide it completely."""
         self._root.visible = visible
         self._draw()
 
@@ -77,14 +77,14 @@ class RobotView:
                     mesh.color = color
 
     def repaint(self) -> None:
-        """Give all its parts the colours they had at first."""
+        """Give all its parts their original colours."""
         self._painted.clear()
         for link, meshes in self._meshes.items():
             for mesh, (own, _) in zip(meshes, self._looks(link), strict=True):
                 mesh.color = own
 
     def _draw(self) -> None:
-        """Send the meshes of the links that are to be seen and never were."""
+        """Send the meshes of links that are shown for the first time."""
         if not self._is_placed or not self._root.visible:
             return
         for link in PARTS:
@@ -104,13 +104,13 @@ class RobotView:
             ]
 
     def _looks(self, link: str) -> list[tuple[Color, Surface]]:
-        """The colour that each surface of a link has of its own, and the surface."""
+        """Each surface of a link and its own colour."""
         surfaces = _surfaces(PARTS[link])
         return [(self._color or _bytes(surface.color), surface) for surface in surfaces]
 
 
 def looks_different(T: SE3, other: SE3) -> bool:
-    """Whether two placements differ visibly; surfaces in the same place would flicker."""
+    """Whether two placements differ visibly; coinciding surfaces would flicker."""
     turned = rotation_angle(T.R.T @ other.R)
     return bool(np.linalg.norm(T.p - other.p) > 0.002 or turned > math.radians(1.0))
 

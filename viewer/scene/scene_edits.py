@@ -45,7 +45,7 @@ _ASIDE = tuple(math.radians(a) for a in (-35, 35, -60, 60, -85, 85, -110, 110, -
 
 
 def things(scene: Scene) -> tuple[Thing, ...]:
-    """Everything in a scene that can be edited, in its order."""
+    """All editable things of a scene, in its order."""
     return (*scene.obstacles, *scene.attached)
 
 
@@ -58,12 +58,12 @@ def thing_named(scene: Scene, name: str) -> Thing:
 
 
 def pose_of(thing: Thing) -> SE3:
-    """Where a thing is: in the base frame, or in the tool's if it is held."""
+    """The pose of a thing: in the base frame, or in the tool's if it is held."""
     return thing.T_base_obstacle if isinstance(thing, Obstacle) else thing.T_tool_object
 
 
 def moved(thing: Thing, pose: SE3) -> Thing:
-    """A thing elsewhere; the frame is as for ``pose_of``."""
+    """A copy of a thing at another pose; the frame is as for ``pose_of``."""
     if isinstance(thing, Obstacle):
         return replace(thing, T_base_obstacle=pose)
     return replace(thing, T_tool_object=pose)
@@ -86,7 +86,7 @@ def resized(
     radius: float | None = None,
     length: float | None = None,
 ) -> Shape:
-    """A shape of the same kind with the figures that are given, [m]; meshes and clouds have none.
+    """A shape of the same kind with these dimensions [m]; meshes and clouds have none.
 
     Raises:
         ConfigError: No such body can be.
@@ -104,7 +104,7 @@ def resized(
 
 
 def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
-    """``scene`` with one obstacle more, under such a name, where there is room on the floor."""
+    """``scene`` with one more obstacle of this name, where there is room on the floor."""
     floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
     low, high = _extent(shape)
     z = floor + 0.001 - low  # a hair above, or it would flicker
@@ -122,14 +122,14 @@ def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
 
 
 def free_name(scene: Scene, wanted: str) -> str:
-    """``wanted`` with the first number behind it that makes it new."""
+    """``wanted`` with the first number that makes it unique."""
     taken = {FLOOR, *LINKS, *(each.name for each in things(scene))}
     stem = without_blanks(wanted)[: LONGEST_NAME - 4] or "thing"
     return next(name for k in count(1) if (name := f"{stem} {k}") not in taken)
 
 
 def without_blanks(name: str) -> str:
-    """A name without line breaks and spaces that nobody sees."""
+    """A name without line breaks and repeated spaces."""
     return " ".join(name.split())
 
 
@@ -183,7 +183,7 @@ def let_go(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
 
 
 def _called(scene: Scene, call: Callable[[str], str | None]) -> Scene:
-    """``scene`` with what ``call`` makes of each name, everywhere; None for what is gone."""
+    """``scene`` with each name replaced by ``call(name)``, and removed where that is None."""
 
     def those(names: frozenset[str]) -> frozenset[str]:
         return frozenset(new for each in names if (new := call(each)) is not None)

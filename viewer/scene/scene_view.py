@@ -42,7 +42,7 @@ FLOOR_SIZE = 1.2
 
 @dataclass(slots=True)
 class _Drawn:
-    """A thing and its node."""
+    """A thing and its scene node."""
 
     thing: Thing
     chosen: bool
@@ -51,7 +51,7 @@ class _Drawn:
 
 
 class SceneView:
-    """Draws a scene and keeps the picture true.
+    """Draws a scene and keeps the picture up to date.
 
     Args:
         on_pick: Makes a node call something when it is clicked on, by the thing's name.
@@ -70,7 +70,7 @@ class SceneView:
         self._floor: viser.GridHandle | None = None
 
     def show(self, scene: Scene, T_base_tool: SE3, *, chosen: str | None = None) -> None:
-        """Draw ``scene``; only what differs is sent.
+        """Draw ``scene``; sends only what differs.
 
         Args:
             scene: What there is.
@@ -113,7 +113,7 @@ class SceneView:
 
 
 def _still(drawn: _Drawn, there: dict[str, Thing]) -> bool:
-    """Whether a node can stay for the thing that now has its name."""
+    """Whether a node can be kept for the thing that now has its name."""
     old, new = drawn.thing, there.get(drawn.thing.name)
     return new is not None and new.shape is old.shape and _kind(new) == _kind(old)
 
@@ -125,7 +125,7 @@ def _kind(thing: Thing) -> str:
 
 
 def _look(thing: Thing, chosen: bool) -> tuple[tuple[int, int, int], float | None]:
-    """Colour, and opacity or None for a solid body; a zone stays a red one when chosen."""
+    """A thing's colour and opacity, None for a solid body; a zone stays red when selected."""
     if _kind(thing) == "zone":
         return _KEEP_OUT, _CHOSEN_AIR if chosen else _AIR
     if chosen:

@@ -24,7 +24,7 @@ _HINT = (120, 150, 190)
 
 
 class Stage:
-    """What there is to see.
+    """The arm, its ghost, the target handles and the path in the scene.
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
@@ -53,7 +53,7 @@ class Stage:
         self._visible = self._has_handles = True
 
     def set_visible(self, visible: bool) -> None:
-        """Show all this, or make room for something else; takes effect at once."""
+        """Show or hide all of it; takes effect at once."""
         self._visible = visible
         self._live.set_visible(visible)
         self._ghost.set_visible(visible)
@@ -63,7 +63,7 @@ class Stage:
             self._path_node.visible = visible
 
     def set_handles(self, shown: bool) -> None:
-        """Show the target's arrows, or leave the stage to the handles of something else.
+        """Show or hide the target's arrows.
 
         They come back by themselves when the target changes.
         """
@@ -75,14 +75,14 @@ class Stage:
         self._p_target = p_base
 
     def fade(self, faded: bool) -> None:
-        """Show the arm in grey because it may be elsewhere by now, or in its own colours."""
+        """Show the arm in grey because its place is not certain, or in its own colours."""
         if faded:
             self._live.paint(_FADED)
         else:
             self._live.repaint()
 
     def show(self, screen: Screen) -> None:
-        """Draw ``screen``; only what differs is sent."""
+        """Draw ``screen``; sends only what differs."""
         state = screen.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)

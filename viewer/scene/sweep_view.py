@@ -25,7 +25,7 @@ _LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
 
 
 class SweepView:
-    """Postures of one arm in the scene."""
+    """Draws configurations of one arm along its path."""
 
     def __init__(self, scene: viser.SceneApi, root: str, *, color: Color) -> None:
         self._scene, self._color = scene, color
@@ -35,7 +35,7 @@ class SweepView:
         self._shown: Array | None = None
 
     def set_visible(self, visible: bool) -> None:
-        """Show it, or hide it as a whole."""
+        """Show or hide all of it."""
         self._root.visible = visible
 
     def show(self, configurations: Array | None, q_jaw: float, model: RobotModel) -> None:

@@ -19,7 +19,7 @@ PATIENCE = 15.0
 
 
 class Role(Enum):
-    """What a window is, seen from itself."""
+    """The role of a window."""
 
     IN_CONTROL = auto()
     ASKED = auto()  # in control, and somebody else wants to be
@@ -30,7 +30,7 @@ class Role(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowStatus:
-    """How a window stands.
+    """The state of a window.
 
     Attributes:
         role: What it is.
@@ -44,7 +44,7 @@ class WindowStatus:
 
 
 class WindowControl:
-    """Knows the windows, who has control, and who asks.
+    """Knows the windows, the one in control, and the one that asks for it.
 
     Args:
         now: What time it is [s].
@@ -65,7 +65,7 @@ class WindowControl:
         return tuple(self._windows)
 
     def join(self, window: int) -> None:
-        """A window has opened."""
+        """Add a window that has opened."""
         with self._lock:
             self._windows.append(window)
             if self._holder is None:
@@ -74,7 +74,7 @@ class WindowControl:
                     self._tell(f"Window {window} has control")
 
     def leave(self, window: int) -> None:
-        """A window is gone."""
+        """Remove a window that has closed."""
         with self._lock:
             if window not in self._windows:
                 return
@@ -87,14 +87,14 @@ class WindowControl:
                     self._give(self._asking)
 
     def may_act(self, window: int) -> bool:
-        """Whether what ``window`` wants to do now may be done; takes control that nobody has."""
+        """Whether ``window`` may act now; takes control if no window has it."""
         with self._lock:
             if self._holder is None and window in self._windows:
                 self._give(window)
             return self._holder == window
 
     def ask(self, window: int) -> None:
-        """A window wants control."""
+        """Ask for control on behalf of a window."""
         with self._lock:
             if self.may_act(window) or window not in self._windows or self._asking is not None:
                 return
@@ -102,7 +102,7 @@ class WindowControl:
             self._tell(f"Window {window} asked for control")
 
     def answer(self, window: int, *, allow: bool) -> None:
-        """The window in control lets go, or does not."""
+        """Give control away, or refuse to, for the window in control."""
         with self._lock:
             if self._holder != window or self._asking is None:
                 return
@@ -113,13 +113,13 @@ class WindowControl:
                 self._tell(f"Window {window} kept control")
 
     def tick(self) -> None:
-        """Take silence for consent once it has lasted long enough."""
+        """Give control to the asking window after a long silence."""
         with self._lock:
             if self._asking is not None and self._now() >= self._due:
                 self._give(self._asking)
 
     def status(self, window: int) -> WindowStatus:
-        """How ``window`` stands now."""
+        """The state of ``window``."""
         with self._lock:
             left = math.ceil(max(self._due - self._now(), 0.0)) if self._asking is not None else 0
             if self._holder == window:

@@ -39,7 +39,7 @@ _SCENE = (
 
 
 class ControlFilter:
-    """Asks about every message that acts.
+    """Filters every message that acts.
 
     Args:
         may_act: Whether a window, by its client id, may act now.
@@ -62,7 +62,7 @@ class ControlFilter:
             handlers[kind] = [self._behind(handler) for handler in handlers[kind]]
 
     def leave_open(self, *widgets: Any) -> None:
-        """Let everybody press ``widgets``: buttons, and the commands of keys."""
+        """Let every window press ``widgets``: buttons, and the commands of keys."""
         self._open.update(widget._impl.uuid for widget in widgets)
 
     def _behind(self, handler: Handler) -> Handler:
@@ -81,7 +81,7 @@ class ControlFilter:
         return guarded
 
     def _is_shared(self, message: Any) -> bool:
-        """Whether ``message`` is about something that all windows share."""
+        """Whether ``message`` concerns something that all windows share."""
         if isinstance(message, _SCENE):
             return bool(getattr(message, "owner", None) in (None, self._server.scene._owner_id))
         uuid = getattr(message, "source_component_uuid", None) or message.uuid
@@ -94,7 +94,7 @@ class ControlFilter:
         return uuid not in self._open and any(uuid in handles for handles in known)
 
     def _put_right(self, client_id: int, message: Any) -> None:
-        """Show the window that was refused what holds."""
+        """Reset the widgets of a refused window."""
         client = self._server.get_clients().get(client_id)
         if client is None:
             return

@@ -49,12 +49,12 @@ _PORTS_TRIED = 20
 
 
 class GuardError(So101Error):
-    """The freshly started server let a stranger in, so it was stopped again."""
+    """The new server let an unauthorised request in, so it was stopped again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuardedServer:
-    """A running viser server behind a policy.
+    """A running viser server behind a request policy.
 
     Attributes:
         viser: The server to build a page on.
@@ -67,7 +67,7 @@ class GuardedServer:
     policy: RequestPolicy
 
     def url_for_once(self) -> str:
-        """A link that opens the page once and is then worthless.
+        """A link that opens the page once and is invalid afterwards.
 
         For handing to a browser's process, whose arguments others on this computer can read.
         """
@@ -86,7 +86,7 @@ def start_guarded(
     allow_remote: bool = False,
     label: str = "",
 ) -> GuardedServer:
-    """Start a viser server that answers only to the link it returns.
+    """Start a viser server that accepts only the link it returns.
 
     Args:
         host: Address to listen on.
@@ -123,7 +123,7 @@ def start_guarded(
 
 
 def check_locked(address: str, port: int) -> None:
-    """Ask for the page and for a websocket without a key; both must be refused.
+    """Request the page and a websocket without a key; both must be refused.
 
     Raises:
         GuardError: One of them was not.
@@ -233,7 +233,7 @@ def _forbid_tunnel(server: viser.ViserServer) -> None:
 
 
 def _reached_at() -> str | None:
-    """The address by which others reach this computer, or None without a network."""
+    """The address at which others reach this computer; None without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))  # an address of no one; chooses a way, sends nothing

@@ -63,11 +63,11 @@ class Host:
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
 
     def start(self) -> None:
-        """Begin to run."""
+        """Start the page's thread."""
         self._thread.start()
 
     def page_context(self) -> PageContext:
-        """For parts that need no arm."""
+        """A context for parts that need no arm."""
         return PageContext(**self._shared())
 
     def arm_context(self, rig: RigLike) -> ArmContext:
@@ -87,16 +87,16 @@ class Host:
         }
 
     def add_parts(self, *parts: Part) -> None:
-        """Have ``parts`` on the page from now on; called before ``start`` or by a command."""
+        """Add ``parts`` to the page; called before ``start`` or by a command."""
         self._parts = (*self._parts, *parts)
         self._show(parts)
 
     def post(self, command: Callable[[], None]) -> None:
-        """Have the page's thread run ``command``."""
+        """Run ``command`` on the page's thread."""
         self._commands.post(command)
 
     def drop_commands(self) -> None:
-        """Forget every command still waiting; none has an effect after this."""
+        """Drop all waiting commands; none has an effect after this."""
         self._commands.drop()
 
     def close(self) -> None:
@@ -139,7 +139,7 @@ class Host:
 
 
 class ServedPage:
-    """A page that is being served. Use it in a ``with`` block or call ``close``.
+    """A served page. Use it in a ``with`` block or call ``close``.
 
     Attributes:
         host: Runs the page's parts.

@@ -56,18 +56,18 @@ class RequestPolicy:
     tickets: set[str] = field(default_factory=set)
 
     def ticket(self) -> str:
-        """A key that opens once; for a link that others may read, such as a program's argument."""
+        """A key that works once; for a link that others may read."""
         ticket = secrets.token_urlsafe(32)
         self.tickets.add(ticket)
         return ticket
 
     @property
     def cookie(self) -> str:
-        """Name of the cookie; cookies are shared by all ports of a host, so it names the port."""
+        """Name of the cookie; all ports of a host share cookies, so it names the port."""
         return f"so101_{self.port}"
 
     def answer(self, request: Request) -> Response | None:
-        """A refusal, the greeting that hands out the cookie, or None: let it pass."""
+        """A refusal, the reply that sets the cookie, or None to let the request pass."""
         headers = request.headers
         host = _single(headers, "Host")
         if host is None or not self._is_ours(host):
@@ -118,7 +118,7 @@ class RequestPolicy:
 
 
 def harden(reply: Response, request: Request) -> Response:
-    """The page or file ``reply`` with the headers that confine it to us.
+    """Add security headers to a page or file.
 
     Args:
         reply: What is served to a request that passed the policy.

@@ -30,7 +30,7 @@ _LET_GO, _KEEP = "Hand over", "Keep"
 
 @dataclass(slots=True, kw_only=True)
 class _Window:
-    """One window and the widgets that it alone sees."""
+    """One window and its own widgets."""
 
     number: int
     client: viser.ClientHandle
@@ -42,7 +42,7 @@ class _Window:
 
 
 class Windows:
-    """Lets the window in control through, and tells all how they stand."""
+    """Lets the window in control act, and shows every window its state."""
 
     def __init__(self, server: viser.ViserServer, tell: Callable[[str], None]) -> None:
         self._tell = tell
@@ -62,17 +62,17 @@ class Windows:
         self._filter.leave_open(*widgets)
 
     def leave_open_as_stop(self, *widgets: Any) -> None:
-        """The same for what stops the arm; the log says who pressed it."""
+        """The same for what stops the arm; logs who pressed it."""
         self.leave_open(*widgets)
         self._stops.update(widget._impl.uuid for widget in widgets)
 
     def all(self) -> tuple[_Window, ...]:
-        """Every open window with its own widgets, the oldest first."""
+        """All open windows with their widgets, the oldest first."""
         with self._lock:
             return tuple(self._by_client.values())
 
     def refresh(self) -> None:
-        """Bring each window's line up to date; called now and then by the page's thread."""
+        """Update each window's line; called now and then by the page's thread."""
         self._control.tick()
         for window in self.all():
             standing = self._control.status(window.number)
@@ -138,7 +138,7 @@ class Windows:
 
 
 async def _count(connection: WebsockClientConnection) -> None:
-    """Have viser take the window for connected: what tells it is where the picture is seen from."""
+    """Make viser count the window as connected: what reports that is its camera."""
     camera = _messages.ViewerCameraMessage(
         wxyz=(1.0, 0.0, 0.0, 0.0),
         position=(1.0, 1.0, 1.0),

@@ -75,7 +75,7 @@ def _travel(item: TravelBar) -> str:
 
 
 def summary(lines: Iterable[SummaryLine]) -> str:
-    """What is about to be saved, joint by joint, beside what was before."""
+    """What will be saved, joint by joint, beside the values before."""
     rows = "".join(
         f"<tr><td>{escape(line.joint)}</td><td {_RIGHT}>{escape(line.travel)}</td>"
         f'<td style="color:{_COLOURS[line.tone]};font-weight:600;text-align:right">'
@@ -88,7 +88,7 @@ def summary(lines: Iterable[SummaryLine]) -> str:
 
 
 def report(joints: Sequence[JointAccuracy]) -> str:
-    """What a test has shown so far, joint by joint."""
+    """The test results so far, joint by joint."""
     rows = []
     for joint in joints:
         mark, tone = _VERDICTS[joint.verdict]
@@ -109,7 +109,7 @@ def report(joints: Sequence[JointAccuracy]) -> str:
 
 
 def result(found: MoveReport) -> str:
-    """What a test has come to."""
+    """The result of a test."""
     colour = GOOD if found.passed else BAD
     tool = "" if found.tool is None else f"The tool was at most {millimetres(found.tool)} off. "
     return (
@@ -122,7 +122,7 @@ def result(found: MoveReport) -> str:
 
 
 def saved(title: str, path: str, lines: Iterable[str]) -> str:
-    """Where something was saved, and what there is to say about it."""
+    """Where something was saved, with notes."""
     told = "".join(
         f'<div style="color:{DIM};margin-top:.3em">{escape(capital(line))}</div>' for line in lines
     )

@@ -20,7 +20,7 @@ from .machine import MachineCalibrator
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SetupTarget:
-    """An arm to be set up.
+    """The arm that is set up.
 
     Attributes:
         calibrator: Does the work; closed with the target.
@@ -36,7 +36,7 @@ class SetupTarget:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedArm:
-    """An arm that is there already, so that no port is to be chosen.
+    """An arm that is known already, so no port is chosen.
 
     Attributes:
         open: Makes its target, in a worker's thread; raises ``So101Error``.
@@ -60,11 +60,11 @@ class Ports:
     reply_timeout: float = REPLY_TIMEOUT
 
     def look(self) -> PortsSeen:
-        """What is plugged in now."""
+        """The ports that are plugged in now."""
         return look(self.named, reply_timeout=self.reply_timeout)
 
     def open(self, candidate: Candidate) -> SetupTarget:
-        """A target on a port; nothing is driven and no motor need be there.
+        """Open a target on a port; drives nothing and needs no motor.
 
         Raises:
             BusError: The port cannot be opened.
@@ -120,7 +120,7 @@ def _about(now: ArmConnection) -> Findings:
 
 
 def _open_share(rig: HardwareRig) -> SetupTarget:
-    """The port that the page's own arm is on; both agree about everything."""
+    """Open the port that the page's own arm is on, with equal settings."""
     settings = rig.settings
     file = settings.fallback_file or settings.calibration_file
     if file is None:
@@ -133,7 +133,7 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
 
 
 def _open_machine(rig: MachineRig) -> SetupTarget:
-    """The machine's own calibration sensor, whatever it is called."""
+    """Open the machine's own calibration sensor, whatever its name."""
     for resource in rig.resources:
         if resource.api == "component:sensor" and _is_ours(rig, resource.name):
             return SetupTarget(

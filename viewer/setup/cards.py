@@ -33,7 +33,7 @@ _VERDICTS = {"ok": ("✓", GOOD), "warn": ("!", WARM), "fail": ("✗", BAD)}
 
 
 def choice(workflow: Workflow) -> str:
-    """What there is to know of a workflow before one chooses it."""
+    """The description of a workflow, shown before it is chosen."""
     return (
         f'<div style="{_PAD};padding-top:.7em;font-size:.88em;line-height:1.35">'
         f"{escape(workflow.purpose)}"
@@ -42,7 +42,7 @@ def choice(workflow: Workflow) -> str:
 
 
 def step_list(rows: Iterable[StepRow]) -> str:
-    """The steps: behind us, on the page, to come; in as little room as they need."""
+    """The list of steps: done, current, to come; compact."""
     steps = []
     for number, row in enumerate(rows, start=1):
         mark, weight, colour, back = {
@@ -63,7 +63,7 @@ def step_list(rows: Iterable[StepRow]) -> str:
 
 
 def torque(now: TorqueText) -> str:
-    """Whether the joints are held, always in sight."""
+    """Whether the joints are held; always visible."""
     colour = _AMBER if now.is_on else DIM
     return (
         f'<div style="{_PAD};font-size:.85em;display:flex;gap:.5em;align-items:baseline">'
@@ -73,7 +73,7 @@ def torque(now: TorqueText) -> str:
 
 
 def instruction(title: str, text: str) -> str:
-    """What to do in this step."""
+    """The instruction of this step."""
     return (
         f'<div style="{_PAD};padding-top:.5em"><div style="font-weight:700">{escape(title)}</div>'
         f'<div style="font-size:.9em;line-height:1.4">{escape(text)}</div></div>'
@@ -81,7 +81,7 @@ def instruction(title: str, text: str) -> str:
 
 
 def said(check: Check) -> str:
-    """What a check has found and what to do about it."""
+    """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]
     return _marked(mark, colour, check.sentence, check.fix)
 
@@ -92,7 +92,7 @@ def going_on(text: str) -> str:
 
 
 def failed(text: str) -> str:
-    """What has gone wrong, its last part being what to do."""
+    """An error and what to do about it."""
     sentence, _, fix = text.rpartition("; ")
     return _marked("✗", BAD, *((sentence, fix) if sentence else (fix, "")))
 
@@ -118,7 +118,7 @@ def _marked(mark: str, colour: str, sentence: str, fix: str) -> str:
 
 
 def port(candidate: Candidate, *, is_chosen: bool) -> str:
-    """A port: its name, what is on it, and the voltage against what the arm is made for."""
+    """A port: its name, what is on it, and its voltage against the servos' rated one."""
     report = candidate.report
     names = " · ".join(name for name in (report.port.device, report.port.description) if name)
     volts = ""
@@ -149,7 +149,7 @@ _LOOKS: dict[MotorLook, tuple[str, str]] = {
 
 
 def motor(view: MotorView, *, state: MotorLook, words: str, fix: str) -> str:
-    """The motor that is asked for: how far it is, what is known of it, what to do."""
+    """The motor that is asked for: its state, its figures, what to do."""
     colour = _LOOKS[state][1]
     todo = f"<div><b>Do this:</b> {escape(capital(fix))}</div>" if fix else ""
     return (
@@ -191,7 +191,7 @@ def _rate(baud: int) -> str:
 
 
 def troubles(found: Verification) -> list[tuple[str, str]]:
-    """What is wrong in the chain and what to do, once for all that need the same done."""
+    """What is wrong in the chain and what to do, grouped by what to do."""
     alike: dict[tuple[str, str], list[MotorCheck]] = {}
     for check in found.motors.values():
         if check.error:
@@ -204,7 +204,7 @@ def troubles(found: Verification) -> list[tuple[str, str]]:
 
 
 def grid(found: Verification) -> str:
-    """The six of the finished chain, base to jaw, and what is wrong with each."""
+    """The six motors of the finished chain, base to jaw, with their problems."""
     cells = []
     for check in found.motors.values():
         is_ok = check.status == "ok"

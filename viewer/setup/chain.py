@@ -19,7 +19,7 @@ from .setup_context import SetupContext
 
 
 class ChainPage(StepPage):
-    """The page of the third step."""
+    """The page of the chain step."""
 
     def __init__(self, setup: SetupContext) -> None:
         super().__init__(setup, CHAIN)
@@ -34,7 +34,7 @@ class ChainPage(StepPage):
         self._setup.context.on_press(self._verify, self._look)
 
     def enter(self) -> None:
-        """Look at once, for nothing is written; not when the chain is still to be made."""
+        """Verify at once, for that writes nothing; not if the chain is still to be made."""
         self._shown = None
         target = self._setup.target
         one_by_one = target is not None and target.calibrator.motor_setup.view.next_joint is None
@@ -42,13 +42,13 @@ class ChainPage(StepPage):
             self._look()
 
     def refresh(self) -> bool:
-        """Whether something else was found."""
+        """Return whether a verification has ended."""
         found, before = self._setup.seen.servos, self._shown
         self._shown = found
         return found is not before
 
     def show(self) -> None:
-        """Tell what was found, and light the motors that are not as they must be."""
+        """Show the result, and highlight motors with problems."""
         found = self._setup.seen.servos
         self._verify.label = "Verify all six" if found is None else "Verify again"
         self._verify.disabled = bool(self._setup.doing) or self._is_calibrating
@@ -64,7 +64,7 @@ class ChainPage(StepPage):
             self._setup.picture.light(lit, colour)
 
     def can_go_on(self) -> str | None:
-        """That something is wrong with the chain; what it is stands above."""
+        """Why the chain is not ready; the details stand above."""
         if self.check().verdict != "fail" or self._is_calibrating:
             return None
         is_first = self._setup.seen.servos is None
@@ -75,7 +75,7 @@ class ChainPage(StepPage):
 
     @property
     def _is_calibrating(self) -> bool:
-        """Whether somebody has come back from a calibration, which has the motors to itself."""
+        """Whether a calibration is under way, which uses the motors."""
         target = self._setup.target
         return target is not None and target.calibrator.is_under_way
 

@@ -22,7 +22,7 @@ from .setup_context import ServesPreview, SetupContext
 
 
 class SetupPreview:
-    """The preview of an arm that was set up, on a page of its own on this computer.
+    """The preview of the set up arm, on a page of its own on this computer.
 
     Args:
         serve: Serves a preview, as ``so101_viewer.serve`` does.
@@ -70,7 +70,7 @@ class ConfigurePage(StepPage):
         self._setup.context.on_asked(self._keep, self._hand_over)
 
     def enter(self) -> None:
-        """Make the configuration of what is on the target."""
+        """Make the configuration for the target."""
         target, self._text, self._is_shown = self._setup.target, "", False
         if target is not None and self._setup.saved is None:
             self._setup.saved = target.calibrator.situation.saved
@@ -83,7 +83,7 @@ class ConfigurePage(StepPage):
         return not before
 
     def show(self) -> None:
-        """Show the configuration, and where the arm can be moved."""
+        """Show the configuration, and the link to the preview."""
         target = self._setup.target
         if target is None:
             return
@@ -146,7 +146,7 @@ def _command(target: SetupTarget) -> str:
 
 
 def snippet(target: SetupTarget) -> str:
-    """What viam-server is to be told of the arm on the target's port, as JSON."""
+    """The configuration of the arm on the target's port for viam-server, as JSON."""
     seen = port_selection.look((target.where,))
     reports = [candidate.report for candidate in seen.candidates]
     return json.dumps(configuration(reports), indent=2)

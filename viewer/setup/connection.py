@@ -1,4 +1,4 @@
-"""The page on which the port is chosen, and what keeps it from being used is shown.
+"""The page on which the port is chosen, with the problems of each port.
 
 All ports are looked at again and again while the page is shown, so a cable that is plugged in, a
 supply that is switched on or a program that is ended shows by itself.
@@ -35,7 +35,7 @@ _MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
 
 
 class PortWatch:
-    """Looks at the ports in a thread of its own.
+    """Looks at the ports again and again in its own thread.
 
     Args:
         look: Looks at them; takes up to two seconds.
@@ -48,7 +48,7 @@ class PortWatch:
         self.seen: PortsSeen | None = None
 
     def begin(self) -> None:
-        """Look from now on."""
+        """Start looking."""
         if self._ends is None:
             self._ends = threading.Event()
             self._thread = threading.Thread(
@@ -57,7 +57,7 @@ class PortWatch:
             self._thread.start()
 
     def end(self) -> None:
-        """Do not look any more; returns when no port is open."""
+        """Stop looking; returns when no port is open."""
         if self._ends is not None and self._thread is not None:
             self._ends.set()
             self._thread.join()
@@ -71,7 +71,7 @@ class PortWatch:
 
 
 class PortChoice:
-    """Which port is meant.
+    """The choice of the port.
 
     Attributes:
         seen: What was plugged in at the last look; None before the first.
@@ -84,7 +84,7 @@ class PortChoice:
 
     @property
     def chosen(self) -> Candidate | None:
-        """The port to use: the picked one, else the only one that can be used, or that is there."""
+        """The picked port, else the only one that can be used, or the only one there."""
         if self.seen is None:
             return None
         candidates = self.seen.candidates
@@ -98,7 +98,7 @@ class PortChoice:
 
     @property
     def check(self) -> Check | None:
-        """What stands in the way beyond what the workflow knows of one port."""
+        """The problems beyond those that the workflow knows of one port."""
         if self.seen is None:
             return Check(name="connect", verdict="fail", sentence="looking at the ports")
         if self.chosen is None and len(self.seen.candidates) > 1:
@@ -111,7 +111,7 @@ class PortChoice:
 
 
 class ConnectionPage(StepPage):
-    """The page of the first step.
+    """The page of the connection step.
 
     Args:
         setup: What all pages share.
@@ -133,17 +133,17 @@ class ConnectionPage(StepPage):
         self._said = gui.add_html("")
 
     def enter(self) -> None:
-        """Begin to look."""
+        """Start looking at the ports."""
         self._setup.make = self._open
         if self._setup.fixed is None and self._setup.target is None:
             self._port_watch.begin()
 
     def leave(self) -> None:
-        """End looking; the port may be opened for good now."""
+        """Stop looking; the port may be opened for good now."""
         self._port_watch.end()
 
     def refresh(self) -> bool:
-        """Take up the last look."""
+        """Take in the last look."""
         fixed, before = self._setup.fixed, self._setup.seen
         if fixed is not None:
             self._setup.seen = replace(fixed.findings(), servos=before.servos)
@@ -155,7 +155,7 @@ class ConnectionPage(StepPage):
         return True
 
     def show(self) -> None:
-        """Tell what is there."""
+        """Show the ports."""
         seen = self.model.seen
         candidates = seen.candidates[:_MOST_PORTS] if seen is not None else ()
         chosen, many = self.model.chosen, len(candidates) > 1
@@ -171,7 +171,7 @@ class ConnectionPage(StepPage):
         self._said.content = cards.said(self.check()) + cards.note(_BARE if is_bare else "")
 
     def check(self) -> Check:
-        """Whether there is a port that can be used."""
+        """Whether there is a usable port."""
         return self._of_several() or super().check()
 
     def _as_it_was(self) -> str:
@@ -194,7 +194,7 @@ class ConnectionPage(StepPage):
             self._judge()
 
     def _open(self) -> SetupTarget:
-        """The target on the chosen port; in a worker's thread."""
+        """Open the target on the chosen port; in a worker's thread."""
         if self._setup.fixed is not None:
             return self._setup.fixed.open()
         chosen = self.model.chosen

@@ -36,7 +36,7 @@ _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
 
 
 class FinalTest:
-    """One test, from its outline to its report. Its thread ends with it."""
+    """One test, from its outline to its report, on its own thread."""
 
     def __init__(self, target: SetupTarget) -> None:
         assert target.rig is not None  # there is no trial without
@@ -51,22 +51,22 @@ class FinalTest:
         self.trouble: BaseException | None = None
 
     def plan(self) -> FinalTest:
-        """Find out what will be moved; takes a moment."""
+        """Plan the test motions; takes a moment."""
         self.outline = self._test.outline()
         return self
 
     @property
     def is_running(self) -> bool:
-        """Whether the arm is being moved."""
+        """Whether the arm is moving."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:
-        """Begin to move."""
+        """Start the motions."""
         self._thread = threading.Thread(target=self._run, name="so101-setup-test", daemon=True)
         self._thread.start()
 
     def end(self) -> None:
-        """Stop if it is running; returns when the arm is at rest."""
+        """Stop a running test; returns when the arm is at rest."""
         self._test.cancel()
         if self._thread is not None:
             self._thread.join()
@@ -122,7 +122,7 @@ class FinalTestPage(StepPage):
         self._agreed = SharedField(self._agree, self._agree_to, context, shown=bool)
 
     def enter(self) -> None:
-        """Find out what will be moved, if the arm holds."""
+        """Plan the test motions, if the arm holds."""
         self._is_agreed = False
         target = self._setup.target
         if target is None or target.rig is None:
@@ -132,12 +132,12 @@ class FinalTestPage(StepPage):
             self._plan()
 
     def leave(self) -> None:
-        """A test that runs is ended; the arm holds."""
+        """End a running test; the arm holds."""
         if self._trial is not None:
             self._trial.end()
 
     def refresh(self) -> bool:
-        """Look at the arm and at the test."""
+        """Take in the state of arm and test."""
         state, trial = self._state(), self._trial
         found = None if trial is None else (trial.is_running, trial.progress, trial.report)
         seen = None if state is None else (state.mode, *np.round(state.q, 4), round(state.q_jaw, 3))
@@ -146,7 +146,7 @@ class FinalTestPage(StepPage):
         return self._shown != before
 
     def show(self) -> None:
-        """Tell what will be moved, what is, and what came of it."""
+        """Show the planned motions, the running one, and the results."""
         state, trial, busy = self._state(), self._trial, bool(self._setup.doing)
         holds = state is not None and state.mode in _STANDS
         runs = trial is not None and trial.is_running
@@ -218,7 +218,7 @@ class FinalTestPage(StepPage):
         return cards.instruction(TEST.title, "") + trouble + cards.note(_MENDED)
 
     def can_go_on(self) -> str | None:
-        """That the arm still moves; an arm need not be tested, nor pass."""
+        """That the arm still moves; the test may be skipped or failed."""
         is_running = self._trial is not None and self._trial.is_running
         return "the test is running" if is_running else None
 
@@ -288,7 +288,7 @@ class FinalTestPage(StepPage):
         return None if target is None or target.rig is None else target.rig.arm.state
 
     def _conclude(self) -> None:
-        """Let the other pages know what the test has found."""
+        """Pass the result to the other pages."""
         report = None if self._trial is None else self._trial.report
         if report is not None and self._setup.tested is None:
             warned = any(joint.verdict == "warn" for joint in report.joints)

@@ -52,17 +52,17 @@ class MachineCalibrator(BaseCalibrator):
 
     @property
     def situation(self) -> Situation:
-        """What the machine said last; never waits."""
+        """The machine's newest readings; never waits."""
         return self._situation
 
     def step(self, command: Command, *, accept: Collection[str] = ()) -> StepResult:
-        """Carry out a step; its errors are the machine's."""
+        """Carry out a step; raises the machine's errors."""
         accepted = {"accept": list(accept)} if command is Command.STOP_RECORDING else {}
         joints = self._situation.joints
         return _result(self._do({"command": command.value, **accepted}), joints)
 
     def hold(self) -> None:
-        """Have the joints held where they stand.
+        """Hold the joints where they stand.
 
         Raises:
             CalibrationError: The machine's arm is not known here.
@@ -74,13 +74,13 @@ class MachineCalibrator(BaseCalibrator):
         self._hold()
 
     def restore(self, number: int | None = None) -> StepResult:
-        """Let the machine's file and motors hold a former version."""
+        """Restore an earlier version in the machine's file and motors."""
         which = {} if number is None else {"number": number}
         answer = self._do({"command": "restore_calibration", **which})
         return _result(answer, self._situation.joints)
 
     def close(self) -> None:
-        """Look no more. A calibration under way is the machine's own and goes on."""
+        """Stop reading. A running calibration continues on the machine."""
         self._closing.set()
         self._thread.join()
 
@@ -112,7 +112,7 @@ class MachineCalibrator(BaseCalibrator):
 
 
 def _result(answer: Json, joints: Mapping[str, JointView]) -> StepResult:
-    """What a step has come to, from the answer and the joints as they were."""
+    """The result of a step, from the answer and the joints before it."""
     stored = None
     if "calibration_file" in answer:
         stored = Stored(
@@ -132,15 +132,15 @@ class MachineMotors:
 
     @property
     def view(self) -> SetupView:
-        """How far everything is; never waits."""
+        """The state of the setup; never waits."""
         return self._view()
 
     def discover(self, joint: str) -> object:
-        """Find the one motor that is connected."""
+        """Find the one connected motor."""
         return self._ask({"command": "motor_setup_discover", "motor_name": joint})
 
     def assign(self, joint: str) -> object:
-        """Give the one motor that is connected its id."""
+        """Give the one connected motor its id."""
         return self._ask({"command": "motor_setup_assign_id", "motor_name": joint})
 
     def skip(self, joint: str) -> object:
@@ -148,7 +148,7 @@ class MachineMotors:
         return self._ask({"command": "motor_setup_skip", "motor_name": joint})
 
     def verify(self) -> Verification:
-        """Look whether the six of the finished chain are as they must be."""
+        """Check the six motors of the finished chain."""
         told = self._ask({"command": "motor_setup_verify"})
         motors = {
             joint: MotorCheck(
@@ -168,8 +168,8 @@ class MachineMotors:
         )
 
     def recall(self, joints: Collection[str]) -> None:
-        """The machine remembers by itself."""
+        """Does nothing: the machine remembers by itself."""
 
     def reset(self) -> None:
-        """Forget how far the setup was."""
+        """Start the setup again."""
         self._ask({"command": "motor_setup_reset_status"})

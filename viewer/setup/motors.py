@@ -53,7 +53,7 @@ _SILENT = (
 
 
 class MotorCards:
-    """How the cards look and what can be pressed, from what is known of the motors.
+    """The content of the motor cards, and which buttons are enabled.
 
     Args:
         now: What time it is [s].
@@ -66,7 +66,7 @@ class MotorCards:
         self.picked: str | None = None
 
     def joint(self, view: SetupView) -> str | None:
-        """Whose motor is asked for: the picked one's, else the next; None when all are done."""
+        """The joint whose motor is asked for; None when all are done."""
         return self.picked or view.next_joint
 
     def wants_to_look(self, view: SetupView) -> str | None:
@@ -74,7 +74,7 @@ class MotorCards:
         return None if self._now() < self._due else self.joint(view)
 
     def looked(self, view: SetupView) -> None:
-        """A look has ended; the next is not at once."""
+        """Note that a look has ended; the next one comes later."""
         self._due = self._now() + PAUSE
         joint = self.joint(view)
         if joint is None or _NOBODY not in view.motors[joint].sentence:
@@ -84,28 +84,28 @@ class MotorCards:
 
     @property
     def hint(self) -> str:
-        """What may be wrong when nobody answers; empty while there is time."""
+        """What may be wrong when no motor answers; empty at first."""
         is_long = self._silent is not None and self._now() - self._silent[1] > PATIENCE
         return _SILENT if is_long else ""
 
     def look_again(self) -> None:
-        """The next look is now."""
+        """Look again at once."""
         self._due = 0.0
 
     def doubt(self, view: SetupView, joint: str) -> str:
-        """Why the motor that was found must not be written to; empty for no reason."""
+        """Why the found motor must not be written to; empty if it may."""
         owner = view.owner(view.motors[joint].found_id, but=joint)
         return f"this is the motor of {owner}, which is set up already" if owner else ""
 
     def can_write(self, view: SetupView) -> bool:
-        """Whether there is a motor to write to, and nothing to be mended first, as its supply."""
+        """Whether a motor can be written to, and has no problem to fix first."""
         joint = self.joint(view)
         if joint is None or view.motors[joint].state != "found" or view.motors[joint].fix:
             return False
         return not self.doubt(view, joint)
 
     def look(self, view: SetupView, motor: MotorView) -> tuple[MotorLook, str, str]:
-        """How a motor's card looks, what it says, and what to do."""
+        """The colour and text of a motor's card, and what to do."""
         if motor.state in ("configured", "verified"):
             return "done", motor.sentence, ""
         if motor.joint != self.joint(view):
@@ -124,7 +124,7 @@ class MotorCards:
 
     @staticmethod
     def request(view: SetupView, joint: str) -> str:
-        """What to plug in and out now."""
+        """Which motor to plug in or out now."""
         found = view.motors[joint].found_id
         settled = [m for m in view.motors.values() if m.state == "configured"]
         there = [m.joint for m in settled if m.target_id == found != AS_NEW]
@@ -134,14 +134,14 @@ class MotorCards:
 
 
 def _found(motor: MotorView) -> str:
-    """What was found, without what stands above it anyway."""
+    """What was found, without what is shown above it already."""
     if motor.fix or motor.model is None or motor.volts is None:
         return motor.sentence
     return f"found it: {motor.model}, firmware {motor.firmware}, {motor.volts:.1f} V"
 
 
 class MotorsPage(StepPage):
-    """The page of the second step."""
+    """The page of the motor step."""
 
     def __init__(self, setup: SetupContext) -> None:
         super().__init__(setup, MOTORS)
@@ -166,16 +166,16 @@ class MotorsPage(StepPage):
         self._setup.context.on_entry(self._redo, self._pick)
 
     def enter(self) -> None:
-        """Begin to look at the cable."""
+        """Start looking for motors."""
         self._is_here, self._shown = True, None
         self.model.look_again()
 
     def leave(self) -> None:
-        """Look no more; a look under way is let finish."""
+        """Stop looking; a running look ends by itself."""
         self._is_here = False
 
     def refresh(self) -> bool:
-        """Look at the cable if it is time; whether anything has changed."""
+        """Look for a motor if it is time; return whether anything has changed."""
         view = self._view
         target, joint = self._setup.target, self.model.wants_to_look(view)
         if target is not None and joint is not None and self._is_here:
@@ -189,7 +189,7 @@ class MotorsPage(StepPage):
         return is_news
 
     def show(self) -> None:
-        """Tell how far each motor is, and light the one that is meant."""
+        """Show the state of each motor, and highlight the one asked for."""
         view, model = self._view, self.model
         joint = model.joint(view)
         looks = {motor.joint: model.look(view, motor) for motor in view.motors.values()}
@@ -212,7 +212,7 @@ class MotorsPage(StepPage):
             self._skip.label = f"Skip {joint}"
 
     def can_go_on(self) -> str | None:
-        """How many motors are left; what is the matter with one, its card says."""
+        """How many motors are left; a motor's card shows its problem."""
         left = 6 - self._view.step
         if self.check().verdict != "fail":
             return None

@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class StepPage(ABC):
-    """The page of one step. All of it but ``abort`` is called from the page's thread.
+    """The page of one step. All methods but ``abort`` run on the page's thread.
 
     Args:
         setup: What all pages share.
@@ -43,30 +43,30 @@ class StepPage(ABC):
 
     @abstractmethod
     def enter(self) -> None:
-        """The step begins, or is come back to: set the picture up, begin to look."""
+        """Start the step, also when it is entered again: set up the picture, start looking."""
 
     def leave(self) -> None:  # noqa: B027  # most have nothing to end
-        """Another step begins; nothing of this one may go on."""
+        """Leave the step; nothing of it may continue."""
 
     @abstractmethod
     def refresh(self) -> bool:
-        """Take note of what happened since the last call; whether there is news to show."""
+        """Take in changes since the last call; return whether there is anything new to show."""
 
     @abstractmethod
     def show(self) -> None:
-        """Bring the widgets and the picture up to date."""
+        """Update widgets and picture."""
 
     def check(self) -> Check:
-        """How far the step is; the workflow's own check of what is known."""
+        """The workflow's own check of this step."""
         return self._step.check(self._setup.known)
 
     def can_go_on(self) -> str | None:
-        """Why one cannot go on yet, as a sentence; None if one can."""
+        """Why Next is not allowed yet, as a sentence; None if it is."""
         check = self.check()
         return check.sentence if check.verdict == "fail" else None
 
     def abort(self) -> str:
-        """End what was begun, in a worker's thread; what that has come to, in words.
+        """Abort what was started, on a worker thread; return the result in words.
 
         Whoever goes back from a calibration and aborts there has it put back as well.
 
@@ -80,7 +80,7 @@ class StepPage(ABC):
 
     @abstractmethod
     def _as_it_was(self) -> str:
-        """How the arm is left, in words, when no calibration is under way."""
+        """How the arm is left when no calibration is under way, in words."""
 
     def _do(
         self,
@@ -88,7 +88,7 @@ class StepPage(ABC):
         call: Callable[[SetupTarget], T],
         then: Callable[[T], None] = lambda _result: None,
     ) -> bool:
-        """Do something with the target, see ``SetupContext.do``; whether it is."""
+        """Start ``SetupContext.do``; return whether it has started."""
         target = self._setup.target
         return target is not None and self._setup.do(doing, partial(call, target), then)
 
@@ -98,7 +98,7 @@ _PERIOD = 0.07
 
 
 class CalibrationPage(StepPage):
-    """The page of a step that looks at the arm all the time while it is calibrated."""
+    """The page of a step that reads the arm continuously during a calibration."""
 
     def __init__(self, setup: SetupContext, step: SetupStep) -> None:
         super().__init__(setup, step)
@@ -106,7 +106,7 @@ class CalibrationPage(StepPage):
         self._due = 0.0
 
     def refresh(self) -> bool:
-        """Look at the arm; whether there is news."""
+        """Read the arm; return whether anything is new."""
         target, t = self._setup.target, time.monotonic()
         if target is None or t < self._due:
             return False
@@ -117,7 +117,7 @@ class CalibrationPage(StepPage):
         return True
 
     def _draw(self, now: Situation) -> PoseEstimate:
-        """Draw the arm where its joints probably are."""
+        """Draw the arm at its estimated angles."""
         seen = estimate_pose(now.view.state, now.joints, now.angles)
         self._setup.picture.move(seen.q, seen.q_jaw)
         return seen
@@ -128,7 +128,7 @@ class CalibrationPage(StepPage):
 
 
 def _is_same(before: Situation, now: Situation) -> bool:
-    """Whether nobody would see a difference."""
+    """Whether there is no visible difference."""
     a, b = before.view, now.view
     return (
         (a.state, a.error, a.note) == (b.state, b.error, b.note)

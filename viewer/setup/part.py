@@ -42,7 +42,7 @@ _MOTORS_DONE = "All done. Screw the arm together, then choose Calibration Only."
 
 
 class SetupPart(Part):
-    """The tab with the setup.
+    """The Setup tab.
 
     Args:
         on_stage: Told whether the preview's own arm has the stage, while no setup is under way.
@@ -179,7 +179,7 @@ class SetupPart(Part):
             self._current.enter()
 
     def _connect(self) -> None:
-        """The step is known, the arm is not yet: open it, then show the step."""
+        """Open the arm for a resumed step, then show the step."""
         make = self.setup.make
         assert make is not None  # the first step's page has said how
 
@@ -192,7 +192,7 @@ class SetupPart(Part):
         self.setup.do("connecting", make, made)
 
     def _reason(self) -> str | None:
-        """Why Next cannot be pressed."""
+        """Why Next is disabled."""
         if self._current is None or self.setup.doing:
             return self.setup.doing or "nothing is chosen"
         return self._current.can_go_on()
@@ -200,7 +200,7 @@ class SetupPart(Part):
     # A part of the page
 
     def refresh(self) -> bool:
-        """Let the step look; whether there is news."""
+        """Refresh the step; return whether anything is new."""
         is_stale, self._is_stale = self._is_stale, False
         ended = self.setup.collect()
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
@@ -208,7 +208,7 @@ class SetupPart(Part):
         return is_stale or ended or torque or news
 
     def show(self) -> None:
-        """Bring the tab and the picture up to date."""
+        """Update the tab and the picture."""
         wizard, step = self.wizard, self.wizard.step
         if wizard.workflow is None or step is None or self._current is None:
             about = self._left_behind or "From a box of parts to a moving arm. What do you need?"
@@ -240,14 +240,14 @@ class SetupPart(Part):
         return "" if reason is None else cards.note(f"Next: {capital(reason)}")
 
     def close(self) -> None:
-        """Leave the step and let go of the arm; how far the setup is stays on disk."""
+        """Leave the step and close the arm; the progress stays on disk."""
         if self._current is not None:
             self._current.leave()
         self.setup.close()
 
 
 def setup_parts(context: ArmContext, *, on_stage: Callable[[bool], None]) -> tuple[SetupPart, ...]:
-    """The setup of the arm that a preview shows; none for a simulated one."""
+    """The Setup tab for the arm of a preview; none for a simulated arm."""
     fixed = fixed_arm(context.rig)
     if fixed is None:
         return ()

@@ -36,7 +36,7 @@ _Q_JAW_SHOWN = 0.6  # [rad], so that the jaw is seen to be a part of its own
 
 
 class Picture:
-    """The arm of the setup."""
+    """The drawn arm of the setup."""
 
     def __init__(self, scene: viser.SceneApi, on_stage: Callable[[bool], None]) -> None:
         self._on_stage = on_stage
@@ -51,7 +51,7 @@ class Picture:
         self.rest()
 
     def take_stage(self, shown: bool) -> None:
-        """Show it instead of the preview's arm, or give the stage back."""
+        """Show it instead of the preview's arm, or the reverse."""
         if shown != self.is_shown:
             self.is_shown = shown
             self._root.visible = shown
@@ -59,13 +59,13 @@ class Picture:
             self._on_stage(not shown)
 
     def rest(self) -> None:
-        """A pale arm in a plain pose, nothing lit, no ghost: how each step finds it."""
+        """Show a pale arm in a plain pose without highlights and ghost, as each step starts."""
         self.move(_Q_SHOWN, _Q_JAW_SHOWN)
         self.ghost(None)
         self.light(())
 
     def light(self, joints: Collection[str], color: Color = ORANGE) -> None:
-        """Colour what these joints move, and nothing else."""
+        """Highlight what these joints move, and nothing else."""
         if (joints, color) != self._lit:
             self._lit = (joints, color)
             self._arm.paint(_PALE)
@@ -77,7 +77,7 @@ class Picture:
         self._arm.move(self._T_arm)
 
     def ghost(self, q: Array | None, q_jaw: float = _Q_JAW_SHOWN) -> None:
-        """Show a see-through arm at ``q``, shape (5,), [rad], to be matched; None for none.
+        """Show a transparent arm at ``q``, shape (5,), [rad], to be matched; None to hide it.
 
         Links that are where the arm's are stay hidden: two surfaces in one place would flicker.
         """

@@ -71,16 +71,16 @@ class PosePage(CalibrationPage):
         self._stillness = None
 
     def leave(self) -> None:
-        """A pose that is about to be taken is not."""
+        """Do not take a pose that was about to be taken."""
         self._stillness = None
 
     def refresh(self) -> bool:
-        """Look at the arm; take the pose when it has been still."""
+        """Read the arm; take the pose once it has been still."""
         news = super().refresh()
         return self._await_stillness() or news
 
     def show(self) -> None:
-        """Tell what to do, and how near each joint is."""
+        """Show the instruction, and how near each joint is."""
         now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
@@ -155,7 +155,7 @@ class PosePage(CalibrationPage):
             self._stillness, self._still = Stillness(), 0.0
 
     def _await_stillness(self) -> bool:
-        """Take the pose once the arm is still; whether there is something to tell about that."""
+        """Take the pose once the arm is still; return whether anything is new."""
         stillness, target = self._stillness, self._setup.target
         if stillness is None or target is None:
             return False

@@ -49,17 +49,17 @@ class RecordPage(CalibrationPage):
         self._accepts = SharedField(self._accept, self._take_as_is, self._setup.context, shown=bool)
 
     def enter(self) -> None:
-        """Begin to record."""
+        """Start recording."""
         self._accepted = ()
         target = self._setup.target
         if target is not None and target.calibrator.situation.view.state is State.HOMED:
             self._record()
 
     def leave(self) -> None:
-        """What is recorded stays, and the recording goes on."""
+        """Do nothing: the recording continues."""
 
     def show(self) -> None:
-        """Tell how far each joint is."""
+        """Show each joint's travel."""
         now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
@@ -82,7 +82,7 @@ class RecordPage(CalibrationPage):
         self._finish.disabled = busy or bool(set(missing) - set(self._accepted))
 
     def _about_trouble(self, error: str | None, missing: tuple[str, ...]) -> str:
-        """What is wrong now. Why a recording could not end is old when a joint has moved on."""
+        """The present problem; a refused end of the recording expires when a joint moves."""
         trouble = self._setup.trouble
         if trouble is not None:
             self._refused, self._missing = str(trouble), self._missing or missing
@@ -103,7 +103,7 @@ class RecordPage(CalibrationPage):
         self._accepts.show(bool(self._accepted))
 
     def can_go_on(self) -> str | None:
-        """Which are not."""
+        """The joints that are not done."""
         if self._lacks_pose():
             return "go back first: the homing pose is not taken"
         check = self.check()
@@ -116,7 +116,7 @@ class RecordPage(CalibrationPage):
         )
 
     def _lacks_pose(self) -> bool:
-        """Whether there is nothing to record yet, or not any more: this program was ended."""
+        """Whether there is no homing pose, or none any more because this program restarted."""
         setup = self._setup
         return setup.saved is None and setup.known.view.state in (State.IDLE, State.STARTED)
 

@@ -26,7 +26,7 @@ _BESIDE = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Told:
-    """What there is to say of a calibration that counts now."""
+    """What the page says of the saved calibration."""
 
     stored: Stored
     trouble: str
@@ -60,7 +60,7 @@ class SavePage(CalibrationPage):
         self._setup.context.on_press(self._undo, self._restore)
 
     def enter(self) -> None:
-        """Look at what was recorded, or was saved by a setup that ended here."""
+        """Read what was recorded, or what an earlier setup saved."""
         setup = self._setup
         if setup.saved is None:
             self._told, self._is_undone = None, False
@@ -68,7 +68,7 @@ class SavePage(CalibrationPage):
                 setup.saved = setup.target.calibrator.situation.saved
 
     def show(self) -> None:
-        """Tell what is about to be saved, or was."""
+        """Show what will be saved, or was."""
         now, busy = self._now, bool(self._setup.doing)
         if now is None:
             return
@@ -142,7 +142,7 @@ def _told(ended: StepResult, *, is_first: bool = False) -> _Told:
 
 
 def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
-    """What its zeros mean, guesses first; the last says it of all joints together.
+    """Explain the zeros, guesses first; the last sentence is about all joints together.
 
     That compares with other software, so whoever had no calibration before is not told.
     """

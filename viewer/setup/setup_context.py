@@ -78,7 +78,7 @@ class SetupContext:
 
     @property
     def known(self) -> SetupState:
-        """What the steps are judged by."""
+        """The state that the steps judge."""
         if self.target is None:
             return SetupState(seen=self.seen, saved=self.saved, tested=self.tested)
         calibrator = self.target.calibrator
@@ -96,7 +96,7 @@ class SetupContext:
         call: Callable[[], T],
         then: Callable[[T], None] = lambda _result: None,
     ) -> bool:
-        """Run ``call`` beside the page, unless something else runs there already.
+        """Run ``call`` on the worker thread, unless it is busy.
 
         Args:
             doing: What that is, for people, such as ``"looking for the motor"``.
@@ -114,7 +114,7 @@ class SetupContext:
         return True
 
     def watch(self, look: Callable[[], object], then: Callable[[], None]) -> None:
-        """Look at something beside the page, unless anything runs there already.
+        """Look at something on the worker thread, unless it is busy.
 
         Nobody waits for it, and what it fails with is no trouble: it is looked at again.
 
@@ -127,11 +127,11 @@ class SetupContext:
 
     @property
     def is_looking(self) -> bool:
-        """Whether the cable is being looked at, see ``watch``."""
+        """Whether the worker is looking at the cable, see ``watch``."""
         return self._look is not None
 
     def collect(self) -> bool:
-        """Take what has come of what ran beside the page; whether anything has."""
+        """Take in results of the worker thread; return whether there were any."""
         if self._look is not None and self._look[0].done():
             (looked, then_look), self._look = self._look, None
             error = looked.exception()
@@ -155,20 +155,20 @@ class SetupContext:
         return True
 
     def work_on(self, target: SetupTarget) -> None:
-        """Take a target that was made; what is known of another arm is forgotten."""
+        """Set a new target; forgets what is known of another arm."""
         self.target = target
         self.progress.work_on(target.where)
         target.calibrator.motor_setup.recall(self.progress.done)
 
     def put_away(self) -> None:
-        """Let go of the target, when no step needs it any more."""
+        """Close the target, because no step needs it any more."""
         target, self.target = self.target, None
         self.seen, self.saved, self.tested = Findings(), None, None
         if target is not None:
             self._workers.submit(target.calibrator.close)
 
     def close(self) -> None:
-        """Let go of the target, and wait for whatever runs."""
+        """Close the target, and wait for the worker."""
         self.opened.close()
         self.put_away()
         self._workers.shutdown(wait=True)

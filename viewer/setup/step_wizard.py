@@ -1,4 +1,4 @@
-"""Which workflow is under way, and which of its steps is on the page. Plain values, no page.
+"""Keep track of the workflow under way and its current step, without viser.
 
 Both are kept on disk at each step, so that the setup goes on there after a crash.
 """
@@ -16,7 +16,7 @@ Place = Literal["done", "passed over", "now", "left"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepRow:
-    """A line of the list of steps.
+    """A line in the list of steps.
 
     Attributes:
         place: Whether it is behind us, done or not, on the page, or still to come.
@@ -41,16 +41,16 @@ class StepWizard:
 
     @property
     def step(self) -> SetupStep | None:
-        """The step that is on the page; None while nothing is chosen."""
+        """The current step; None before a workflow is chosen."""
         return None if self.workflow is None else self.workflow.steps[self.place]
 
     @property
     def is_last(self) -> bool:
-        """Whether no step follows."""
+        """Whether this is the last step."""
         return self.workflow is not None and self.place == len(self.workflow.steps) - 1
 
     def rows(self, known: SetupState) -> tuple[StepRow, ...]:
-        """The list of steps, judged by what is known; empty while nothing is chosen."""
+        """The list of steps, each judged; empty before a workflow is chosen."""
         if self.workflow is None:
             return ()
         return tuple(
@@ -68,7 +68,7 @@ class StepWizard:
 
     @property
     def where(self) -> str:
-        """How far it is, in words; empty while nothing is chosen."""
+        """The progress in words; empty before a workflow is chosen."""
         if self.workflow is None:
             return ""
         left = sum(step.minutes for step in self.workflow.steps[self.place :])
@@ -76,23 +76,23 @@ class StepWizard:
 
     @property
     def interrupted(self) -> SetupStep | None:
-        """The step of an earlier setup that was not ended; None if there is none."""
+        """The step of an earlier unfinished setup; None if there is none."""
         found = self._interrupted()
         return None if found is None else found[0].steps[found[1]]
 
     def resume(self) -> None:
-        """Go on with the earlier setup, if there is one."""
+        """Continue the earlier setup, if there is one."""
         found = self._interrupted()
         if found is not None:
             self.workflow, self.place = found
 
     def choose(self, workflow: Workflow) -> None:
-        """Begin a workflow with its first step."""
+        """Start a workflow with its first step."""
         self.workflow, self.place = workflow, 0
         self._keep()
 
     def go_on(self) -> None:
-        """To the next step; after the last one nothing is under way any more."""
+        """Go to the next step; after the last one no workflow is under way."""
         if self.is_last:
             self.end()
         elif self.workflow is not None:
@@ -100,7 +100,7 @@ class StepWizard:
             self._keep()
 
     def go_back(self) -> None:
-        """To the step before; from the first one to the choice."""
+        """Go to the step before; from the first one to the choice."""
         if self.place == 0:
             self.end()
         else:
@@ -108,7 +108,7 @@ class StepWizard:
             self._keep()
 
     def end(self) -> None:
-        """Nothing is under way any more; which motors have their ids is remembered until all do."""
+        """End the workflow; keeps which motors have their ids until all do."""
         self.workflow, self.place = None, 0
         self._progress.reach("", "")
 

@@ -17,7 +17,7 @@ _WIDTH = 250
 
 
 class StopPanel(Part):
-    """The panel on the left. Stop is the only thing to press in it, so no click can be lost."""
+    """The panel on the left. Stop is its only button, so no click can miss it."""
 
     def __init__(
         self, context: PageContext, setup: SetupContext, *, drop: Callable[[], None]
@@ -33,12 +33,12 @@ class StopPanel(Part):
         panel.set_width(_WIDTH)
 
     def refresh(self) -> bool:
-        """Whether the torque has changed."""
+        """Return whether the torque has changed."""
         before, self._shown = self._shown, self._setup.torque.told
         return self._shown != before
 
     def show(self) -> None:
-        """Tell the torque."""
+        """Show the torque."""
         self._torque.content = cards.torque(self._setup.torque.told)
 
     def _stop(self) -> None:

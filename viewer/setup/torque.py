@@ -1,4 +1,4 @@
-"""Whether the joints are held, in words; shown at all times to whoever is near the arm."""
+"""Show at all times whether the joints are held."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ that moment nothing is known of anybody's torque."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TorqueText:
-    """How it is.
+    """The text and its tone.
 
     Attributes:
         is_on: Whether any motor drives its joint; None if that is not known.
@@ -27,7 +27,7 @@ class TorqueText:
 
 
 def torque(target: SetupTarget | None) -> TorqueText:
-    """How it is with what is worked on."""
+    """The text for the present target."""
     if target is None:
         return TorqueText(text="Torque: not connected yet")
     now = target.calibrator.situation
@@ -41,7 +41,7 @@ def torque(target: SetupTarget | None) -> TorqueText:
 
 
 class TorqueWatch:
-    """How it has been for a while.
+    """Keeps the text stable while readings are missing for a moment.
 
     Args:
         now: What time it is [s].
@@ -53,7 +53,7 @@ class TorqueWatch:
         self._doubted: float | None = None  # since when what is told has not been seen
 
     def look(self, target: SetupTarget | None, *, is_blind: bool) -> bool:
-        """Look again; whether there is something else to tell.
+        """Read the torque again; return whether the text changed.
 
         What is known is told at once where nothing was, for one answer is proof and the next ones
         may be lost.

@@ -1,4 +1,4 @@
-"""What the World tab edits, without viser.
+"""State and edits of the World tab, without viser.
 
 Each edit makes a new ``Scene``; the one before goes on the list for Undo. A drag counts as one
 edit. The scene for planning is updated when a drag ends and a few times a second during it
@@ -49,7 +49,7 @@ INVITATION = Sentence(text="Add an object, or click one to change it.")
 
 
 class WorldModel:
-    """A scene and the edits of people.
+    """The edited scene.
 
     Args:
         file: Where ``save`` writes.
@@ -73,23 +73,23 @@ class WorldModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What there is."""
+        """The names of all things."""
         return tuple(each.name for each in scene_edits.things(self.scene))
 
     @property
     def thing(self) -> Thing | None:
-        """The thing that is being edited."""
+        """The selected thing."""
         if self.selected is None:
             return None
         return scene_edits.thing_named(self.scene, self.selected)
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is an edit to take back."""
+        """Whether there is an edit to undo."""
         return bool(self._past)
 
     def due(self, t: float) -> Scene | None:
-        """The scene to plan with from ``t`` [s] on, once for each; None when nothing is due."""
+        """The scene to plan with from ``t`` [s] on, once for each; None when none is due."""
         if self.scene is self._given:
             return None
         if self.dragging and t - self._given_at < DRAG_PERIOD:
@@ -100,7 +100,7 @@ class WorldModel:
     # Editing
 
     def select(self, name: str | None) -> None:
-        """Edit that thing from now on; None for nothing."""
+        """Select a thing; None for nothing."""
         self.selected = name if name in self.names else None
         self.dragging = False
 
@@ -109,7 +109,7 @@ class WorldModel:
         self._add(scene_edits.NEW_SHAPES[kind], kind)
 
     def remove(self) -> None:
-        """Take the selected thing away."""
+        """Remove the selected thing."""
         name = self._name()
         self._change(scene_edits.without(self.scene, name), f"Removed {name}.")
         self.selected = None
@@ -146,7 +146,7 @@ class WorldModel:
         self._place(thing, SE3.from_rpy(rpy, scene_edits.pose_of(thing).p))
 
     def drag(self, T_base_thing: SE3, T_base_tool: SE3) -> None:
-        """The selected thing is at ``T_base_thing`` now, and still in somebody's grip."""
+        """Move the selected thing to ``T_base_thing`` during a drag."""
         if self.selected is None:
             return  # it was taken away meanwhile
         thing = scene_edits.thing_named(self.scene, self.selected)
@@ -157,24 +157,24 @@ class WorldModel:
         self.dragging = True
 
     def drop(self) -> None:
-        """The drag is over."""
+        """End the drag."""
         self.dragging = False
 
     def set_keep_out(self, keep_out: bool) -> None:
-        """Say whether the selected obstacle is a zone of air."""
+        """Set whether the selected obstacle is a keep-out zone."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Obstacle) and keep_out != thing.keep_out:
             said = "The arm keeps out of this zone." if keep_out else "An obstacle again."
             self._put(replace(thing, keep_out=keep_out), said)
 
     def set_mass(self, mass: float) -> None:
-        """Say what the selected thing weighs, which is held, [kg]."""
+        """Set the mass of the selected held thing [kg]."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Attached):
             self._put(replace(thing, mass=mass), "Plans include its weight.")
 
     def set_floor(self, floor_z: float | None) -> None:
-        """Put the floor at this height [m], or take it away with None."""
+        """Set the floor's height [m], or remove the floor with None."""
         said = "No floor: the arm may go below its base." if floor_z is None else "Floor set."
         self._change(replace(self.scene, floor_z=floor_z), said)
 
@@ -190,7 +190,7 @@ class WorldModel:
         self._change(scene_edits.let_go(self.scene, name, T_base_tool), f"{name} stays here.")
 
     def undo(self) -> None:
-        """Take the last edit back."""
+        """Undo the last edit."""
         if self._past:
             self.scene = self._past.pop()
             self.select(self.selected)
@@ -218,7 +218,7 @@ class WorldModel:
         return json.dumps(world_state_json(self.scene, arm=arm), indent=1, ensure_ascii=False)
 
     def load(self, name: str, content: bytes) -> None:
-        """Take over a scene file, or add the body in a mesh file (millimetres).
+        """Load a scene file, or add the body in a mesh file (millimetres).
 
         Args:
             name: What the file is called; its ending says what it is.
@@ -239,7 +239,7 @@ class WorldModel:
             raise ConfigError("file", name, "must be a scene (.json) or a mesh (.stl, .ply)")
 
     def adopt(self, scene: Scene) -> None:
-        """Somebody else gave the arm another scene; it can be taken back like an edit."""
+        """Use a scene that another program gave the arm; it can be undone."""
         self._change(scene, "The scene was changed elsewhere.")
         self._given = scene
         self.select(self.selected)
@@ -261,7 +261,7 @@ class WorldModel:
         self._put(scene_edits.moved(thing, pose), "Moved.")
 
     def _put(self, changed: Thing, said: str) -> None:
-        """Let ``changed`` take the place of the selected thing."""
+        """Replace the selected thing by ``changed``."""
         self._change(scene_edits.with_thing(self.scene, changed), said)
 
     def _change(self, scene: Scene, said: str) -> None:
@@ -272,14 +272,14 @@ class WorldModel:
 
 
 class OverlapCheck:
-    """Where the arm, as it stands, and the things of a scene are in each other."""
+    """Checks whether the standing arm and the things of a scene overlap."""
 
     def __init__(self, model: RobotModel) -> None:
         self._model = model
         self._collisions = CollisionModel(model, Scene())
 
     def overlap(self, scene: Scene, q: Array, q_jaw: float) -> tuple[str, str] | None:
-        """The two bodies deepest in each other, as sentences call them; None if all are apart.
+        """The two bodies that overlap most, by their names; None if none do.
 
         The arm with itself or the floor is none of a scene's business, and what is held may stand
         on the floor.
@@ -301,7 +301,7 @@ class OverlapCheck:
 
 
 def in_each_other(pair: tuple[str, str]) -> Sentence:
-    """What to know when two bodies are."""
+    """The sentence about two bodies that overlap."""
     first, second = pair
     return Sentence(
         text=f"{capital(f'{first} is inside {second}')} Nothing moves now; the next"

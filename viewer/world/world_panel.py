@@ -58,7 +58,7 @@ _FOR_VIAM = (
 
 
 class WorldPart(Part):
-    """Add, drag, resize, name, delete, attach; save and load.
+    """Add, drag, resize, name, delete, attach, save and load things.
 
     Args:
         context: Where it works; its arm's scene is the one that is edited.
@@ -226,7 +226,7 @@ class WorldPart(Part):
     # The page
 
     def refresh(self) -> bool:
-        """Hand over what was edited, and see what became of the arm and its scene meanwhile."""
+        """Pass on edits, and take in changes of arm and scene."""
         adopted = self._arm.scene is not self._known
         if adopted:
             self._known = self._arm.scene
@@ -246,7 +246,7 @@ class WorldPart(Part):
         return adopted or changed or (moved and bool(self.world.scene.attached))
 
     def _is_stale(self, state: JointState) -> bool:
-        """Whether it has to be looked again what is in what; not before all is at rest."""
+        """Whether the overlap check is to be repeated; not before all is at rest."""
         if self.world.dragging or state.arm_moving:
             return False
         if self._checked is None or self._checked[0] is not self._known:
@@ -254,7 +254,7 @@ class WorldPart(Part):
         return bool(np.max(np.abs(state.q - self._checked[1])) > _TURNED)
 
     def show(self) -> None:
-        """Draw the scene and fill the tab; viser sends only what differs."""
+        """Draw the scene and update the tab; viser sends only what differs."""
         world = self.world
         self._view.show(world.scene, self._T_tool, chosen=world.selected)
         said = world.sentence
@@ -288,7 +288,7 @@ class WorldPart(Part):
         self._selected.show(self.world.selected or nothing)
 
     def _show_widgets(self, thing: Thing | None) -> None:
-        """Only what can be said of the thing that is selected."""
+        """Show only the widgets that fit the selected thing."""
         shape = None if thing is None else thing.shape
         for widget, shown in (
             (self._name_text, thing is not None),
@@ -333,7 +333,7 @@ class WorldPart(Part):
 
 
 def _acts(thing: Thing | None, *, can_undo: bool) -> tuple[str, ...]:
-    """What can be done besides giving figures."""
+    """The actions beside the figures."""
     if thing is None:
         return ("undo",) if can_undo else ()
     if isinstance(thing, Attached):
@@ -348,7 +348,7 @@ def _same(pose: SE3, other: SE3) -> bool:
 
 
 def _nothing(names: tuple[str, ...]) -> str:
-    """What the list calls no selection; never the name of a thing."""
+    """The list's entry for no selection; never the name of a thing."""
     word = "–"
     while word in names:
         word += "–"
