@@ -1,4 +1,4 @@
-"""`so101 …`: parse, call, print. Degrees and millimetres live here.
+"""The command line ``so101 …``: parse, call, print. Degrees and millimetres live here.
 
 Each verb is a function in a module of its own. ``shared.py`` has what they have in common;
 ``sources.py`` where the arm comes from (``--sim``, ``--port`` or ``--machine``); ``error_exit.py``

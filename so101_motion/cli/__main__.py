@@ -1,4 +1,4 @@
-"""``python -m so101_motion.cli`` is ``so101``."""
+"""Run the command line as ``python -m so101_motion.cli``."""
 
 from so101_motion.cli import main
 

@@ -1,4 +1,4 @@
-"""``so101 bench``: how fast this computer plans, and how evenly it would drive this arm.
+"""``so101 bench``: measure how fast this computer plans, and how evenly it would drive this arm.
 
 Nothing moves and nothing is driven. The benchmarks of the repository measure far more, against
 others; this is what one wants to know about the computer and the port in front of one.
@@ -37,7 +37,7 @@ _ASKED = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """What was measured.
+    """One measured figure.
 
     Attributes:
         median: [s].
@@ -55,7 +55,7 @@ class Figure:
 
     @classmethod
     def of(cls, name: str, words: str, values: Sequence[float]) -> Figure:
-        """From single measurements [s]."""
+        """Make the figure from single measurements [s]."""
         return cls(
             name=name,
             words=words,
@@ -66,7 +66,7 @@ class Figure:
         )
 
     def facts(self) -> dict[str, object]:
-        """For programs, in milliseconds."""
+        """The figure for programs, in milliseconds."""
         figures = {"median": self.median, "p99": self.p99, "worst": self.worst}
         told = {f"{name}_ms": round(1e3 * value, 3) for name, value in figures.items()}
         return {"n": self.n, **told, "remark": self.remark}
@@ -104,7 +104,7 @@ def bench(source: AnySource, as_json: bool) -> None:
 
 
 def _planning() -> list[Figure]:
-    """Random joint goals and points, planned on the simulated arm through the planning process."""
+    """Plan random joint goals and points on the simulated arm, in the planning process."""
     from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
     from so101_motion.rig.hardware_rig import open_simulated
 
@@ -132,7 +132,7 @@ def _planning() -> list[Figure]:
 
 
 def _timed(plan: Callable[..., object], goal: Callable[[], object]) -> list[float]:
-    """How long plans take [s] that there are; goals without one are replaced by others."""
+    """The times of plans [s]; goals without a plan are replaced by others."""
     from so101_motion.common.errors import PlanningError
 
     times: list[float] = []
@@ -167,7 +167,7 @@ def _local(source: Source) -> list[Figure]:
 
 
 def _bus(lease: BusLease, servo_ids: Sequence[int]) -> Figure:
-    """Reading all servos, as the control loop does in every period."""
+    """Read all servos as the control loop does in every period."""
     from so101_motion.setup.findings import listen
 
     heard = lease.call(lambda bus: listen(bus, servo_ids))
@@ -183,7 +183,7 @@ def _bus(lease: BusLease, servo_ids: Sequence[int]) -> Figure:
 
 
 def _lateness(rig: Rig) -> Figure:
-    """How far the periods of the control loop are from what they should be."""
+    """The deviation of the control loop's periods."""
     moments: list[float] = []
     done = threading.Event()
 
@@ -201,7 +201,7 @@ def _lateness(rig: Rig) -> Figure:
 
 
 def _asked(rig: MachineRig) -> Figure:
-    """How long it takes to be told by a machine how it is."""
+    """How long a machine takes to answer a status request."""
     times = []
     for _ in range(_ASKED):
         begin = time.perf_counter()

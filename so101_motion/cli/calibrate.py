@@ -1,4 +1,4 @@
-"""``so101 calibrate``: where each joint's stops are, guided."""
+"""``so101 calibrate``: calibrate an arm step by step."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def calibrate(
 def _would(
     report: PortReport, path: Path, joints: tuple[str, ...], before: Calibration, as_json: bool
 ) -> None:
-    """Say what a calibration would do; nothing is asked of the servos."""
+    """Say what a calibration would do; asks nothing of the servos."""
     from so101_motion.calib.record.record import JOINTS
 
     wanted = joints or JOINTS
@@ -123,7 +123,7 @@ def _would(
 
 
 def _before(path: Path) -> Calibration:
-    """What the file says; one that cannot be used says nothing, and is kept when it is replaced."""
+    """Read the file; one that cannot be used counts as empty, and is kept when it is replaced."""
     from so101_motion.calib.record import store
 
     try:

@@ -1,4 +1,4 @@
-"""``so101 calibration …``: looking at calibration files, taking them over, getting them back."""
+"""``so101 calibration …``: show, compare, import, export and restore calibration files."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
 
 
 def facts(stored: Stored) -> dict[str, Any]:
-    """What a calibration file says, for programs."""
+    """The content of a calibration file, for programs."""
     return {
         "file": str(stored.path),
         "calibration": {joint: entry.to_json() for joint, entry in stored.calibration.items()},
@@ -252,7 +252,7 @@ def _table(calibration: Calibration) -> None:
 
 
 def _would_save(wanted: Stored, as_json: bool) -> None:
-    """What a file would say, beside what it says now; nothing is written."""
+    """What a file would hold, beside what it holds now; writes nothing."""
     from so101_motion.calib.record import compare, store
 
     try:
@@ -299,7 +299,7 @@ def _tell_diff(rows: tuple[Difference, ...], missing: list[str], there: str) -> 
 
 
 def _held_by_servos(port: str | None) -> Mapping[str, Mapping[str, int]]:
-    """What the servos hold, by joint; they are only asked."""
+    """Read what the servos hold, by joint."""
     from so101_motion.calib.motors.arm_identification import look
     from so101_motion.calib.record.record import SERVO_IDS
     from so101_motion.cli import port_choice

@@ -1,4 +1,4 @@
-"""Draw a calibration under way in the terminal: a bar for each joint, and what will be saved."""
+"""Draw a running calibration in the terminal: a bar for each joint, and what will be saved."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _STYLES = {"dim": "dim", "busy": "cyan", "warm": "yellow", "good": "green", "bad
 
 
 def positions(joints: Mapping[str, JointView]) -> Table:
-    """Where the joints are, so that a person sees them move."""
+    """The joints' positions, so that a person sees them move."""
     table = Table.grid(padding=(0, 2))
     for joint, view in joints.items():
         where = "does not answer" if view.ticks is None else f"at {view.ticks} of 4095"
@@ -40,7 +40,7 @@ def travels(joints: Mapping[str, JointView]) -> Table:
 
 
 def bar(view: JointView, style: str = "") -> Text:
-    """The share of the travel that has been passed, and where in it the joint is."""
+    """A bar with the travel so far, and the joint's place in it."""
     filled = round(view.share * WIDTH)
     cells = ["█"] * filled + ["·"] * (WIDTH - filled)
     lower, upper = view.recorded_min, view.recorded_max
@@ -51,7 +51,7 @@ def bar(view: JointView, style: str = "") -> Text:
 
 
 def comparison(lines: Iterable[SummaryLine]) -> Table:
-    """What is about to be saved, joint by joint, beside what was before."""
+    """What will be saved, joint by joint, beside the values before."""
     table = Table(box=None, pad_edge=False)
     for heading in ("joint", "travel", "quality", "since before"):
         table.add_column(heading, header_style="dim")

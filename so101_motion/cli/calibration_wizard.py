@@ -48,7 +48,7 @@ SHOWN = 5.0
 
 
 class CalibrationWizard:
-    """Leads a person through a calibration.
+    """Guides a person through a calibration.
 
     Args:
         accept: Joints whose travel is right although it is not that of an SO-101.
@@ -90,7 +90,7 @@ class CalibrationWizard:
         return self._save()
 
     def give_up(self) -> str:
-        """Put everything back; what that has come to, in a sentence.
+        """Abort the calibration; return the result in a sentence.
 
         Raises:
             CalibrationError: It cannot be put back now.
@@ -186,7 +186,7 @@ class CalibrationWizard:
         self._keys = {**keys, "q": "put everything back"}
 
     def _ask_again(self, error: CalibrationError | BusError) -> None:
-        """Let the person mend what is wrong; with nobody to ask, it is the end."""
+        """Let the person fix the problem and try again; without a person, end."""
         if not self._terminal.is_manned:
             raise error
         self._ask("that did not work", Enter="try again")
@@ -204,7 +204,7 @@ class CalibrationWizard:
                 self._terminal.mention(f"✓ {joint}: {view.sentence}", step="done", joint=joint)
 
     def _left(self, joints: Mapping[str, JointView]) -> float:
-        """How long nothing new must have come for the recording to end by itself [s]."""
+        """After how long without new travel the recording ends by itself [s]."""
         if all(_is_through(view) or joint in self._accept for joint, view in joints.items()):
             return NOTHING_NEW
         if all(view.is_done for view in joints.values()) and not self._terminal.is_manned:
@@ -244,5 +244,5 @@ class CalibrationWizard:
 
 
 def _is_through(view: JointView) -> bool:
-    """Whether there is nothing more to be had from moving it; the stops of the roll are weak."""
+    """Whether more movement would record nothing new."""
     return view.verdict is Verdict.COMPLETE or (view.joint == ROLL and view.is_done)

@@ -1,4 +1,4 @@
-"""``so101 completion``: print the script with which a shell completes verbs and options."""
+"""``so101 completion``: print the shell script that completes verbs and options."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
 
 
 class _Bash(BashComplete):
-    """Names with blanks in them too: bash takes a word as it is offered, unless it is quoted."""
+    """Bash completion that quotes names with blanks."""
 
     source_template = _BASH
 

@@ -1,4 +1,4 @@
-"""What a shell offers after Tab: ports, poses and programs that there are.
+"""The values that a shell completes: ports, poses and programs.
 
 A shell waits for this at every press, so nothing here imports more than the verbs do anyway, opens
 a port, or complains: what cannot be read is not offered.
@@ -18,7 +18,7 @@ from so101_motion.common.errors import So101Error
 def completed_ports(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Serial ports by each of their names; any file where none fits, for links of one's own."""
+    """Complete serial ports by each of their names; files if none fits."""
     from so101_motion.drivers.port.port_list import find_ports
 
     found = find_ports()
@@ -34,7 +34,7 @@ def completed_ports(
 def completed_poses(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Named poses: those that come with the arm, and the user's own."""
+    """Complete named poses: built in, and the user's own."""
     from so101_motion.common.named_poses import POSES
     from so101_motion.files.saved_poses import SavedPoses
 
@@ -47,7 +47,7 @@ def completed_poses(
 def completed_programs(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """The user's programs; any file where none fits."""
+    """Complete the user's programs; files if none fits."""
     from so101_motion.files import user_storage
 
     try:
@@ -61,7 +61,7 @@ def completed_programs(
 def completed_files(
     context: click.Context, parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
-    """Any file."""
+    """Complete any file."""
     return _files(incomplete)
 
 

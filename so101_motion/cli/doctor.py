@@ -95,7 +95,7 @@ def doctor(
 
 
 def _of_machine(machine: MachineSource, as_json: bool) -> None:
-    """Have the machine's arm look at itself."""
+    """Have the machine's arm examine itself."""
     from so101_motion.cli.shared import quietly
     from so101_motion.cli.terminal import echo
 
@@ -123,7 +123,7 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
 
 
 def _installed(*, is_whole: bool) -> Findings:
-    """What needs no hardware; if that is the whole of it, with the simulated arm's speed."""
+    """Check what needs no hardware, with the simulated arm's speed if that is all."""
     from so101_motion.rig.hardware_rig import open_simulated
     from so101_motion.setup.findings import Findings, software
 
@@ -169,7 +169,7 @@ def _with_file(seen: Findings, file: Path | None) -> Findings:
 
 
 def _with_arm(seen: Findings, report: PortReport) -> Findings:
-    """The same with what the servos say; a held arm stays held."""
+    """Add what the servos say; a held arm stays held."""
     from so101_motion.cli.port_choice import lent_bus
     from so101_motion.setup.findings import examine
 
@@ -191,7 +191,7 @@ def _with_arm(seen: Findings, report: PortReport) -> Findings:
 
 
 def _as_servos_hold(seen: Findings) -> Stored:
-    """What counts without a file: what the servos hold."""
+    """The calibration that the servos hold, used when there is no file."""
     from so101_motion.calib.record import record
     from so101_motion.calib.record.store import Stored
     from so101_motion.setup.checkup import held
@@ -205,7 +205,7 @@ def _as_servos_hold(seen: Findings) -> Stored:
 
 
 def _planned(seen: Findings, rig: Rig) -> Findings:
-    """The same with how long planning takes, once the planning process is awake."""
+    """Add how long planning takes, once the planning process is warm."""
     import numpy as np
 
     from so101_motion.planning.goals import PoseGoal
@@ -234,7 +234,7 @@ def _tell(check: Check) -> None:
 
 
 def _tell_next(seen: Findings) -> None:
-    """Which step of a setup is next, if the arm has not come through all of them."""
+    """Print the next step of the setup, if the arm has not completed it."""
     from so101_motion.setup.setup_steps import FULL, SetupState
 
     left = FULL.next_open(SetupState.found(seen))
@@ -282,7 +282,7 @@ def _facts(seen: Findings, checks: tuple[Check, ...]) -> dict[str, Any]:
 
 
 def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
-    """All of it as a page that can be attached to a question."""
+    """Write all of it as a page that can be attached to a question."""
     lines = [f"# so101 doctor, version {__version__}", "", "| | what | found | try |", "|-|-|-|-|"]
     lines += [
         f"| {_SIGNS[c.verdict][0]} | {c.name} | {_cell(c.sentence)} | {_cell(c.fix)} |"
@@ -295,7 +295,7 @@ def _write(path: Path, seen: Findings, checks: tuple[Check, ...]) -> None:
 
 
 def _failures() -> list[str]:
-    """The second before each of the last failures of this user's arms."""
+    """The failure records of this user's arms."""
     from so101_motion.files.failure_record import newest
 
     lines: list[str] = []

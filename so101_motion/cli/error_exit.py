@@ -1,4 +1,4 @@
-"""End a verb that failed: a message for a person, an object for a program, an exit code.
+"""End a verb that failed: a message for people, an object for programs, an exit code.
 
 Exit codes: 0 ok, 1 unexpected, 2 wrong usage, 3 no device, no port or no machine, 4 bus or servo
 fault, 5 unreachable or no plan, 6 not calibrated or a check failed, 7 stopped, 130 Ctrl-C.
@@ -95,7 +95,7 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ends_like_ctrl_c() -> Iterator[None]:
-    """Within this block SIGTERM, and the end of the terminal, end a verb as Ctrl-C does: it brakes.
+    """Let SIGTERM and the end of the terminal end a verb in this block as Ctrl-C does.
 
     A signal that is ignored (``nohup``) or that somebody handles stays as it is.
     """

@@ -1,4 +1,4 @@
-"""Split an error into what went wrong, why, and what to try.
+"""Split an error message into what went wrong, why, and what to try.
 
 Errors of this package hold one sentence that ends with what to do next. Where fields tell the
 parts, they are used; otherwise the advice is what follows the last semicolon or full stop, if it
@@ -33,7 +33,7 @@ _ADVICE = re.compile(rf"(?:; |\. |, so )(?=(?:{_VERBS}) )", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorText:
-    """An error for a person.
+    """The parts of an error message.
 
     Attributes:
         why: Why; empty where what says it all.
@@ -46,7 +46,7 @@ class ErrorText:
 
 
 def parted(error: So101Error) -> ErrorText:
-    """``error`` in its parts."""
+    """Split ``error`` into its parts."""
     if isinstance(error, (CalibrationError, MotorSetupError)):
         what = f"{error.joint}: {error.reason}" if error.joint else error.reason
         return ErrorText(what=what, advice=error.next_step)
@@ -68,7 +68,7 @@ def parted(error: So101Error) -> ErrorText:
 
 
 def _split(sentence: str) -> tuple[str, str]:
-    """A sentence without the advice at its end, and the advice."""
+    """Split the advice from the end of a sentence."""
     found = [*_ADVICE.finditer(sentence)]
     if not found:
         return sentence, ""

@@ -1,4 +1,4 @@
-"""``so101 guide``: record a path that the arm is led along by hand, and replay it."""
+"""``so101 guide``: record a path along which the arm is guided by hand, and replay it."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def record(
 
 
 def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float | None) -> None:
-    """Until Enter, Ctrl-C, the time is up, or manual mode ends."""
+    """Wait until Enter, Ctrl-C, the time limit, or the end of manual mode."""
     from rich.text import Text
 
     from so101_motion.cli.terminal import ENTER, Quit, keys_line

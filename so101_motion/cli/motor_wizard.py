@@ -36,11 +36,11 @@ _MARKS = {
 
 
 class _Skip(Exception):
-    """This motor is to be left as it is."""
+    """Leave this motor as it is."""
 
 
 class MotorWizard:
-    """Leads a person from motor to motor.
+    """Guides a person from motor to motor.
 
     Args:
         within: After how long a motor is given up [s]; None for never.
@@ -64,7 +64,7 @@ class MotorWizard:
 
     @property
     def view(self) -> SetupView:
-        """How far the motors are."""
+        """The state of the motor setup."""
         return self._motors.view
 
     def set_up(self, joint: str) -> None:
@@ -169,7 +169,7 @@ class MotorWizard:
             )
 
     def _doubt(self, joint: str, found: MotorView) -> str:
-        """Why a person should look twice before this motor is set up; empty for no reason."""
+        """Why a person should check this motor before it is set up; empty for no reason."""
         if found.fix:
             return f"look at this first: {found.fix}"
         for other, motor in self._motors.view.motors.items():

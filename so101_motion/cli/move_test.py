@@ -1,4 +1,4 @@
-"""``so101 move-test``: does the arm do what it is told? Small slow motions, measured."""
+"""``so101 move-test``: test the arm with small slow motions, and measure it."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
 
 
 def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveReport:
-    """Run the test beside this thread, which Ctrl-C reaches; ``stopped`` is set by it."""
+    """Run the test on another thread, so that Ctrl-C works; it sets ``stopped``."""
     with ThreadPoolExecutor(1, thread_name_prefix="so101-move-test") as beside:
         tested = beside.submit(test.move_and_measure, outline, _tell)
         while not tested.done():

@@ -23,7 +23,7 @@ IN_FILE = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
 class Finite(click.FloatRange):
-    """A number within bounds; neither infinity nor what is no number."""
+    """A finite number within bounds."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -35,7 +35,7 @@ class Finite(click.FloatRange):
         return number
 
     def _describe_range(self) -> str:
-        """The bounds as a person says them, in the help and when they are passed."""
+        """The bounds in words, for the help and for errors."""
         if self.min is None or self.max is None:
             return super()._describe_range()
         return f"{self.min:g} to {self.max:g}"
@@ -46,7 +46,7 @@ SECONDS = Finite(min=0.0, min_open=True)
 
 
 class Numbers(click.ParamType[np.ndarray]):
-    """So many numbers with commas between.
+    """A fixed count of numbers with commas between.
 
     Args:
         most: The largest amount that can be meant.
@@ -97,7 +97,7 @@ class Port(click.ParamType[str]):
     name = "PORT"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The name; whether it is one, opening it will tell."""
+        """The name; only opening it tells whether it is a port."""
         if not value.strip():
             self.fail("a port has a name, such as /dev/ttyACM0; so101 ports lists them", param, ctx)
         return str(value)
@@ -113,13 +113,13 @@ PORT = Port()
 
 
 class Link(click.Path):
-    """A symbolic link to be made; nothing but an earlier one is replaced."""
+    """A symbolic link to be made; replaces only an earlier link."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The path, at which a link can be made now."""
+        """The path of a link that can be made now."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.exists() and not path.is_symlink():
             self.fail(f"{quoted(str(path))} is there already and is no link.", param, ctx)
@@ -129,14 +129,14 @@ class Link(click.Path):
 
 
 class OutFile(click.Path):
-    """A file to be written; what is there already is replaced."""
+    """A file to be written; replaces an earlier one."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__(dir_okay=False, writable=True, readable=False, path_type=Path)
         self._endings = endings
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """The file, to which something can be written now."""
+        """The path of a file that can be written now."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if self._endings and path.suffix.lower() not in self._endings:
             self.fail(

@@ -1,4 +1,4 @@
-"""``so101 plan`` and ``so101 move``: a goal on the command line, planned, and for ``move`` run."""
+"""``so101 plan`` and ``so101 move``: plan a motion to a goal, and for ``move`` run it."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _scene(file: Path | None) -> Scene | None:
 
 
 def _posed(name: str) -> Array:
-    """The joint angles of a named pose, be it the arm's or the user's own."""
+    """The joint angles of a named pose, built in or the user's own."""
     from so101_motion.common.errors import ConfigError, quoted
     from so101_motion.files.saved_poses import SavedPoses
 
@@ -227,7 +227,7 @@ def move(source: AnySource, goal: Goal, scene: Scene | None, yes: bool, as_json:
 
 
 def _refuse(out: Path | None, lerobot: bool) -> None:
-    """Refuse a file that the plan could not be saved to, before there is one."""
+    """Refuse a file that the plan could not be saved to, before planning."""
     if out is not None:
         from so101_motion.files.trajectory_export import check_name
 

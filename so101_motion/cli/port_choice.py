@@ -1,4 +1,4 @@
-"""Choose the port and the calibration file when nobody names them."""
+"""Choose the port and the calibration file if none is named."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def look_at(port: str) -> PortReport:
-    """What is on this port; no other is touched."""
+    """Examine only this port."""
     from so101_motion.drivers.port.port_list import find_ports, port_problem
     from so101_motion.setup.discovery import discover
 
@@ -30,7 +30,7 @@ def look_at(port: str) -> PortReport:
 
 
 def find_arm(port: str | None) -> PortReport:
-    """The port to use: the one that is named, else the only one with an arm.
+    """The port to use: the named one, else the only one with an arm.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -40,7 +40,7 @@ def find_arm(port: str | None) -> PortReport:
 
 
 def find_patient(port: str | None) -> PortReport:
-    """The port to look at when something may be wrong: an arm's, else the only servo adapter's.
+    """The port to examine: the one with an arm, else the only servo adapter's.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -58,7 +58,7 @@ def find_patient(port: str | None) -> PortReport:
 
 
 def find_adapter(port: str | None) -> PortReport:
-    """The port to set servos up on: the one that is named, else the only servo adapter.
+    """The port to set servos up on: the named one, else the only servo adapter.
 
     Raises:
         PortUnavailable: There is none, or it cannot be used.
@@ -86,7 +86,7 @@ def calibration_file(given: str | None, report: PortReport) -> Path:
 
 
 def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) -> PortReport:
-    """The port that is named, else the only one that can be meant."""
+    """The named port, else the only one that can be meant."""
     from so101_motion.setup.discovery import discover
 
     if port is not None:
@@ -104,7 +104,7 @@ def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) 
 
 @contextmanager
 def lent_bus(report: PortReport, purpose: str) -> Iterator[tuple[HardwareRig, BusLease]]:
-    """The bus on a port, to ask its servos; nothing is driven, and a held arm stays held."""
+    """Borrow the bus of a port; drives nothing, and a held arm stays held."""
     from so101_motion.rig.hardware_rig import open_hardware
     from so101_motion.rig.servo_driver import ServoSettings
 

@@ -1,4 +1,4 @@
-"""``so101 ports``: which serial ports there are, and what is on each."""
+"""``so101 ports``: list the serial ports and what is connected to each."""
 
 from __future__ import annotations
 
@@ -62,5 +62,5 @@ def ports(extra: tuple[str, ...], as_json: bool) -> None:
 
 
 def _is_there(report: PortReport) -> bool:
-    """Whether the system has this port, be there an arm or not."""
+    """Whether the system has this port, with or without an arm."""
     return sys.platform == "win32" or os.path.exists(report.port.device)

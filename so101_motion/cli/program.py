@@ -1,4 +1,4 @@
-"""``so101 run``: a program of waypoints, planned as a whole, and run."""
+"""``so101 run``: plan a program of waypoints as a whole, and run it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``so101 setup``: each motor of a kit gets its id, guided; with ``--web``, all of a setup."""
+"""``so101 setup``: set up the motors of a kit one by one; with ``--web``, the whole setup."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def setup(
 
 
 def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_json: bool) -> None:
-    """Say what a setup would do; nothing is written to a servo."""
+    """Say what a setup would do; writes nothing to a servo."""
     from so101_motion.calib.motors.setup_view import SETUP_ORDER
 
     left = [joint for joint in SETUP_ORDER if joint not in done]
@@ -154,7 +154,7 @@ def _would(report: PortReport, done: Sequence[str], joints: tuple[str, ...], as_
 def _all(
     walk: MotorWizard, terminal: Terminal, progress: SetupProgress, seen: Findings
 ) -> Verification:
-    """The steps of the workflow, each with its own check before the next."""
+    """Go through the steps of the workflow, each with its check before the next."""
     from so101_motion.setup.setup_steps import CHAIN, MOTORS, MOTORS_ONLY, SetupState
 
     doing = {
@@ -186,7 +186,7 @@ def _one_by_one(walk: MotorWizard, terminal: Terminal, progress: SetupProgress) 
 
 
 def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> None:
-    """The page until Ctrl-C; a calibration under way on a port is put back then."""
+    """Serve the page until Ctrl-C; then a running calibration on a port is undone."""
     from so101_motion.cli.shared import import_preview, quietly
 
     viewer = import_preview()

@@ -37,7 +37,7 @@ _TOLD = f"{__name__}.told"  # in the context: whether a program has its object
 
 @contextmanager
 def busy_message(words: str) -> Iterator[None]:
-    """Show that something takes a moment: a spinner on a terminal, nothing anywhere else."""
+    """Show that something takes a moment: a spinner on a terminal, nothing elsewhere."""
     if not sys.stderr.isatty():
         yield
         return
@@ -49,7 +49,7 @@ def busy_message(words: str) -> Iterator[None]:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Keep log lines out of the picture; what a person must know is said in it."""
+    """Keep log lines away from a live picture, which shows what a person must know."""
     log = logging.getLogger("so101_motion")
     log.setLevel(logging.CRITICAL)
     try:
@@ -60,7 +60,7 @@ def quietly() -> Iterator[None]:
 
 @contextmanager
 def in_lines() -> Iterator[None]:
-    """Let log lines be read by whoever sits there: one each, tracebacks only for who debugs."""
+    """Print log lines for a person: one line each, with tracebacks only in debug mode."""
     log, handler = logging.getLogger("so101_motion"), logging.StreamHandler()
     if not os.environ.get(DEBUG):
         handler.setFormatter(_Brief())
@@ -86,18 +86,18 @@ def print_json(kind: str, content: Mapping[str, object]) -> None:
 
 
 def is_told() -> bool:
-    """Whether this call of the program has printed its object."""
+    """Whether this call of the program has printed its JSON object."""
     context = click.get_current_context(silent=True)
     return context is not None and _TOLD in context.meta
 
 
 def aside(sentence: str) -> None:
-    """Tell a person something beside what was asked for."""
+    """Print a side remark for a person."""
     click.echo(sentence, err=True)
 
 
 class Verbs(click.Group):
-    """Verbs of one kind, each listed with its whole first sentence."""
+    """A group of verbs, each listed with its whole first sentence."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the verbs."""
@@ -109,7 +109,7 @@ class Verbs(click.Group):
 
 
 def have_agreed(question: str) -> None:
-    """Ask a person before something moves; return if the answer is yes.
+    """Ask a person before something moves; returns if the answer is yes.
 
     Raises:
         click.UsageError: Nobody is there to answer.
@@ -131,7 +131,7 @@ def have_agreed(question: str) -> None:
 
 @contextmanager
 def stops_on_ctrl_c(arm: Arm) -> Iterator[None]:
-    """Within this block Ctrl-C stops the arm, waits until it rests, and ends the program."""
+    """Let Ctrl-C in this block stop the arm, wait until it rests, and end the program."""
     try:
         yield
     except KeyboardInterrupt:
@@ -180,7 +180,7 @@ def events_option(verb: F) -> F:
 
 
 def import_preview() -> Any:
-    """What serves the browser preview: ``so101_viewer``, imported when it is needed.
+    """Import ``so101_viewer``, which serves the preview, when it is needed.
 
     Raises:
         ConfigError: The extra that holds it was not installed.
@@ -197,7 +197,7 @@ def import_preview() -> Any:
 
 
 def _how_to_install() -> str:
-    """The command that installs what the preview needs, for a checkout and for a wheel alike."""
+    """The command that installs what the preview needs, in a checkout or for a wheel."""
     wanted = [
         found[1]
         for line in requires("so101-motion") or ()

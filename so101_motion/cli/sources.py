@@ -1,4 +1,4 @@
-"""Options that say where the arm of a verb comes from: ``--sim``, ``--port`` or ``--machine``.
+"""Options that choose the arm of a verb: ``--sim``, ``--port`` or ``--machine``.
 
 A verb that works on servos takes the first two (``source_options``); one that only needs an arm and
 its gripper takes any (``any_source_options``). A source that was typed wins over those that the
@@ -30,7 +30,7 @@ R = TypeVar("R", bound="RigLike")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Paced:
-    """An arm with caps of its own.
+    """A source with caps of its own.
 
     Attributes:
         speed: Joint speed cap [rad/s]; None for the arm's default, or what its machine says.
@@ -42,16 +42,16 @@ class _Paced:
 
     @property
     def what(self) -> str:
-        """Which arm, in words."""
+        """The source in words."""
         raise NotImplementedError
 
     @property
     def title(self) -> str:
-        """The same as a heading."""
+        """The source as a heading."""
         return self.what[:1].upper() + self.what[1:]
 
     def _capped(self, rig: R) -> R:
-        """``rig`` with these caps; closed if it cannot have them."""
+        """``rig`` with these caps; closes it if they are refused."""
         try:
             if self.speed is not None:
                 rig.arm.set_speed(self.speed)
@@ -65,7 +65,7 @@ class _Paced:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source(_Paced):
-    """An arm of this computer.
+    """An arm of this computer: simulated or on a port.
 
     Attributes:
         port: Serial port of a real or emulated arm; None for the simulated one.
@@ -80,11 +80,11 @@ class Source(_Paced):
 
     @property
     def what(self) -> str:
-        """In words."""
+        """The source in words."""
         return "simulated arm" if self.port is None else f"arm on {self.port}"
 
     def open(self) -> Rig:
-        """The arm and its gripper, ready to be asked.
+        """Open the arm and its gripper.
 
         Raises:
             So101Error: It cannot be reached, or a setting cannot be meant.
@@ -109,7 +109,7 @@ class Source(_Paced):
 
 
 def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
-    """The calibration file that fits the arm on a port, and a word about it."""
+    """The calibration file that fits the arm on a port, with a note about it."""
     from so101_motion.cli.port_choice import look_at
 
     report = look_at(port)
@@ -125,7 +125,7 @@ def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MachineSource(_Paced):
-    """A running Viam machine with the arm.
+    """The arm of a running Viam machine.
 
     Attributes:
         api_key_id: The id of an API key; None for a plain, direct connection.
@@ -141,11 +141,11 @@ class MachineSource(_Paced):
 
     @property
     def what(self) -> str:
-        """In words."""
+        """The source in words."""
         return f"arm of machine {self.address}"
 
     def open(self) -> MachineRig:
-        """The arm and its gripper, ready to be asked; nothing moves.
+        """Open the arm and its gripper; nothing moves.
 
         Raises:
             So101Error: It cannot be reached, or a setting cannot be meant.
@@ -170,7 +170,7 @@ S = TypeVar("S", bound=AnySource)
 
 
 def pace_options(verb: F) -> F:
-    """The options ``--speed`` and ``--acceleration``; to stand below those of the source."""
+    """The options ``--speed`` and ``--acceleration``; placed below those of the source."""
 
     @click.option(
         "--speed", type=Finite(*SPEED_RANGE_DEG), metavar="DEG/S", help="Joint speed cap."
@@ -195,7 +195,7 @@ def pace_options(verb: F) -> F:
 
 
 def paced(source: S, speed_deg: float | None, acceleration_deg: float | None) -> S:
-    """The same arm with caps on its joints' speed [deg/s] and acceleration [deg/s^2]."""
+    """The same source with caps on joint speed [deg/s] and acceleration [deg/s^2]."""
     from so101_motion.common.units import to_rad
 
     return replace(
@@ -213,13 +213,13 @@ def source_options(verb: F) -> F:
 
 
 def any_source_options(verb: F) -> F:
-    """The same and ``--machine`` with what lets us in; the verb gets ``source``."""
+    """The same options and ``--machine`` with its keys; the verb gets ``source``."""
     asks = "which arm? give --sim, or --port and its serial port, or --machine and its address"
     return _local_options(machine_options(_with_source(verb, asks)))
 
 
 def _with_source(verb: F, asks: str) -> F:
-    """``verb`` with its source out of these options; ``asks`` is said when none is named."""
+    """Wrap ``verb`` so that it gets the source of these options."""
 
     @functools.wraps(verb)
     def with_source(
@@ -322,7 +322,7 @@ _PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address"}
 
 
 def chosen_among(sources: Mapping[str, object]) -> str | None:
-    """Which source is meant: one that was typed wins over those of the environment.
+    """Choose the source: a typed option wins over the environment.
 
     Raises:
         click.UsageError: Several were typed, or the environment names several.

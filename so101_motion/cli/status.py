@@ -1,4 +1,4 @@
-"""``so101 status``: how an arm is; and ``so101 stop``: a machine's arm comes to rest."""
+"""``so101 status``: print the state of an arm; and ``so101 stop``: stop a machine's arm."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def stop(machine: MachineSource | None, as_json: bool) -> None:
 
 
 def _look_on(source: AnySource) -> RigLike:
-    """The arm, left alone: a serial port is opened without asking for a servo."""
+    """Open the arm without driving it."""
     if isinstance(source, Source) and source.port is not None:
         return _onlooking(source, source.port)
     return source.open()
@@ -132,7 +132,7 @@ def _facts(source: AnySource, rig: RigLike) -> dict[str, Any]:
 
 
 def _is_held(rig: HardwareRig) -> bool:
-    """Whether any servo drives its joint; waits for the first answer of one, but not for long."""
+    """Whether any servo holds its joint; waits a moment for the first answer."""
     latest = time.monotonic() + _PATIENCE
     while rig.servos.holds is None and time.monotonic() < latest:
         time.sleep(0.02)

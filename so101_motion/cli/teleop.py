@@ -149,7 +149,7 @@ def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
 
 
 def _watch(session: Any, seconds: float | None) -> None:
-    """Tell a person how it is until Ctrl-C, a stop of the follower, or the time is up."""
+    """Show the state until Ctrl-C, a stop of the follower, or the time limit."""
     end = None if seconds is None else time.monotonic() + seconds
     told = ""
     try:
@@ -164,7 +164,7 @@ def _watch(session: Any, seconds: float | None) -> None:
 
 
 def _tell_end(last: Status) -> None:
-    """Say why it ended by itself, if it did."""
+    """Print why it ended by itself, if it did."""
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)
         raise SystemExit(STOPPED)

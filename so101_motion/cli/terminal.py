@@ -1,4 +1,4 @@
-"""The terminal of a guided verb: a live picture, lines that stay, and single keys.
+"""The terminal of a guided verb: a live picture, permanent lines, and single keys.
 
 Where standard error is a file or a pipe there is no picture, and what has to be known comes line by
 line; where standard input is no terminal, or with ``--yes``, nobody is asked.
@@ -37,11 +37,11 @@ _FRAME = 0.1  # [s] between two pictures
 
 
 class Quit(Exception):
-    """The person at the keyboard wants no more."""
+    """The person at the keyboard wants to quit."""
 
 
 class Terminal:
-    """What a person sees and presses. Use it in a ``with`` block.
+    """Shows a live picture and reads keys. Use it in a ``with`` block.
 
     Args:
         events: Where each line is also written as a JSON object; None for nowhere.
@@ -78,7 +78,7 @@ class Terminal:
     # What is seen
 
     def say(self, sentence: str, *, style: str = "", **facts: Any) -> None:
-        """A line that stays; the same one twice in a row is said once."""
+        """Print a permanent line; the same one twice in a row is printed once."""
         if sentence == self._last:
             return
         self._last = sentence
@@ -92,19 +92,19 @@ class Terminal:
             self._events.flush()
 
     def mention(self, sentence: str, **facts: Any) -> None:
-        """What the picture says as well: a line where there is none."""
+        """Print what the picture also shows, where there is no picture."""
         if not self._is_drawn:
             self.say(sentence, **facts)
 
     def show(self, *parts: RenderableType) -> None:
-        """The picture from now on."""
+        """Set the live picture."""
         if self._is_drawn:
             self._live.update(Group(*parts), refresh=True)
 
     # What is pressed
 
     def key(self, seconds: float) -> str:
-        """The key that is pressed within so many seconds, as a small letter; empty if none is.
+        """The key pressed within so many seconds, in lower case; empty if none is.
 
         Raises:
             Quit: It is ``q``.
@@ -120,7 +120,7 @@ class Terminal:
         return ENTER if pressed[:1] in ("\r", "\n") else pressed[:1]
 
     def await_key(self, keys: str, picture: Callable[[], RenderableType]) -> str:
-        """Show a picture until one of ``keys`` is pressed; with nobody to ask, the first is taken.
+        """Show a picture until one of ``keys`` is pressed; without a person, take the first.
 
         Raises:
             Quit: ``q`` is pressed.
@@ -135,7 +135,7 @@ class Terminal:
     # What goes on meanwhile
 
     def run(self, work: Callable[[], T], picture: Callable[[], RenderableType]) -> T:
-        """What ``work`` returns, with a picture while it lasts.
+        """Run ``work`` with a live picture, and return its result.
 
         Raises:
             Quit: ``q`` was pressed; ``work`` has ended.
@@ -171,12 +171,12 @@ def _into(future: Future[T], work: Callable[[], T]) -> None:
 
 
 def sentence(text: str) -> str:
-    """With a capital letter and a full stop."""
+    """Start with a capital letter and end with a full stop."""
     return text[:1].upper() + text[1:] + ("" if text.endswith(("?", ".")) else ".")
 
 
 def echo(text: str, *, indent: str = "", err: bool = False) -> None:
-    """Print a sentence, on a terminal broken between words."""
+    """Print a sentence, wrapped between words on a terminal."""
     stream = sys.stderr if err else sys.stdout
     if stream.isatty():
         width = shutil.get_terminal_size().columns
@@ -188,7 +188,7 @@ def echo(text: str, *, indent: str = "", err: bool = False) -> None:
 
 
 def keys_line(**keys: str) -> Text:
-    """What can be pressed: ``keys_line(Enter="save", q="quit")``."""
+    """A line with the keys: ``keys_line(Enter="save", q="quit")``."""
     line = Text()
     for key, what in keys.items():
         line.append(f" {key} ", style="reverse").append(f" {what}   ")

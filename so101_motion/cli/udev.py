@@ -1,4 +1,4 @@
-"""``so101 install-udev``: let this computer's users at servo adapters. Linux only."""
+"""``so101 install-udev``: give this computer's users access to servo adapters. Linux only."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ its version 6.5 they then have no port at all. Unless you use a Braille display:
 @click.option("--print", "printed", is_flag=True, help="Print the rule; so it is by default.")
 @dry_run_option
 def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
-    """Let users of this Linux computer at servo adapters, without root.
+    """Give users of this Linux computer access to servo adapters, without root.
 
     Prints the udev rule on stdout, and on stderr what it is for; --install writes it to
     /etc/udev/rules.d and has it take effect.
@@ -58,7 +58,7 @@ def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
 
 
 def write_rule(path: Path) -> None:
-    """Put the rule in its place and let it take effect."""
+    """Write the udev rule and activate it."""
     from so101_motion.drivers.port import host_checks
     from so101_motion.files import atomic
 
@@ -87,6 +87,6 @@ def _take_effect() -> bool:
 
 
 def _as_root() -> str:
-    """The command as root has to give it, who does not know where this one lies."""
+    """The command to run as root, with this program's full path."""
     own = shutil.which(sys.argv[0]) or os.path.abspath(sys.argv[0])
     return f"sudo {own} install-udev --install"

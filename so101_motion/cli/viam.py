@@ -1,4 +1,4 @@
-"""``so101 viam …``: a machine's configuration, new or taken over from the published module."""
+"""``so101 viam …``: print a machine's configuration, or migrate one from the published module."""
 
 from __future__ import annotations
 

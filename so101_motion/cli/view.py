@@ -1,4 +1,4 @@
-"""``so101 view``: the page in the browser, of a simulated arm, a serial port or a machine."""
+"""``so101 view``: serve the page for a simulated arm, a serial port or a machine."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """Where the page is served.
+    """The address and options of the page.
 
     Attributes:
         port: Port to listen on; None for 8080 or the next free one after it.
@@ -41,7 +41,7 @@ class Page:
 
 
 def page_options(verb: F) -> F:
-    """The options of where the page is served; the verb gets ``page``."""
+    """The options of the page; the verb gets ``page``."""
 
     @click.option(
         "--host", default="127.0.0.1", show_default=True, help="Address the page listens on."
@@ -122,7 +122,7 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
 
 
 def keep_open(served: Any, page: Page) -> None:
-    """Tell where the page is, open it for whoever sits here, and wait for Ctrl-C."""
+    """Print the page's link, open it in a browser if there is a screen, and wait for Ctrl-C."""
     from so101_viewer.server.guarded_server import DEFAULT_PORT
 
     # An Event would deadlock if the signal came while it begins to wait; this queue is reentrant.
@@ -143,7 +143,7 @@ def keep_open(served: Any, page: Page) -> None:
 
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
-    """Opens the arm; called again and again until it is there, so it says nothing twice."""
+    """A function that opens the arm; it is called until it succeeds, and prints nothing twice."""
     told: set[str] = set()
 
     def say(text: str) -> None:
@@ -163,7 +163,7 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
 
 
 def _free_pose(scene: Scene) -> Array | None:
-    """Where a simulated arm can stand: the first named pose that touches nothing of ``scene``."""
+    """A pose for the simulated arm: the first named pose that is free in ``scene``."""
     from so101_motion.arm.gripper import JAW_CLOSED
     from so101_motion.common.named_poses import POSES
     from so101_motion.planning.collision.collision import CollisionModel
@@ -174,7 +174,7 @@ def _free_pose(scene: Scene) -> Array | None:
 
 
 def _has_screen() -> bool:
-    """Whether somebody sits here with a browser that opens in a window of its own."""
+    """Whether a browser here would open in a window."""
     if not sys.stdout.isatty() or "SSH_CONNECTION" in os.environ:
         return False
     return sys.platform in ("darwin", "win32") or any(

@@ -1,4 +1,4 @@
-"""Every attribute of every model, once: read by ``component_config``, used by ``migration``.
+"""All attributes of all models: read by ``component_config``, used by ``migration`` and docs.
 
 A test holds the tables of ``docs/`` against it. The rows of teleoperation are in
 ``tasks/teleop/config.py``, for the command line uses them too.

@@ -1,4 +1,4 @@
-"""Turn the attributes of a component or service into settings in SI units.
+"""Convert the attributes of a component or service into settings in SI units.
 
 They are the published module's, those of its later versions included, so a machine's configuration
 works as it is; ``attribute_table`` lists them. A duration may be a number or text, and a gripper
@@ -35,7 +35,7 @@ _PART = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(ns|us|µs|ms|s|m|h)")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortConfig:
-    """How to get at the servos."""
+    """The settings of the serial port."""
 
     port: str  # the serial port, however spelled
     baudrate: int  # [bit/s]
@@ -45,7 +45,7 @@ class PortConfig:
 
     @classmethod
     def of(cls, given: Attributes, attributes: Mapping[str, object]) -> PortConfig:
-        """Read what arm, gripper and sensor have in common.
+        """Read the attributes that arm, gripper and sensor share.
 
         Raises:
             ConfigError: A value cannot be used, or there is no port.
@@ -65,7 +65,7 @@ class PortConfig:
         )
 
     def servo_settings(self) -> ServoSettings:
-        """What this asks of its port."""
+        """The settings of the port for ``rig``."""
         file = self.calibration_file
         return ServoSettings(
             port=self.port,
@@ -78,7 +78,7 @@ class PortConfig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmConfig:
-    """What every arm has, real or simulated."""
+    """The settings of every arm, real or simulated."""
 
     speed: float  # cap of each joint [rad/s]
     acceleration: float  # likewise [rad/s^2]
@@ -122,12 +122,12 @@ class ArmConfig:
 
     @classmethod
     def _own(cls, given: Attributes, attributes: Mapping[str, object]) -> dict[str, Any]:
-        """The settings of this kind of arm alone."""
+        """The settings of only this kind of arm."""
         raise NotImplementedError
 
 
 def _cap(given: Attributes, attributes: Mapping[str, object], key: str) -> tuple[float, float]:
-    """The arm's own cap, and what no request exceeds; one that was given may not be above it."""
+    """The arm's own cap and the ceiling of all requests; the first may not be above the second."""
     cap, most = given.value(key), given.value(f"max_{key}")
     if attributes.get(key) and cap > most:
         reason = f"is above max_{key}, {to_deg(most):g}; lower it, or raise that"
@@ -246,7 +246,7 @@ class CalibrationConfig:
 
 
 def arm_served(attributes: Mapping[str, object]) -> str | None:
-    """The arm that a service for one arm names; None for the only one.
+    """The arm that a service names; None for the only one.
 
     Raises:
         ConfigError: There are other attributes, or it is no name.
@@ -256,7 +256,7 @@ def arm_served(attributes: Mapping[str, object]) -> str | None:
 
 
 def duration(key: str, value: object) -> float:
-    """A time span [s] as people write it.
+    """A time span [s] in words.
 
     Text has its units with it: ``"5s"``, ``"500ms"``, ``"1m30s"``. A number is seconds; a huge one
     is nanoseconds, because the published module took nothing else.
@@ -278,7 +278,7 @@ def duration(key: str, value: object) -> float:
 
 
 def compliance(given: Attributes, otherwise: Compliance | None = None) -> Compliance:
-    """How an arm shall yield to a hand.
+    """Read the settings of manual mode.
 
     Args:
         given: With any of the keys of ``MANUAL_RANGES``; 0 counts as not given, as in the published
@@ -326,7 +326,7 @@ def _servo_ids(given: Attributes, attributes: Mapping[str, object]) -> tuple[int
 
 
 def _calibrated(given: Attributes, attributes: Mapping[str, object]) -> tuple[str, ...]:
-    """The joints whose servos are listed; all when none is."""
+    """The joints whose servos are listed; all if none is."""
     joints = (*ARM_JOINTS, GRIPPER_JOINT)
     value = attributes.get("servo_ids")
     ids = [round(i) for i in given.numbers("servo_ids", count=253, lower=1.0, upper=6.0)]

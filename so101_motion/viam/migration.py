@@ -85,7 +85,7 @@ class MigratedResource:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Migration:
-    """What becomes of a configuration.
+    """The result of migrating a configuration.
 
     Attributes:
         parts: Its components and services of the family.
@@ -109,7 +109,7 @@ class Migration:
         return whole
 
     def way_back(self) -> tuple[str, ...]:
-        """How the machine gets the published module again, a line each."""
+        """How to get the published module back, a line each."""
         added = sorted({key for part in self.parts for key in part.config["attributes"]} & OURS)
         back = ["point the module back: names, models and attributes are the same"]
         if self.old_modules:
@@ -124,7 +124,7 @@ class Migration:
 
 
 def migrate(content: object) -> Migration:
-    """What becomes of a machine's configuration.
+    """Migrate a machine's configuration.
 
     Args:
         content: A whole configuration, or a component or a list of components out of one.
@@ -277,7 +277,7 @@ def _new(given: Mapping[str, Any], known: Model) -> Iterator[MigratedAttribute]:
 
 
 def _calibration(given: Mapping[str, Any]) -> str:
-    """What can be said of the calibration file, from here."""
+    """What is known here of the calibration file."""
     name = given.get("calibration_file")
     if not isinstance(name, str) or not name:
         return ""

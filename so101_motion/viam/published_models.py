@@ -28,7 +28,7 @@ from so101_motion.viam.component_config import (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """A model of both modules: what it takes here, and how it differs.
+    """A model of both modules: its attributes here, and the differences.
 
     Attributes:
         read: Checks attributes; raises ``ConfigError``.

@@ -10,7 +10,7 @@ from so101_motion.setup.port_report import Frame, PortReport
 
 
 def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
-    """What viam-server understands: the arms with their frames, and this module."""
+    """The configuration for viam-server: the arms with their frames, and this module."""
     components: list[object] = []
     for report in reports:
         for one in report.suggestions:
@@ -27,14 +27,14 @@ def configuration(reports: Iterable[PortReport]) -> dict[str, list[object]]:
 
 
 def frame_json(frame: Frame) -> dict[str, object]:
-    """A frame as viam-server's configuration has it, in millimetres."""
+    """A frame for viam-server's configuration, in millimetres."""
     if not frame.y:
         return {"parent": frame.parent}
     return {"parent": frame.parent, "translation": {"x": 0.0, "y": to_mm(frame.y), "z": 0.0}}
 
 
 def own_module() -> list[dict[str, str]]:
-    """This installation as a local module; none if it is not one that viam-server can start."""
+    """This installation as a local module; None if viam-server cannot start it."""
     start = Path(__file__).resolve().parents[2] / "run.sh"
     if not start.is_file():
         return []

@@ -1,4 +1,4 @@
-"""An arm and gripper of a running Viam machine, in the shape of a rig of this program.
+"""The arm and gripper of a running Viam machine, with the interface of a rig.
 
 ``machine.py`` is a connected machine, ``rig.py`` its arm and gripper, ``sensor.py`` its calibration
 sensor. ``link.py`` is the connection and its thread, ``watch.py`` turns what the machine reports

@@ -1,4 +1,4 @@
-"""The arm of a running machine: an ``Arm`` whose caps are the machine's as well."""
+"""The arm of a running machine; sets the machine's caps as well."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class MachineArm(Arm):
     """Sends a request to the machine's arm; None for one that knows no such caps."""
 
     def set_speed(self, speed: float) -> None:
-        """See ``Arm.set_speed``; when the machine refuses, nothing has changed."""
+        """See ``Arm.set_speed``; if the machine refuses, nothing changes."""
         before = self._caps
         super().set_speed(speed)
         self._pass_on({"set_speed": in_deg(speed)}, before)
 
     def set_acceleration(self, acceleration: float) -> None:
-        """See ``Arm.set_acceleration``; likewise."""
+        """See ``Arm.set_acceleration``; if the machine refuses, nothing changes."""
         before = self._caps
         super().set_acceleration(acceleration)
         self._pass_on({"set_acceleration": in_deg(acceleration)}, before)

@@ -1,4 +1,4 @@
-"""Have a running machine move its arm along a trajectory that was planned here.
+"""Make a running machine move its arm along a trajectory that was planned here.
 
 A module that takes time-stamped points (ours does) is streamed the trajectory's own setpoints, all
 of them at once, so no network delay can make it run dry; it plays them by its own clock, and the
@@ -55,7 +55,7 @@ _LOOK = 0.03
 
 
 class MachineExecutor(MotionRunner):
-    """Has a machine move its arm.
+    """Makes a machine move its arm.
 
     Args:
         link: To the machine.
@@ -125,7 +125,7 @@ class MachineExecutor(MotionRunner):
         return self._link.run(self._then_look(self._hold()))
 
     def guide(self, compliance: Compliance) -> Future[None]:
-        """Let the arm yield to a hand, as its own configuration says."""
+        """Start manual mode, with the settings of the machine's own configuration."""
 
         async def guide() -> None:
             with self._link.asking("hand guiding"):
@@ -134,7 +134,7 @@ class MachineExecutor(MotionRunner):
         return self._link.run(self._then_look(guide()))
 
     def release(self) -> Future[None]:
-        """Let go of the joints, so that they can be moved by hand."""
+        """Switch torque off, so that the joints can be moved by hand."""
         return self._link.run(self._then_look(self._set_torque(False)))
 
     # The loop's thread
@@ -221,7 +221,7 @@ async def _corner_by_corner(arm: Arm, trajectory: Trajectory) -> None:
 
 
 def _peaks(values: Array) -> Array:
-    """The largest of each joint, shape (5,); a joint that rests gets the others' smallest."""
+    """The largest value of each joint, shape (5,); a joint that rests gets the others' smallest."""
     peaks = np.max(np.abs(values), axis=0)
     moving = peaks > 1e-3 * np.max(peaks, initial=1e-9)
     return np.asarray(np.where(moving, peaks, np.min(peaks[moving], initial=np.max(peaks))))

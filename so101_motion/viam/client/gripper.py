@@ -21,7 +21,7 @@ _LOOK = 0.05
 
 
 class MachineGripper(MotionRunner):
-    """Opens and closes it. A new motion takes over from the one under way.
+    """Opens and closes the jaw. A new motion takes over from the one under way.
 
     Args:
         link: To the machine.
@@ -52,12 +52,12 @@ class MachineGripper(MotionRunner):
 
     @property
     def is_moving(self) -> bool:
-        """Whether the jaw is under way."""
+        """Whether the jaw is moving."""
         return self._newest_report().is_moving
 
     @property
     def is_holding(self) -> bool:
-        """Whether it holds something, as far as it tells."""
+        """Whether it holds something, as far as it reports that."""
         return self._newest_report().is_holding
 
     def angle_of(self, aperture: float) -> float:
@@ -86,7 +86,7 @@ class MachineGripper(MotionRunner):
         self.bring_to_rest("stop").result()
 
     def _send(self, command: Mapping[str, Any] | None) -> Motion:
-        """Send ``command``, or have it grab, and wait until the jaw rests."""
+        """Send ``command``, or a grab, and wait until the jaw rests."""
 
         async def move() -> None:
             gripper = self._find()

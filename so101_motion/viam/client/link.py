@@ -1,4 +1,4 @@
-"""The connection to a running machine, and the one thread that it lives on.
+"""The connection to a running machine, and the thread that owns it.
 
 The thread has an event loop. On it a *keeper* dials the machine and hands the client to whoever
 watches it; the watch lasts as long as the machine answers. When it does not any more, the client is
@@ -53,7 +53,7 @@ _numbers = itertools.count(1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
-    """Which machine, and what lets us in.
+    """A machine's address and credentials.
 
     Attributes:
         address: As on the machine's CONNECT page, or host and port.
@@ -73,7 +73,7 @@ class Access:
             raise ConfigError(missing, None, "is missing; a key and its id belong together")
 
     def options(self) -> RobotClient.Options:
-        """For the SDK.
+        """The credentials for the SDK.
 
         Raises:
             ConfigError: The id is none.
@@ -98,7 +98,7 @@ class Access:
 
 
 class Link:
-    """A thread with an event loop and, while the machine is there, its client.
+    """A thread with an event loop, and the machine's client while it is connected.
 
     Args:
         access: Which machine.
@@ -133,7 +133,7 @@ class Link:
     # Any thread
 
     def open(self) -> None:
-        """Connect; returns when the watch has seen the machine.
+        """Connect; returns when the machine has been read once.
 
         Raises:
             MachineUnavailable: It cannot be reached.
@@ -147,12 +147,12 @@ class Link:
             raise
 
     def post(self, call: Callable[[], object]) -> None:
-        """Have ``call`` done on the loop's thread, soon; nothing if it has been closed."""
+        """Run ``call`` on the loop's thread soon; does nothing after ``close``."""
         with suppress(RuntimeError):
             self._loop.call_soon_threadsafe(call)
 
     def run(self, work: Coroutine[Any, Any, T]) -> Future[T]:
-        """The outcome of ``work``, which is done on the loop.
+        """Run ``work`` on the loop and return its result.
 
         Raises:
             MachineUnavailable: The link has been closed.
@@ -164,7 +164,7 @@ class Link:
             raise MachineUnavailable(self.access.address, "the connection was closed") from error
 
     def close(self) -> None:
-        """Hang up and end the thread; may be called twice."""
+        """Disconnect and end the thread; may be called twice."""
         self.post(self._hang_up)
         self._thread.join()
 
@@ -182,7 +182,7 @@ class Link:
 
     @contextmanager
     def asking(self, what: str) -> Iterator[None]:
-        """Within this block the SDK's errors leave as ours.
+        """Turn the SDK's errors in this block into ours.
 
         Args:
             what: What the machine is asked for, in words.
@@ -277,7 +277,7 @@ class Link:
 
 
 def _hush_the_sdk() -> None:
-    """Keep the SDK's own lines off standard output; what there is to say, we say ourselves."""
+    """Keep the SDK's own log lines off standard output."""
     for name, logger in logging.LOGGERS.items():
         if name.startswith("viam."):
             logger.disabled = True

@@ -1,4 +1,4 @@
-"""A running machine and what it has, reached by name; ``rig.py`` adds an arm to it."""
+"""A connection to a running machine and its resources; ``rig.py`` adds an arm to it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ANSWERING = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Resource:
-    """Something a machine has.
+    """A resource of a machine.
 
     Attributes:
         name: As it is configured.
@@ -52,12 +52,12 @@ class Machine(ABC):
 
     @property
     def connection(self) -> ArmConnection:
-        """Whether the machine can be reached, and since when not."""
+        """The state of the connection."""
         return self._link.connection
 
     @property
     def resources(self) -> tuple[Resource, ...]:
-        """What the machine has.
+        """The machine's resources.
 
         Raises:
             MachineUnavailable: It is not there at the moment.
@@ -68,7 +68,7 @@ class Machine(ABC):
         )
 
     def do_command(self, resource: str, command: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Send a DoCommand to a component or service, by its name; its answer.
+        """Send a DoCommand to a component or service by its name; returns the answer.
 
         Raises:
             ConfigError: The machine has no such resource.
@@ -85,7 +85,7 @@ class Machine(ABC):
         return self._link.run(send()).result()
 
     def readings(self, sensor: str) -> Mapping[str, Any]:
-        """The readings of a sensor, such as the calibration's.
+        """Read a sensor, such as the calibration sensor.
 
         Raises:
             ConfigError: The machine has no such resource.
@@ -104,7 +104,7 @@ class Machine(ABC):
         return self._link.run(read()).result()
 
     def close(self) -> None:
-        """Hang up. May be called twice."""
+        """Disconnect. May be called twice."""
         self._link.close()
 
     def __enter__(self) -> Self:
@@ -117,11 +117,11 @@ class Machine(ABC):
 
     @abstractmethod
     async def _poll(self, client: RobotClient, connected: Callable[[], None]) -> None:
-        """Look at the machine as long as it answers; see ``Link``."""
+        """Read the machine as long as it answers; see ``Link``."""
 
     @abstractmethod
     def _on_loss(self, problem: str) -> None:
-        """Learn that the machine does not answer, and why."""
+        """Note that the machine does not answer, and why."""
 
     def _client_of(self, name: str) -> Any:
         client = self._link.client()

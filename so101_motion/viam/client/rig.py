@@ -1,4 +1,4 @@
-"""An arm and gripper of a running machine, in the shape of a rig (``rig.protocols.RigLike``).
+"""The arm and gripper of a running machine, with the interface of a rig (``RigLike``).
 
 Goals are planned here, by the same planner as for an arm on this computer, from where the machine
 says that its joints are, around what ``arm.scene`` holds.
@@ -137,21 +137,21 @@ class MachineRig(Machine):
 
     @property
     def status(self) -> Mapping[str, Any]:
-        """All that the arm said of itself last, such as ``health`` and ``notes`` of its servos."""
+        """The arm's newest status, such as ``health`` and ``notes`` of its servos."""
         return self._status
 
     @property
     def arm_name(self) -> str:
-        """What the machine calls its arm, for ``do_command``."""
+        """The name of the machine's arm, for ``do_command``."""
         return self._arm_name
 
     @property
     def has_gripper(self) -> bool:
-        """Whether the machine has a gripper that is meant."""
+        """Whether a gripper was named or found."""
         return self._gripper is not None
 
     def refresh(self) -> JointState:
-        """Ask the machine how it is, now.
+        """Read the machine's state now.
 
         Raises:
             MachineRefused: It cannot tell.
@@ -162,11 +162,11 @@ class MachineRig(Machine):
 
     @property
     def takes_streams(self) -> bool:
-        """Whether the machine plays our trajectories; else it is sent the corners of the path."""
+        """Whether the machine plays our trajectories; else it gets the path's corners."""
         return self._executor.takes_streams
 
     def close(self) -> None:
-        """End our own motion, if one is under way, and hang up. May be called twice."""
+        """End our own motion, if one is under way, and disconnect. May be called twice."""
         if self._closed:
             return
         self._closed = True
@@ -244,7 +244,7 @@ class MachineRig(Machine):
         return self._gripper
 
     def _pick(self, client: RobotClient, what: str) -> Any:
-        """The arm or gripper that was named, or the only one; None if there is none.
+        """The named arm or gripper, or the only one; None if there is none.
 
         Raises:
             ConfigError: There is none of that name, or it has to be named.

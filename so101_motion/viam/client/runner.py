@@ -1,4 +1,4 @@
-"""Run one motion at a time on a machine, each a call that lasts as long as the motion.
+"""Run one motion at a time on a machine; each is a call that lasts as long as the motion.
 
 A call that is given up ends its motion: the module at the other end stops when its caller goes
 away, and to be sure it is told to stop as well. A new motion that takes over does not brake the old
@@ -37,7 +37,7 @@ class _Job:
 
 
 class MotionRunner(ABC):
-    """Runs one motion at a time of something on a machine. Methods may be called from any thread.
+    """Runs one motion at a time of a component on a machine. Any thread may call.
 
     Args:
         link: To the machine.
@@ -53,7 +53,7 @@ class MotionRunner(ABC):
         """Tell the machine to stop; returns at rest."""
 
     def begin(self, work: Work) -> Future[None]:
-        """Do ``work``, which raises our errors; takes over from what is under way.
+        """Run ``work``, which raises our errors; takes over from what is under way.
 
         Returns:
             Raises what ``work`` raised, or ``Interrupted``.
@@ -75,7 +75,7 @@ class MotionRunner(ABC):
         return over
 
     def bring_to_rest(self, by: str) -> Future[None]:
-        """Bring the machine to rest, whoever moves it; done at rest.
+        """Stop the machine, whoever moves it; done at rest.
 
         The future raises ``MachineUnavailable`` when the machine could not be told.
         """

@@ -1,4 +1,4 @@
-"""The calibration sensor of a machine that has no arm yet: a kit out of the box.
+"""The calibration sensor of a machine that has no arm yet.
 
 ``MachineRig`` needs an arm. Before the motors have their ids no arm can be configured, so for that
 long the connection is to the sensor alone.
@@ -39,7 +39,7 @@ class MachineSensor(Machine):
     def connect(
         cls, address: str, *, api_key_id: str | None = None, api_key: str | None = None
     ) -> MachineSensor:
-        """Connect to a machine; nothing is asked of its motors.
+        """Connect to a machine; asks nothing of its motors.
 
         Args:
             address: As on the machine's CONNECT page, or host and port.

@@ -1,4 +1,4 @@
-"""Turn what a machine reports of its arm and gripper into a snapshot.
+"""Turn the readings of a machine's arm and gripper into a snapshot.
 
 Our own module tells all of it in one answer: mode, joints, faults. Another module is asked for its
 joints and whether it moves, and the rest is taken to be well.
@@ -33,7 +33,7 @@ corrects about this far. Chosen."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArmReport:
-    """What an arm said of itself.
+    """What an arm reported.
 
     Attributes:
         q: Measured joint angles, shape (5,), [rad].
@@ -48,7 +48,7 @@ class ArmReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GripperReport:
-    """What a gripper said of itself.
+    """What a gripper reported.
 
     Attributes:
         aperture: 0 closed, 1 open.
@@ -62,7 +62,7 @@ class GripperReport:
 
 
 async def ask_arm(arm: Arm) -> ArmReport:
-    """How an arm is.
+    """Read the state of an arm.
 
     Raises:
         GRPCError: It cannot tell.
@@ -93,7 +93,7 @@ def _mode(status: Mapping[str, Any]) -> Mode:
 
 
 async def ask_gripper(gripper: Gripper | None) -> GripperReport:
-    """How a gripper is; what it does not tell is taken to be nothing."""
+    """Read the state of a gripper; what it does not report counts as absent."""
     if gripper is None:
         return GripperReport()
     try:
@@ -109,7 +109,7 @@ async def ask_gripper(gripper: Gripper | None) -> GripperReport:
 
 
 def next_state(last: JointState | None, arm: ArmReport, jaw: GripperReport, t: float) -> JointState:
-    """The snapshot that follows.
+    """Make the next snapshot.
 
     Args:
         last: The one before; None for the first.

@@ -1,4 +1,4 @@
-"""Viam's types to ours and back: poses, joint positions, geometries, kinematics, frames, errors.
+"""Convert Viam's types to ours and back: poses, joints, geometries, kinematics, frames, errors.
 
 Millimetres and degrees end here.
 """

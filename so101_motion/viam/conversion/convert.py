@@ -88,7 +88,7 @@ def from_pose(pose: Pose) -> SE3:
 
 
 def to_joint_positions(q: Array) -> JointPositions:
-    """Joint angles as Viam sends them [deg]."""
+    """Joint angles in Viam's degrees."""
     return JointPositions(values=[float(value) for value in to_deg(q)])
 
 
@@ -114,7 +114,7 @@ def from_joint_values(values: Sequence[float], *, what: str = "positions") -> Ar
 
 
 def from_move_options(options: MoveOptions | None, base: MotionLimits) -> MotionLimits:
-    """The caps of one move.
+    """Read the caps of one move.
 
     A cap that is given replaces the arm's own for this move; the per-joint lists win over the
     single numbers. Zero counts as not given, because viam-server sends limits that nobody set as
@@ -154,7 +154,7 @@ def from_move_options(options: MoveOptions | None, base: MotionLimits) -> Motion
 
 
 def to_move_options(velocity: Array, acceleration: Array) -> MoveOptions:
-    """Caps of each joint, [rad/s] and [rad/s^2], for a request."""
+    """Write the caps of each joint, [rad/s] and [rad/s^2], into a request."""
     return MoveOptions(
         max_vel_degs_per_sec_joints=to_deg(velocity).tolist(),
         max_acc_degs_per_sec2_joints=to_deg(acceleration).tolist(),
@@ -196,7 +196,7 @@ def _caps(
 
 
 def from_goal_metric(extra: Mapping[str, object]) -> GoalMetric:
-    """How much of a pose counts, from ``extra.goal_metric_type``.
+    """Read how much of a pose counts from ``extra.goal_metric_type``.
 
     Position only when nothing is said: five joints cannot reach most full poses.
     ``squared_norm``, the builtin motion service's name for everything, is understood.
@@ -215,7 +215,7 @@ def from_goal_metric(extra: Mapping[str, object]) -> GoalMetric:
 
 
 def flag(extra: Mapping[str, object], key: str, default: bool) -> bool:
-    """A true or false from ``extra``.
+    """Read a boolean from ``extra``.
 
     Raises:
         ConfigError: It is something else.
@@ -230,7 +230,7 @@ def flag(extra: Mapping[str, object], key: str, default: bool) -> bool:
 
 
 def from_struct(struct: Any) -> dict[str, object]:
-    """A protobuf Struct as plain values.
+    """A protobuf Struct as plain Python values.
 
     Unlike the SDK's own reader, which turns null into 0, null stays None.
     """
@@ -249,7 +249,7 @@ def _from_value(value: Any) -> object:
 
 
 def to_result(values: Mapping[str, Any]) -> dict[str, Any]:
-    """``values`` fit for the wire: what is absent or not finite is left out with its key."""
+    """Prepare ``values`` for the wire: leaves out None and numbers that are not finite."""
     return {key: inner for key, value in values.items() if (inner := _plain(value)) is not None}
 
 
@@ -297,7 +297,7 @@ STATUS: dict[type[So101Error], Status] = {
 
 
 def grpc_error(error: So101Error) -> GRPCError:
-    """The status and the one sentence a client sees for ``error``.
+    """The gRPC status and message for ``error``.
 
     A motion that had to make way for a newer one is ABORTED; one that was stopped, given up by its
     caller or ended with its component is CANCELLED.
@@ -324,13 +324,13 @@ def on_the_wire(message: str) -> str:
 
 
 def _valid(line: str) -> str:
-    """Half of a surrogate pair, which JSON can smuggle in, has no bytes."""
+    """Replace lone surrogates, which cannot be encoded."""
     return line.encode("utf-8", "replace").decode()
 
 
 @contextmanager
 def grpc_statuses() -> Iterator[None]:
-    """Within this block our errors leave as gRPC statuses."""
+    """Turn our errors in this block into gRPC statuses."""
     try:
         yield
     except So101Error as error:

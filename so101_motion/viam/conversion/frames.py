@@ -25,13 +25,13 @@ WORLD = "world"
 
 
 class Machine(Protocol):
-    """What is asked of the machine; the SDK's ``RobotClient`` fits."""
+    """The requests to the machine; the SDK's ``RobotClient`` fits."""
 
     async def transform_pose(self, query: PoseInFrame, destination: str) -> PoseInFrame:
         """A pose seen from another frame."""
 
     async def get_frame_system_config(self) -> list[FrameSystemConfig]:
-        """The frames, each with its parent."""
+        """The frames and their parents."""
 
     async def get_pose(
         self, component_name: str, destination_frame: str, supplemental_transforms: list[Transform]
@@ -40,23 +40,23 @@ class Machine(Protocol):
 
 
 class _Here:
-    """The machine this process belongs to; there is one at most."""
+    """The machine of this process; there is at most one."""
 
     machine: Callable[[], Machine | None] = staticmethod(lambda: None)
 
 
 def set_machine(machine: Callable[[], Machine | None]) -> None:
-    """Say how to reach the machine; called once, by the module."""
+    """Set the connection to the machine; called once, by the module."""
     _Here.machine = staticmethod(machine)
 
 
 def machine_here() -> Machine | None:
-    """The machine this process belongs to; None as long as it cannot be reached."""
+    """The machine of this process; None while it cannot be reached."""
     return _Here.machine()
 
 
 async def parents() -> Mapping[str, str]:
-    """The parent of each frame of the machine; none if there is no machine."""
+    """The parent of each frame of the machine; empty if there is no machine."""
     machine = machine_here()
     parts = await machine.get_frame_system_config() if machine is not None else []
     return {
@@ -68,7 +68,7 @@ async def parents() -> Mapping[str, str]:
 async def carrier(
     frame: str, arms: Collection[str], transforms: Iterable[Transform] = ()
 ) -> str | None:
-    """The arm that ``frame`` hangs from; None if from none.
+    """The arm to which ``frame`` is attached; None if to none.
 
     Args:
         frame: A frame of the machine or of the request; an arm hangs from itself.
@@ -97,7 +97,7 @@ def _refuse_long(trail: Sequence[str]) -> None:
 
 
 class Frames:
-    """Frames around one arm, for one request.
+    """The frames around one arm, for one request.
 
     Attributes:
         arm: The arm's short name.

@@ -74,7 +74,7 @@ def _shape(geometry: Geometry, label: str) -> Shape | ShapeFile:
 
 
 def _lengths(key: str, *lengths_mm: float) -> Array:
-    """In metres; refused in the unit they came in."""
+    """Lengths in metres; errors are in the unit of the request."""
     if not all(0.0 < length < math.inf for length in lengths_mm):
         raise ConfigError(key, list(lengths_mm), "must be more than 0 mm and finite")
     return to_m(np.array(lengths_mm))

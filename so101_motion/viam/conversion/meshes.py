@@ -1,4 +1,4 @@
-"""Geometries and 3D models of arm and gripper, for Viam's 3D viewer.
+"""Write geometries and 3D models of arm and gripper for Viam's 3D viewer.
 
 Viam's viewer draws one node for every geometry a component reports and hangs the 3D model of the
 same label on it, at the geometry's own pose. So every part needs a geometry, the
@@ -90,7 +90,7 @@ def _centered_glb(part: str) -> bytes:
 
 
 def shifted_glb(data: bytes, shift: Array) -> bytes:
-    """A binary glTF file with everything in it moved.
+    """Move everything in a binary glTF file.
 
     Args:
         data: A file whose nodes carry no transforms of their own.
@@ -142,7 +142,7 @@ def gripper_geometries(
 
 @cache
 def _body_meshes(kind: str, detail: str) -> tuple[Mesh, ...]:
-    """The fixed parts: one for the follower, two for the leader."""
+    """The meshes of the fixed parts: one for the follower, two for the leader."""
     if kind == "follower":
         return (_ply(so101_description.load_visual("gripper"), GRID[detail]),)
     return tuple(_ply(surfaces, GRID[detail]) for surfaces in _leader_body())
@@ -162,7 +162,7 @@ def _moving_mesh(kind: str, detail: str) -> Mesh:
 
 
 def _ply(surfaces: Sequence[Surface], grid: float) -> Mesh:
-    """Surfaces as one PLY mesh in metres, its vertices welded on a grid."""
+    """Surfaces as one PLY mesh in metres, its vertices merged on a grid."""
     meshes = [surface.mesh for surface in surfaces]
     vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in meshes], grid)
     return Mesh(content_type="ply", mesh=ply(vertices, faces, digits=5))

@@ -1,4 +1,4 @@
-"""Orientation vectors, exactly as viam-server reads and writes them.
+"""Convert orientation vectors exactly as viam-server does.
 
 An orientation vector is a direction ``o`` and a turn ``theta`` about it. With longitude and
 latitude of ``o`` (latitude counted from +z) the rotation is ``Rz(lon) Ry(lat) Rz(theta)``, so ``o``

@@ -71,7 +71,7 @@ _MOST_LOOKED_AT = 20  # unknown options of a request that are compared with ours
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannerOptions:
-    """How one request wants to be planned.
+    """The planner options of one request.
 
     Attributes:
         metric: How much of a pose counts.
@@ -94,7 +94,7 @@ class PlannerOptions:
 
     @classmethod
     def of(cls, extra: Mapping[str, object]) -> PlannerOptions:
-        """What ``extra`` says.
+        """Read ``extra``.
 
         Raises:
             ConfigError: A value cannot be used.
@@ -112,7 +112,7 @@ class PlannerOptions:
         )
 
     def goal(self, goal: PoseGoal) -> PoseGoal:
-        """``goal`` with the tolerances that were asked for."""
+        """Add the requested tolerances to ``goal``."""
         return replace(
             goal,
             metric=self.metric,
@@ -122,7 +122,7 @@ class PlannerOptions:
         )
 
     def search(self, scene: Scene, frames: Mapping[str, SE3] | None = None) -> Search:
-        """How to look for a plan.
+        """The options of the search for a plan.
 
         Args:
             scene: What is around; with the margin that was asked for, if it is the wider one.
@@ -147,7 +147,7 @@ def from_goal_cloud(cloud: ViamCloud) -> PoseCloud:
 
 
 def to_goal_cloud(cloud: PoseCloud) -> ViamCloud:
-    """The same in Viam's units."""
+    """The same back to Viam's units."""
     lengths_mm = {name: to_mm(getattr(cloud, name)) for name in ("x", "y", "z")}
     shares = {name: getattr(cloud, name) for name in ("o_x", "o_y", "o_z")}
     return ViamCloud(**lengths_mm, **shares, theta=to_deg(cloud.theta))
@@ -195,7 +195,7 @@ class OptionWarnings:
         self._said: set[str] = set()
 
     def warn(self, extra: Mapping[str, object]) -> None:
-        """Say which options of ``extra`` are ignored, those not said before."""
+        """Log the ignored options of ``extra`` that were not logged before."""
         for key in sorted(_IGNORED & extra.keys() - self._said):
             self._said.add(key)
             self._logger.warning('planner option "%s" has no effect on our planner', key)

@@ -23,19 +23,19 @@ calibrated; then nobody should plan around where it is said to be, and the truth
 
 
 def served_limits() -> tuple[Array, Array]:
-    """The smallest and largest joint angles that viam-server knows, shapes (5,), [rad]."""
+    """The joint limits that viam-server knows, lower and upper, shapes (5,), [rad]."""
     joints = [segment for segment in chain() if segment.joint is not None]
     return np.array([each.lower for each in joints]), np.array([each.upper for each in joints])
 
 
 def reported(q: Array) -> Array:
-    """What ``GetJointPositions`` says of an arm at ``q``, both shape (5,), [rad]."""
+    """The angles to report to viam-server for an arm at ``q``, both shape (5,), [rad]."""
     inside = np.clip(q, *served_limits())
     return np.where(np.abs(q - inside) <= FARTHEST, inside, q)
 
 
 def remarks(q: Array) -> list[str]:
-    """What a person should know of joints outside the served limits, a sentence each."""
+    """A note for each joint that is outside the served limits."""
     lower, upper = served_limits()
     found = []
     for i in np.flatnonzero((q < lower) | (q > upper)):

@@ -1,4 +1,4 @@
-"""What Viam's constraints ask of the path, and whether a plan keeps it.
+"""Read Viam's path constraints, and check whether a plan keeps them.
 
 A line constraint asks for a straight line of the component. A pseudolinear one allows a share of
 the distance to either side, an orientation constraint limits how far the component may be turned
@@ -26,7 +26,7 @@ _ROUNDING = 1e-4  # [m] and [rad] that are not held against a plan: 0.1 mm, as g
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraints:
-    """What is asked of the path of a component.
+    """The path constraints of one request.
 
     Attributes:
         line: How far it may leave the straight line [m]; infinite for no such constraint.
@@ -46,7 +46,7 @@ class ToolConstraints:
 
     @classmethod
     def of(cls, constraints: Constraints | None, *, counts_turn: bool) -> ToolConstraints:
-        """What a request asks for; of several of a kind the tightest.
+        """Read the constraints of a request; the tightest of each kind counts.
 
         Args:
             constraints: As they came.
@@ -92,13 +92,13 @@ class ToolConstraints:
 
     @property
     def is_any(self) -> bool:
-        """Whether anything is asked for."""
+        """Whether there is any constraint."""
         return not all(
             math.isinf(most) for most in (self.line, self.line_share, self.turn, self.turn_share)
         )
 
     def check(self, q: Array, component: Callable[[Array], SE3]) -> None:
-        """Refuse a motion that does not keep what was asked for.
+        """Refuse a motion that breaks a constraint.
 
         Args:
             q: Its setpoints, shape (n, 5), [rad].

@@ -27,7 +27,7 @@ MOST_THINGS = 1_000
 
 
 async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> Scene:
-    """``scene`` and what a request says is around.
+    """Add a request's world state to ``scene``.
 
     Args:
         scene: What is known of the surroundings.
@@ -99,7 +99,7 @@ async def allowing(scene: Scene, specifications: CollisionSpecification, frames:
 
 
 async def _bodies(name: str, things: set[str], frames: Frames) -> tuple[str, ...]:
-    """What the planner calls the bodies that Viam calls ``name``."""
+    """The planner's names of the bodies that Viam calls ``name``."""
     if name in things:
         return (name,)
     component, _, part = name.partition(":")
@@ -134,7 +134,7 @@ def _centre(entry: Geometry) -> SE3:
 
 
 class _UniqueNames:
-    """Names for things; viam-server allows several without a label, and any label at all."""
+    """Makes names unique; viam-server allows missing and repeated labels."""
 
     def __init__(self, scene: Scene) -> None:
         self._taken = {

@@ -23,7 +23,7 @@ Json = dict[str, object]
 
 
 def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
-    """The WorldState that says what is around an arm and in its hand.
+    """The WorldState for a scene.
 
     Args:
         scene: What is.
@@ -48,7 +48,7 @@ def world_state_json(scene: Scene, *, arm: str = "arm") -> Json:
 
 
 def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
-    """A mesh as a PLY file in metres, as text: viam-server reads no binary ones.
+    """A mesh as PLY text in metres; viam-server reads no binary PLY.
 
     Args:
         vertices: Shape (n, 3), [m].
@@ -69,7 +69,7 @@ def ply(vertices: Array, triangles: Array, *, digits: int = 6) -> bytes:
 
 
 def _lines(form: str, rows: Array, *, at_once: int = 1_000) -> Iterator[str]:
-    """Some rows at a time: one long formatting would keep every other thread waiting."""
+    """Format some rows at a time, so that no other thread waits for long."""
     for first in range(0, len(rows), at_once):
         some = rows[first : first + at_once]
         yield form * len(some) % tuple(some.ravel().tolist())
@@ -87,7 +87,7 @@ def pcd(cloud: PointCloud) -> bytes:
 
 
 def geometry_json(shape: Shape, label: str, pose: SE3) -> Json:
-    """A shape as Viam draws it; every mesh as PLY text, for viam-server reads no binary PLY."""
+    """A shape in Viam's JSON; meshes become PLY text, for viam-server reads no binary PLY."""
     if isinstance(shape, PointCloud):  # viam-server ignores the centre of a cloud
         points = shape.points @ pose.R.T + pose.p
         shape, pose = PointCloud(points=points), SE3.identity()
@@ -121,5 +121,5 @@ def _pose(T: SE3) -> Json:
 
 
 def _number(value: float, *, digits: int = 6) -> float:
-    """As one would write it: a nanometre and a microdegree are enough."""
+    """Round to a nanometre or a microdegree."""
     return round(float(value), digits) + 0.0  # no minus zero

@@ -1,4 +1,4 @@
-"""What every arm component does, real or simulated: Viam's methods over a rig.
+"""The Viam arm methods that real and simulated arms share.
 
 Each method converts, calls, converts back. Stop goes from the event loop straight to the arm's I/O
 thread; what blocks (letting go, closing) has a thread of its own. A ``Motion`` is awaited with
@@ -62,7 +62,7 @@ services send the present joints as the first waypoint; an arm rests up to this 
 
 
 def scene_of(wanted: ArmConfig) -> Scene:
-    """What stands around an arm, as its configuration says.
+    """The obstacles of an arm's configuration.
 
     Raises:
         ConfigError: An obstacle cannot be meant; the message names it.
@@ -75,13 +75,13 @@ def scene_of(wanted: ArmConfig) -> Scene:
 
 @lru_cache(maxsize=8)
 def _scene(floor_z: float | None, obstacles: str) -> Scene:
-    """Remembered: ``validate_config`` builds it in a thread, the event loop needs it again."""
+    """Cached: ``validate_config`` builds it in a thread, and the event loop uses it again."""
     return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSettings:
-    """How an arm component behaves, beyond what its rig was built with.
+    """The settings of an arm component beyond those of its rig.
 
     Attributes:
         motion: The motion service that plans MoveToPosition; None when we plan it.
@@ -99,7 +99,7 @@ class ArmSettings:
 
     @classmethod
     def of(cls, wanted: ArmConfig, dependencies: Dependencies) -> ArmSettings:
-        """What a configuration says of it.
+        """Read the settings from a configuration.
 
         Raises:
             ConfigError: It names a motion service that is not there.
@@ -113,7 +113,7 @@ class ArmSettings:
         )
 
     def goal(self, T_base_goal: SE3) -> PoseGoal:
-        """A goal with this arm's tolerances."""
+        """Add this arm's tolerances to a goal."""
         goal = PoseGoal(T_base_tool=T_base_goal)
         return replace(
             goal,
@@ -182,7 +182,7 @@ class ArmResource(Configured, Arm):
     async def move_to_position(
         self, pose: Pose, *, extra: dict[str, Any] | None = None, **kwargs: Any
     ) -> None:
-        """Bring the tool to a pose, along a path that is planned; returns on arrival."""
+        """Move the tool to a pose along a planned path; returns on arrival."""
         await self.ready()
         extra = extra or {}
         with grpc_statuses():
@@ -222,7 +222,7 @@ class ArmResource(Configured, Arm):
     async def move_to_joint_positions(
         self, positions: JointPositions, *, extra: dict[str, Any] | None = None, **kwargs: Any
     ) -> None:
-        """Bring the joints to angles, along a path that is planned; returns on arrival.
+        """Move the joints along a planned path; returns on arrival.
 
         With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
         angles from whatever it is doing: the form for a stream of targets.
@@ -312,17 +312,17 @@ class ArmResource(Configured, Arm):
             await self._at_rest(self._arm.start_stop())
 
     async def make_way(self) -> None:
-        """End what is under way in favour of something newer; returns when the arm is at rest."""
+        """End what is under way for something newer; returns when the arm is at rest."""
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
     async def _at_rest(self, stop: Future[None]) -> None:
-        """Wait until a stop is over, even if the caller goes away."""
+        """Wait until a stop is over, even if the client disconnects."""
         stopping = asyncio.wrap_future(stop)
         await self._come_to_rest(stopping)
         stopping.result()
 
     async def found(self) -> None:
-        """Wait until the servos have been found, for a request that asks them something."""
+        """Wait until the servos have been found, for a request that reads them."""
 
     async def ready(self) -> None:
         """Let the arm hold again after a fault, for a request that moves it."""
@@ -346,20 +346,20 @@ class ArmResource(Configured, Arm):
     async def set_manual_mode(
         self, manual_mode: bool, enabled_for: float = 0, **kwargs: Any
     ) -> None:
-        """Yield to a hand, for ``enabled_for`` seconds or until told otherwise; or hold."""
+        """Start manual mode, for ``enabled_for`` seconds or without end; or hold."""
         await self.ready()
         with grpc_statuses():
             await self._manual.set(manual_mode, enabled_for)
 
     async def get_manual_mode(self, **kwargs: Any) -> bool:
-        """Whether the arm is to be moved by hand: it yields, or its torque is off."""
+        """Whether the arm can be moved by hand: in manual mode, or without torque."""
         await self.found()
         return self._arm.in_manual
 
     # What it is
 
     async def get_properties(self, **kwargs: Any) -> Arm.Properties:
-        """What this arm can do."""
+        """The arm's capabilities."""
         return Arm.Properties(support_manual_mode=True, support_cartesian_commands=True)
 
     async def get_kinematics(self, **kwargs: Any) -> tuple[KinematicsFileFormat.ValueType, bytes]:
@@ -370,7 +370,7 @@ class ArmResource(Configured, Arm):
         return KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA, kinematics.arm_sva(name)
 
     async def get_3d_models(self, **kwargs: Any) -> Mapping[str, Mesh]:
-        """What the parts look like, keyed as in the labels of the geometries."""
+        """The 3D models of the parts, keyed as in the labels of the geometries."""
         return meshes.arm_models(with_tool=self.settings.visualize_ee_frame)
 
     async def get_geometries(self, **kwargs: Any) -> list[Geometry]:
@@ -381,7 +381,7 @@ class ArmResource(Configured, Arm):
         return meshes.arm_geometries(self.short_name, links, marker)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Mode, joints and how the control loop is doing."""
+        """Mode, joints, and figures of the control loop."""
         state = self._arm.state
         status = {
             "mode": "manual" if self._arm.in_manual else "auto",
@@ -427,7 +427,7 @@ class ArmResource(Configured, Arm):
         return {"mode": "auto"}
 
     async def _get_planning_setup(self, request: Request) -> dict[str, Any]:
-        """What whoever plans for this arm elsewhere has to know: surroundings and joint ranges."""
+        """What an external planner needs: the scene and the joint ranges."""
         arguments(request)
         lower, upper = self._arm.range
         setup = {
@@ -438,7 +438,7 @@ class ArmResource(Configured, Arm):
         return convert.to_result(setup)
 
     async def close(self) -> None:
-        """Stop and let go of everything; may be called twice."""
+        """Stop and release everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         self._manual.forget()

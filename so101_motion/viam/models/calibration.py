@@ -1,4 +1,4 @@
-"""``devrel:so101:calibration``: a sensor that takes a kit of servos to a calibrated arm."""
+"""``devrel:so101:calibration``: a sensor for motor setup and calibration."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from so101_motion.viam.requests.commands import answer
 
 
 class So101Calibration(Configured, Sensor):
-    """Motor setup and calibration, told by readings and driven by commands.
+    """Motor setup and calibration: state by readings, steps by commands.
 
     It shares the port with an arm and a gripper and needs neither. Until a command wants the bus,
     it only looks on.
@@ -51,7 +51,7 @@ class So101Calibration(Configured, Sensor):
     def build(
         cls, name: str, wanted: CalibrationConfig, dependencies: Dependencies
     ) -> So101Calibration:
-        """The sensor of a port; no servo need be there."""
+        """Make the sensor of a port; needs no servo."""
         rig = open_without_waiting(_asked(wanted))
         try:
             return cls(name, Calibrator(rig, wanted.joints), rig.first_try)
@@ -60,7 +60,7 @@ class So101Calibration(Configured, Sensor):
             raise
 
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
-        """How far calibration and motor setup are, and where the joints are."""
+        """The state of calibration and motor setup, and the joint angles."""
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
         return convert.to_result(readings(self._calibrator.situation))
 
@@ -71,7 +71,7 @@ class So101Calibration(Configured, Sensor):
         return convert.to_result(result)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """The state of the calibration, and whether the port is there."""
+        """The state of the calibration, and whether the port is open."""
         now = self._calibrator.situation
         return {
             "calibration_state": now.view.state.value,
@@ -81,12 +81,12 @@ class So101Calibration(Configured, Sensor):
         }
 
     async def close(self) -> None:
-        """Put back what a calibration under way has changed, and give up the port."""
+        """Undo a running calibration, and close the port."""
         await carried_out(self._calibrator.close)
 
 
 def _asked(wanted: CalibrationConfig) -> ServoSettings:
-    """What it asks of the port: no servo, so nothing but to agree about the calibration file."""
+    """The settings it asks of the port: no servo, only the calibration file."""
     file = wanted.connection.calibration_file
     return replace(
         wanted.connection.servo_settings(),

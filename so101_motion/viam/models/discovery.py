@@ -25,7 +25,7 @@ from so101_motion.viam.suggested_config import frame_json
 
 
 class So101Discovery(Configured, DiscoveryService):
-    """Finds arms.
+    """Finds arms that are plugged in.
 
     Args:
         name: The service's name.
@@ -44,11 +44,11 @@ class So101Discovery(Configured, DiscoveryService):
     def build(
         cls, name: str, wanted: tuple[str, ...], dependencies: Dependencies
     ) -> So101Discovery:
-        """The service; it looks at nothing yet."""
+        """Make the service; looks at nothing yet."""
         return cls(name, wanted)
 
     async def discover_resources(self, **kwargs: Any) -> list[ComponentConfig]:
-        """Complete configurations for what is plugged in; takes less than two seconds.
+        """Suggest configurations for what is plugged in, in under 2 s.
 
         What each port has, or why it has nothing, is said in the log.
         """
@@ -61,7 +61,7 @@ class So101Discovery(Configured, DiscoveryService):
             return convert.to_result(await answer(command, self._commands, self._report, ()))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Which ports are looked at beyond those that are found."""
+        """The further ports that are looked at."""
         return {"ports": list(self._ports)}
 
     async def _look(self) -> Discovery:

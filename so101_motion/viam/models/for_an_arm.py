@@ -1,4 +1,4 @@
-"""A service that serves one arm of this module.
+"""The base of services for one arm of this module.
 
 The arm is no dependency in viam-server's sense, because its own configuration may name such a
 service; it is looked up when it is needed, and may be built later or be rebuilt meanwhile.
@@ -32,11 +32,11 @@ class ServiceForAnArm(Configured):
 
     @classmethod
     def build(cls, name: str, wanted: str | None, dependencies: Dependencies) -> Self:
-        """The service for the arm of that name; the arm is no dependency."""
+        """Make the service for the named arm; the arm is no dependency."""
         return cls(name, wanted)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Which arm is served, or why none can be; without a name any of them may be meant."""
+        """The arm that is served, or why none can be."""
         if self._arm_name is None and ArmResource.here:
             return {"arms": list(ArmResource.here)}
         try:
@@ -46,7 +46,7 @@ class ServiceForAnArm(Configured):
 
 
 def arm_here(name: str | None) -> ArmResource:
-    """The arm of that name, or without a name the only one.
+    """The arm of this name, or without a name the only one.
 
     Raises:
         ConfigError: It is not there now; the message names those that are.

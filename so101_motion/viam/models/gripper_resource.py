@@ -1,4 +1,4 @@
-"""What every gripper component does, real or simulated: looks, Stop, short requests."""
+"""The Viam gripper methods that real and simulated grippers share."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class GripperResource(Configured, Gripper):
         self._commands: dict[str, Command] = {}
 
     async def found(self) -> None:
-        """Wait until the servo has been found, for a request that asks it something."""
+        """Wait until the servo has been found, for a request that reads it."""
 
     def _watched(self, motion: Motion) -> Motion:
         self._latest = motion
@@ -69,7 +69,7 @@ class GripperResource(Configured, Gripper):
         stopping.result()
 
     async def is_moving(self) -> bool:
-        """Whether the jaw is under way, or about to be."""
+        """Whether the jaw moves, or is about to."""
         latest = self._latest
         return self._gripper.is_moving or (latest is not None and not latest.future.done())
 
@@ -125,7 +125,7 @@ class GripperResource(Configured, Gripper):
         return round(clamped(100.0 * self._gripper.aperture), 3)
 
     async def close(self) -> None:
-        """Stop and let go of everything; may be called twice."""
+        """Stop and release everything; may be called twice."""
         if self.here.get(self.short_name) is self:
             del self.here[self.short_name]
         await in_own_thread(self.rig.close)

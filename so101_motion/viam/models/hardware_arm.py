@@ -66,7 +66,7 @@ class HardwareArm(ArmResource):
 
     @classmethod
     def build(cls, name: str, wanted: HardwareArmConfig, dependencies: Dependencies) -> HardwareArm:
-        """The component; nothing moves."""
+        """Make the component; nothing moves."""
         settings, scene = ArmSettings.of(wanted, dependencies), scene_of(wanted)
         asked = replace(wanted.connection.servo_settings(), releases_at_end=wanted.releases_at_end)
         rig = open_without_waiting(asked.with_arm(wanted.servo_ids, wanted.zero_offsets))
@@ -85,19 +85,19 @@ class HardwareArm(ArmResource):
             raise
 
     async def get_joint_positions(self, **kwargs: Any) -> JointPositions:
-        """Measured joint angles; one that is a little outside the served limits is told inside."""
+        """Measured joint angles; one just outside the served limits is moved in."""
         await self.found()
         q = self._arm.state.q
         self._log_new(served_joints.remarks(q))
         return convert.to_joint_positions(served_joints.reported(q))
 
     def _is_here(self, q: Array) -> bool:
-        """Whether ``q`` is where the arm is, or where viam-server was told that it is."""
+        """Whether ``q`` is where the arm is, or what viam-server was told."""
         told = served_joints.reported(self._arm.state.q)
         return super()._is_here(q) or bool(np.max(np.abs(q - told)) <= AT_START)
 
     def _log_new(self, remarks: list[str]) -> None:
-        """Log what is remarked of a joint when it begins, not each time it is asked for."""
+        """Log a remark on a joint when it first appears."""
         joints = {remark.partition(" ")[0] for remark in remarks}
         for remark in remarks:
             if remark.partition(" ")[0] not in self._remarked:
@@ -128,7 +128,7 @@ class HardwareArm(ArmResource):
         return {**await super()._enter_manual_mode(request), "servos": list(self._servo_ids)}
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """Mode, joints, how the control loop is doing, and how the servos are."""
+        """Mode, joints, figures of the control loop, and the servos' health."""
         status = dict(await super().get_status(**kwargs))
         status["not_ready"] = self.rig.not_ready
         status["connected"] = self.rig.servos.is_connected
@@ -147,7 +147,7 @@ class HardwareArm(ArmResource):
         return convert.to_result(status)
 
     async def close(self) -> None:
-        """Come to rest, hold, and give up the port; may be called twice."""
+        """Stop, hold, and close the port; may be called twice."""
         self._manual.forget()
         if self.here.get(self.short_name) is self:
             try:

@@ -84,7 +84,7 @@ class HardwareGripper(GripperResource):
     def build(
         cls, name: str, wanted: HardwareGripperConfig, dependencies: Dependencies
     ) -> HardwareGripper:
-        """The component; nothing moves."""
+        """Make the component; nothing moves."""
         rig = open_without_waiting(_settings(wanted).with_gripper(wanted.servo_id))
         gripper = cls(name, rig, wanted)
         if wanted.arm and wanted.connection and not _same_port(rig, wanted):
@@ -115,7 +115,7 @@ class HardwareGripper(GripperResource):
             return self._gripper.is_holding
 
     async def is_holding_something(self, **kwargs: Any) -> Gripper.HoldingStatus:
-        """Whether what was grabbed is still held, and by what that is told."""
+        """Whether the grabbed object is still held, and how that is known."""
         await self.found()
         load = health(self.rig.servos).get(GRIPPER_JOINT, {})
         meta = {key: load[key] for key in ("load_percent", "amps") if key in load}
@@ -125,7 +125,7 @@ class HardwareGripper(GripperResource):
         )
 
     async def _start(self, percentage: float) -> Motion:
-        """Begin to move; what the jaw meets on its way to closed is gripped, not crushed."""
+        """Start to move; grips an object in the way instead of crushing it."""
         await out_of_fault(self.rig)
         aperture = percentage / 100.0
         closes = aperture < self._gripper.aperture
@@ -135,7 +135,7 @@ class HardwareGripper(GripperResource):
         return self._watched(start(aperture))
 
     async def _unload(self) -> None:
-        """Let a jaw that is overloaded stop pressing, for opening it is what helps.
+        """Let an overloaded jaw stop pressing, so that it can open.
 
         An alarm ends whatever moves its joint, and leaves it standing where it is; that is all a
         servo needs to take an overload back.
@@ -243,7 +243,7 @@ class HardwareGripper(GripperResource):
     # What it is doing
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """How far it is open, whether it moves and holds, and how its servo is."""
+        """The aperture, whether it moves and holds, and its servo's health."""
         state, not_ready = self.rig.arm.state, self.rig.not_ready
         status = {
             **({} if not_ready else self._position()),
@@ -269,7 +269,7 @@ class HardwareGripper(GripperResource):
         }
 
     async def close(self) -> None:
-        """Come to rest, hold, and give up the port; may be called twice."""
+        """Stop, hold, and close the port; may be called twice."""
         if not self._is_closed:
             self._is_closed = True
             try:

@@ -33,5 +33,5 @@ async def _get_pose(service: RobotService, stream: Stream[GetPoseRequest, GetPos
 
 
 def serve_get_pose() -> None:
-    """Answer ``GetPose`` on the sockets of all servers that are made from now on."""
+    """Answer ``GetPose`` on all servers that are made from now on."""
     setattr(RobotService, "GetPose", _get_pose)  # noqa: B010  # the SDK asks nobody which to serve

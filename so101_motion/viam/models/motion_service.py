@@ -83,7 +83,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         extra: Mapping[str, Any] | None = None,
         **kwargs: Any,
     ) -> bool:
-        """Bring a component to a pose around what is in the way; returns on arrival."""
+        """Move a component to a pose around obstacles; returns on arrival."""
         with grpc_statuses():
             wanted = MoveArguments(
                 component=component_name,
@@ -112,7 +112,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         supplemental_transforms: Sequence[Transform] | None = None,
         **kwargs: Any,
     ) -> PoseInFrame:
-        """Where a component is, seen from a frame."""
+        """The pose of a component in a frame."""
         with grpc_statuses():
             brought = supplemental_transforms or ()
             arm = await self._arm_for(component_name, brought)
@@ -183,7 +183,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         return arm_here(name)
 
     async def _seen_through(self, resource: ArmResource, motion: Motion) -> None:
-        """Wait until a motion has arrived; it ends with the call, and with this service."""
+        """Wait until a motion has arrived; it ends with the call or the service."""
         running = (resource, motion)
         self._running.add(running)
         try:
@@ -208,7 +208,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             await asyncio.wrap_future(planning)
 
     async def _asked(self, wanted: MoveArguments) -> _PlanningTask:
-        """What a request means while the arm is where it is now.
+        """Interpret a request at the arm's present place.
 
         Raises:
             So101Error: It cannot be meant.
@@ -241,7 +241,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         )
 
     async def _planned(self, wanted: MoveArguments) -> Plan:
-        """A plan for a request, every constraint checked; moves nothing."""
+        """Plan a request and check every constraint; moves nothing."""
         asked = await self._asked(wanted)
         goal, T_tool_component = asked.goal, asked.T_tool_component
         problem: PlanningError | None = None
@@ -273,7 +273,7 @@ class So101Motion(ServiceForAnArm, MotionService):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveArguments:
-    """One request, as it came.
+    """The arguments of one request.
 
     Attributes:
         component: What shall be brought there.
@@ -291,7 +291,7 @@ class MoveArguments:
 
     @property
     def transforms(self) -> Sequence[Transform]:
-        """The frames that the request brings along."""
+        """The frames of the request."""
         return self.world.transforms if self.world is not None else ()
 
     @classmethod
@@ -320,7 +320,7 @@ class MoveArguments:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _PlanningTask:
-    """What a request means.
+    """An interpreted request.
 
     Attributes:
         arm: What moves.
@@ -342,7 +342,7 @@ _NOT_JSON = (AttributeError, TypeError, ValueError, OverflowError, RecursionErro
 
 
 def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
-    """What to try, in order, to keep what is asked of the path; a straight line keeps the most."""
+    """The goals to try in order; a straight line keeps the most constraints."""
     if not asked.is_any:
         return [goal]
     line = LineGoal(T_base_tool=goal.T_base_tool, metric=goal.metric, frame=goal.frame)
@@ -383,7 +383,7 @@ def _plan_json(plan: Plan, name: str) -> dict[str, Any]:
 
 
 def _read_steps(steps: object) -> tuple[str, Array]:
-    """The arm and its joint angles, shape (n, 5), [rad], in what ``plan`` gave."""
+    """The arm and its joint angles, shape (n, 5), [rad], in a result of ``plan``."""
     if isinstance(steps, Mapping):
         steps = steps.get("plan")
     if not isinstance(steps, list) or not steps:

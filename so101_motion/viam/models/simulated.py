@@ -1,4 +1,4 @@
-"""``devrel:so101:simulated``: the arm without hardware, moved by the same planner and executor."""
+"""``devrel:so101:simulated``: an arm without hardware, with the same planner and executor."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class SimulatedArm(ArmResource):
     def build(
         cls, name: str, wanted: SimulatedArmConfig, dependencies: Dependencies
     ) -> SimulatedArm:
-        """The component, where the one of this name was left."""
+        """Make the component; it starts where the last one of this name was."""
         settings = ArmSettings.of(wanted, dependencies)
         rig = open_simulated(
             speed=wanted.speed,
@@ -64,7 +64,7 @@ class SimulatedArm(ArmResource):
         return cls(name, rig, settings)
 
     async def close(self) -> None:
-        """Stop and let go of everything; an arm built under this name next stands where it did."""
+        """Stop and release everything; remembers where the arm stands for its name."""
         await super().close()
         self._left[self.short_name] = self._arm.state.q_ref
 

@@ -1,4 +1,4 @@
-"""``devrel:so101:simulated-gripper``: a jaw without hardware that is seen to open and close."""
+"""``devrel:so101:simulated-gripper``: a gripper without hardware."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SimulatedGripper(GripperResource):
     def build(
         cls, name: str, wanted: SimulatedGripperConfig, dependencies: Dependencies
     ) -> SimulatedGripper:
-        """The component, where the one of this name was left."""
+        """Make the component; it starts where the last one of this name was."""
         q_jaw = cls._left.pop(name, JAW_CLOSED)
         return cls(name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
 
@@ -60,7 +60,7 @@ class SimulatedGripper(GripperResource):
             await arrival(self._start(1.0))
 
     async def grab(self, **kwargs: Any) -> bool:
-        """Close fully; returns when it is closed. Nothing is ever held: False."""
+        """Close fully; returns when it is closed. It never holds anything: False."""
         with grpc_statuses():
             await arrival(self._start(0.0))
         return False
@@ -75,7 +75,7 @@ class SimulatedGripper(GripperResource):
         self._target = self._gripper.aperture
 
     async def close(self) -> None:
-        """Stop and let go of everything; a jaw built under this name next stands where it did."""
+        """Stop and release everything; remembers the jaw's angle for its name."""
         await super().close()
         self._left[self.short_name] = self._gripper.q_jaw
 
@@ -86,7 +86,7 @@ class SimulatedGripper(GripperResource):
         return Gripper.HoldingStatus(is_holding_something=False)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """How far it is open, and whether it moves."""
+        """The aperture, and whether it moves."""
         return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
 
     async def _set_position(self, request: Request) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""``devrel:so101:teleop``: one arm follows another that is led by hand.
+"""``devrel:so101:teleop``: one arm follows another that is guided by hand.
 
 Arms of this module's own process are reached directly, at the rate of their bus; others through
 Viam. The two sides are looked up anew with every start, so an arm that was rebuilt is no trouble.
@@ -94,7 +94,7 @@ class So101Teleop(Configured, Generic):
 
     @classmethod
     def build(cls, name: str, wanted: TeleopConfig, dependencies: Dependencies) -> So101Teleop:
-        """The service; it starts by itself only if told to."""
+        """Make the service; starts only if configured to."""
         service = cls(name, wanted, dependencies)
         if wanted.auto_start:
             service._starting = asyncio.ensure_future(service._start_alone())
@@ -106,7 +106,7 @@ class So101Teleop(Configured, Generic):
             return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
-        """How it is, as ``status`` tells."""
+        """The state of the session, as ``status`` answers."""
         return convert.to_result(await self._status({}))
 
     async def close(self) -> None:

@@ -55,7 +55,7 @@ _TROUBLE = (GRPCError, OSError, TimeoutError, So101Error)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RemoteArm:
-    """An arm elsewhere.
+    """An arm of another module or machine.
 
     Attributes:
         arm: Its client.
@@ -72,7 +72,7 @@ class RemoteArm:
     rate: float
 
     async def ask(self) -> tuple[float, Array, Array]:
-        """When it was measured [s], joint angles and aperture, and which of them it told.
+        """Read time [s], joint angles and aperture, and which of them were answered.
 
         Raises:
             GRPCError: It does not answer.
@@ -90,11 +90,11 @@ class RemoteArm:
         return 0.5 * (begin + self.clock.now()), x, heard
 
     def run(self, call: Coroutine[Any, Any, Any]) -> Any:
-        """The outcome of ``call``, from another thread than the loop's."""
+        """Run ``call`` from another thread than the loop's; return its result."""
         return asyncio.run_coroutine_threadsafe(call, self.loop).result(SETTING_UP)
 
     def begin(self, job: Callable[[], Coroutine[Any, Any, None]]) -> Future[None]:
-        """Do ``job`` in every period until the future is cancelled."""
+        """Run ``job`` in every period until the future is cancelled."""
         return asyncio.run_coroutine_threadsafe(self._repeat(job), self.loop)
 
     async def _repeat(self, job: Callable[[], Coroutine[Any, Any, None]]) -> None:
@@ -105,7 +105,7 @@ class RemoteArm:
             await asyncio.sleep(due - self.loop.time())
 
     async def set_torque(self, on: bool) -> bool:
-        """Hold its joints or let go of them; whether it could be told."""
+        """Hold or release its joints; return whether it could be told."""
         try:
             await self.arm.do_command({"command": "set_torque", "enable": on}, timeout=SETTING_UP)
         except _TROUBLE as error:
@@ -115,7 +115,7 @@ class RemoteArm:
 
 
 class RemoteLeader(Leader):
-    """An arm elsewhere that leads.
+    """A remote arm as leader.
 
     Args:
         arm: The arm.
@@ -153,7 +153,7 @@ class RemoteLeader(Leader):
 
     @property
     def is_limp(self) -> bool:
-        """See ``Leader.is_limp``: as far as it was told to be."""
+        """See ``Leader.is_limp``: whether it was told to release its joints."""
         return self._is_limp
 
     @property
@@ -163,7 +163,7 @@ class RemoteLeader(Leader):
 
 
 class RemoteFollower(Follower):
-    """An arm elsewhere that follows.
+    """A remote arm as follower.
 
     Args:
         arm: The arm.

@@ -1,4 +1,4 @@
-"""``devrel:so101:world-state``: shows Viam's 3D view what an arm plans with.
+"""``devrel:so101:world-state``: shows in Viam's 3D view the scene that an arm plans with.
 
 Obstacles, keep-out zones, what the gripper holds, the goal of the newest plan and the path of the
 tool to it are shown as transforms beside the arm. Nothing is stored: a stream compares a few times
@@ -74,7 +74,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
     MODEL: ClassVar = Model.from_string("devrel:so101:world-state")
 
     async def list_uuids(self, **kwargs: Any) -> list[bytes]:
-        """Everything that is shown now; the floor at least.
+        """The ids of everything shown now; at least the floor.
 
         viam-server takes an empty list for a failure.
         """
@@ -82,7 +82,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
             return list(await asyncio.to_thread(self._now))
 
     async def get_transform(self, uuid: bytes, **kwargs: Any) -> Transform:
-        """One of the things that are shown."""
+        """One of the things shown."""
         with grpc_statuses():
             found = (await asyncio.to_thread(self._now)).get(uuid)
         if found is None:
@@ -108,7 +108,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
             await asyncio.sleep(_PERIOD)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """There are no requests; what is shown is asked for with the store's own methods."""
+        """There are no requests; use the store's own methods."""
         raise GRPCError(
             Status.UNIMPLEMENTED,
             "this store answers no requests; ListUUIDs, GetTransform and StreamTransformChanges"
@@ -127,7 +127,7 @@ class So101WorldState(ServiceForAnArm, WorldStateStore):
 
 
 def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
-    """What is shown of an arm.
+    """The things to show of an arm.
 
     Args:
         name: The arm's short name.
@@ -149,7 +149,7 @@ def shown_of(name: str, arm: Arm) -> Iterator[Transform]:
 
 @lru_cache(maxsize=8)
 def _things(name: str, scene: Scene) -> tuple[Transform, ...]:
-    """What stands around an arm and what it holds; made once for each scene, for it may be much."""
+    """The obstacles and held objects of a scene, cached, for they may be many."""
     return tuple(_each_thing(name, scene))
 
 

@@ -1,1 +1,1 @@
-"""What the models answer beyond Viam's own methods: the published module's requests and ours."""
+"""Requests beyond Viam's own methods: the published module's and ours."""

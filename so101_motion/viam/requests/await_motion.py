@@ -1,4 +1,4 @@
-"""Wait for a motion, so that giving up the wait ends the motion.
+"""Wait for a motion; cancelling the wait stops the motion.
 
 A cancelled client, a passed deadline and a lost connection all reach a handler as one thing:
 ``CancelledError``. Awaiting the motion's future and letting that error through would abandon the
@@ -60,7 +60,7 @@ async def rest(future: asyncio.Future[Any]) -> None:
 
 
 def own_thread(job: Callable[[], T]) -> Future[T]:
-    """Run ``job``, which waits for others, in a thread of its own.
+    """Run ``job``, which waits, in a thread of its own.
 
     The threads of ``asyncio.to_thread`` are few, and what plans or computes may occupy them all.
     """
@@ -82,7 +82,7 @@ def in_own_thread(job: Callable[[], T]) -> asyncio.Future[T]:
 
 
 async def carried_out(job: Callable[[], T]) -> T:
-    """Run ``job`` in a thread and wait for it; a step that was begun is finished in any case.
+    """Run ``job`` in a thread and wait for it; a step that has begun is always finished.
 
     When the wait is cancelled that takes effect only then, so nobody overtakes the step.
 
@@ -94,7 +94,7 @@ async def carried_out(job: Callable[[], T]) -> T:
 
 
 async def finished(step: Awaitable[T]) -> T:
-    """Wait for a step that is finished in any case, like ``carried_out``."""
+    """Wait for a step that is always finished, like ``carried_out``."""
     future = asyncio.ensure_future(step)
     try:
         return await asyncio.shield(future)
@@ -104,7 +104,7 @@ async def finished(step: Awaitable[T]) -> T:
 
 
 class TurnQueue:
-    """Lets one caller through in each turn of the event loop.
+    """Lets one caller per turn of the event loop through.
 
     What many requests that came at once have to compute before they first wait would otherwise be
     one long turn, and a Stop behind them would not be read before its end.
@@ -114,13 +114,13 @@ class TurnQueue:
         self._one_at_a_time = asyncio.Lock()
 
     async def passed(self) -> None:
-        """Wait for a turn of one's own."""
+        """Wait for a turn."""
         async with self._one_at_a_time:
             await asyncio.sleep(0)
 
 
 def left_alone(motion: Motion, logger: logging.Logger) -> None:
-    """Let ``motion`` run without a waiting caller; what goes wrong is logged."""
+    """Let ``motion`` run without a waiting caller; errors are logged."""
 
     def report(done: Future[None]) -> None:
         error = done.exception()

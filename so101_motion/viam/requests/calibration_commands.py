@@ -1,4 +1,4 @@
-"""The commands of the calibration sensor: the published module's, with its answers' keys.
+"""The commands of the calibration sensor, with the answers' keys of the published module.
 
 Each runs in a thread, for it waits for the bus, and is finished even if the client goes away in
 mid-step. What an answer has beyond the published keys is said in ``docs/calibration.md``.
@@ -24,7 +24,7 @@ from so101_motion.viam.requests.commands import Command, Request, arguments
 
 
 class CalibrationCommands:
-    """Answers them.
+    """Answers the commands of the calibration sensor.
 
     Args:
         calibrator: Carries them out.
@@ -57,7 +57,7 @@ class CalibrationCommands:
     # The workflow
 
     async def _step(self, request: Request) -> dict[str, Any]:
-        """A step that leads to the next one."""
+        """Carry out a step that leads to the next one."""
         arguments(request)
         await self._carry_out(request)
         return self._next()
@@ -282,7 +282,7 @@ def _names(key: str, value: object) -> tuple[str, ...]:
 
 
 def ranges(joints: Mapping[str, JointView]) -> dict[str, Any]:
-    """The travels that were recorded [tick]."""
+    """The recorded travels [tick]."""
     return {
         joint: {"min": view.recorded_min, "max": view.recorded_max, "range": view.travel}
         for joint, view in joints.items()

@@ -35,7 +35,7 @@ async def answer(
     keys: Command | None = None,
     names: tuple[str, ...] = (),
 ) -> dict[str, Any]:
-    """Do what ``request`` says.
+    """Carry out ``request``.
 
     Args:
         request: As it came.
@@ -60,7 +60,7 @@ async def answer(
 
 
 def _what_instead(request: Request, commands: Collection[str], names: tuple[str, ...]) -> str:
-    """What somebody who sent neither a command nor a key might have meant."""
+    """Guess what a request without command and key meant."""
     first = next(iter(request), "")
     if first in commands:
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
@@ -69,7 +69,7 @@ def _what_instead(request: Request, commands: Collection[str], names: tuple[str,
 
 
 def arguments(request: Request, *known: str) -> Attributes:
-    """What stands beside ``command``.
+    """Read the arguments beside ``command``.
 
     Raises:
         ConfigError: Something that the command does not know.
@@ -107,5 +107,5 @@ def _wanted(request: Request, key: str, bounds: tuple[float, float], unit: str) 
 
 
 def in_deg(value: float) -> float:
-    """Degrees from radians as one would write them; 60 went in, 60 comes out."""
+    """Degrees from radians, rounded so that 60 comes back as 60."""
     return round(to_deg(value), 9)

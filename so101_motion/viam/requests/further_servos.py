@@ -32,7 +32,7 @@ _LOOK = 0.02
 
 
 class FurtherServos:
-    """Answers them.
+    """Answers the ``servo_…`` requests.
 
     Args:
         rig: The arm's.
@@ -119,7 +119,7 @@ class FurtherServos:
         return GRIPPER_JOINT in self._rig.servos.setups
 
     def _given(self, request: Request, *known: str) -> Attributes:
-        """What stands beside ``command``, the servo being one that may be moved so.
+        """Read the arguments, and check that this servo may be moved so.
 
         Raises:
             ConfigError: It is the arm's, it is not there, or an argument is not known.

@@ -48,7 +48,7 @@ class _Recording:
 
 
 class PathCommands:
-    """Records, keeps and replays guided paths for one arm component. Lives in the event loop.
+    """Records, saves and replays guided paths of one arm component. Lives in the event loop.
 
     Args:
         arm: The component.
@@ -70,7 +70,7 @@ class PathCommands:
         }
 
     async def close(self) -> None:
-        """End and save what is being recorded."""
+        """End and save a running recording."""
         recording, self._recording = self._recording, None
         if recording is not None:
             recording.recorder.end()
@@ -180,7 +180,7 @@ def _file(request: Request) -> Path:
 
 
 def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:
-    """The arm's caps, lowered to what a request asks for."""
+    """The arm's caps, lowered to those of a request."""
 
     def cap(key: str, bounds: tuple[float, float], unit: str) -> float:
         return to_rad(given.number(key, bounds[1], lower=bounds[0], upper=bounds[1], unit=unit))

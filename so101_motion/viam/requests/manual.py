@@ -1,4 +1,4 @@
-"""Manual mode: the arm yields to the hand that guides it, for a while or until told otherwise."""
+"""Manual mode: hand guiding of the arm, for a while or until it is ended."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LONGEST = 86400.0
 
 
 class ManualMode:
-    """Switches an arm between holding and being guided by hand. Lives in the event loop.
+    """Switches an arm between holding and hand guiding. Lives in the event loop.
 
     Args:
         arm: The arm.
@@ -33,7 +33,7 @@ class ManualMode:
     async def set(
         self, enabled: bool, enabled_for: float = 0.0, compliance: Compliance | None = None
     ) -> None:
-        """Yield to a hand, or hold again; done to the end, with its time limit, if once begun.
+        """Start or end manual mode, with a time limit; once begun it is always finished.
 
         Args:
             enabled: Whether the arm shall yield.
@@ -58,7 +58,7 @@ class ManualMode:
                 self._timer = asyncio.create_task(self._hold_after(enabled_for))
 
     def forget(self) -> None:
-        """No longer hold by itself when the time is up."""
+        """Cancel the time limit."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -1,4 +1,4 @@
-"""Refuse requests that would take long to read, before they are read.
+"""Refuse requests that would take too long to read, before they are read.
 
 The event loop answers Stop, so nothing on it may take long. The SDK turns the structs of a request
 (``extra``, ``command``) into dictionaries there, value by value, quotes names in its own errors,
@@ -35,7 +35,7 @@ DEEPEST = 32
 
 
 def guard(server: Server) -> None:
-    """Let every call of ``server`` pass here; to be called before it serves."""
+    """Check every call of ``server``; call it before the server serves."""
     inner = server._server  # the SDK has no door of its own for either
     inner._codec = LargeCodec()
     listen(inner, RecvRequest, _guarded)

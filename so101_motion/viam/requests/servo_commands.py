@@ -39,7 +39,7 @@ async def on_bus(rig: HardwareRig, job: Callable[[ServoDriver], T]) -> T:
 
 
 async def ready(rig: HardwareRig) -> None:
-    """See that the servos have been found; one that was missing is asked again.
+    """Check that the servos have been found; asks a missing one again.
 
     A component is there before its servos are. The first try takes a moment, which is waited for;
     after that the answer comes at once.
@@ -55,7 +55,7 @@ async def ready(rig: HardwareRig) -> None:
 
 
 async def out_of_fault(rig: HardwareRig) -> None:
-    """Let the arm hold again after a fault; what it is asked to do next needs that.
+    """Let the arm hold again after a fault, which the next request needs.
 
     Raises:
         NotReady: The servos have not been found yet.
@@ -73,7 +73,7 @@ async def out_of_fault(rig: HardwareRig) -> None:
 
 
 def controller(rig: HardwareRig) -> dict[str, Any]:
-    """Who shares the port, and how it is."""
+    """The users of the port, and its state."""
     settings, servos = rig.servos.settings, rig.servos
     sources = sorted({setup.source for setup in servos.setups.values()})
     text = f"{settings.port}@{settings.baudrate}(refs:{rig.users},cal:{'/'.join(sources)})"
@@ -87,7 +87,7 @@ def controller(rig: HardwareRig) -> dict[str, Any]:
 
 
 def health(servos: ServoDriver) -> dict[str, Any]:
-    """Figures of each servo, by joint."""
+    """The health figures of each servo, by joint."""
     return {
         joint.joint: {
             "servo_id": joint.servo_id,
@@ -108,7 +108,7 @@ def health(servos: ServoDriver) -> dict[str, Any]:
 
 
 class ServoCommands:
-    """Answers them.
+    """Answers the requests about servos.
 
     Args:
         rig: The arm's.
@@ -298,7 +298,7 @@ def _ping_all(servos: ServoDriver) -> None:
 
 
 def _differing(servos: ServoDriver) -> list[str]:
-    """Where servos hold something else than the calibration in use and position control need."""
+    """The servos whose settings differ from the calibration in use or from position control."""
     seen = examine(servos.bus, {s.map.servo_id: joint for joint, s in servos.setups.items()})
     found = []
     for joint, setup in servos.setups.items():

@@ -1,4 +1,4 @@
-"""Play a trajectory while a client still sends it.
+"""Play a trajectory while a client is still sending it.
 
 Each batch is acknowledged once its points are taken. When they reach far ahead of the arm the next
 batch is not taken from the wire before the arm has come nearer: what a client sends too early waits
@@ -35,7 +35,7 @@ async def played(
     read: Callable[[Arm.TrajectoryPoint], Array],
     come_to_rest: Rest,
 ) -> AsyncGenerator[Arm.TrajectoryUpdate, None]:
-    """Push batches into a stream as they come, and wait until the arm has arrived.
+    """Push batches into a stream as they arrive, and wait until the arm has arrived.
 
     Args:
         opening: Of the stream that takes the points.
@@ -71,7 +71,7 @@ async def played(
 
 
 async def _next(batches: AsyncIterator[Batch], over: asyncio.Future[None]) -> Batch | None:
-    """The next batch, or None after the last; what ends the motion first is raised instead."""
+    """The next batch, None after the last; raises what ends the motion first."""
     coming = asyncio.ensure_future(anext(batches, None))
     either: tuple[asyncio.Future[Any], ...] = (coming, over)
     try:
