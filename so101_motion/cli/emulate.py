@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import threading
 from pathlib import Path
@@ -84,8 +83,6 @@ def emulate(
     from so101_motion.drivers.emulator import faults as fault_names
     from so101_motion.planning.kinematics.model import RobotModel
 
-    done = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: done.set())
     folded = next(pose.q for pose in POSES if pose.name == "rest")
     nobody_holds_it = hand is None and not new
     options = emulator.EmulatorOptions(
@@ -104,7 +101,7 @@ def emulate(
     run.run_emulator(
         options,
         announce=click.echo,
-        stop=done,
+        stop=threading.Event(),
         commands=sys.stdin,
         gravity=RobotModel.load().gravity_torque,
     )
