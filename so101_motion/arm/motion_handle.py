@@ -6,13 +6,16 @@ its successor; when it is over, nothing happens.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from so101_motion.common.errors import Interrupted
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.control.request_queue import running_future
 
 if TYPE_CHECKING:
@@ -48,7 +51,13 @@ class Motion:
             TimeoutError: It is still under way.
             So101Error: Why it did not arrive.
         """
-        self.future.result(timeout)
+        end = math.inf if timeout is None else time.monotonic() + timeout
+        while not self.future.done():
+            left = end - time.monotonic()
+            if left <= 0.0:
+                raise TimeoutError
+            wait((self.future,), min(left, LOOK_FOR_SIGNALS))
+        self.future.result()
 
     def interrupt(self, by: str) -> None:
         """End this motion early; the arm slows to rest along a jerk-limited ramp.

@@ -22,6 +22,7 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import Source, source_options
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
     from so101_motion.setup.accuracy import MoveReport
@@ -74,7 +75,7 @@ def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveR
         tested = beside.submit(test.move_and_measure, outline, _tell)
         while not tested.done():
             try:
-                wait((tested,))
+                wait((tested,), LOOK_FOR_SIGNALS)
             except KeyboardInterrupt:
                 stopped.set()
                 test.cancel()

@@ -32,6 +32,7 @@ from so101_motion.cli.shared import (
 from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
 from so101_motion.cli.tables import plan_table
 from so101_motion.common.named_poses import POSES
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
@@ -280,4 +281,5 @@ def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:
         aside(f"open   {page.url}")
         aside("       (whoever has this link can move the arm; Ctrl-C to quit)")
         with contextlib.suppress(KeyboardInterrupt):
-            threading.Event().wait()
+            while True:
+                threading.Event().wait(LOOK_FOR_SIGNALS)

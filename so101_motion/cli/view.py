@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
 import queue
@@ -18,6 +19,7 @@ import click
 from so101_motion.cli.param_types import IN_FILE
 from so101_motion.cli.shared import F, import_preview, in_lines
 from so101_motion.cli.sources import AnySource, Source, any_source_options
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
@@ -138,7 +140,10 @@ def keep_open(served: Any, page: Page) -> None:
         import webbrowser
 
         webbrowser.open(served.url_for_once())
-    ended.get()
+    while True:
+        with contextlib.suppress(queue.Empty):
+            ended.get(timeout=LOOK_FOR_SIGNALS)
+            break
     click.echo("\nso101: stopping", err=True)
 
 

@@ -29,6 +29,10 @@ _TURN = 0.0005
 """For how long a thread may keep the interpreter lock while another wants it [s]. Chosen: a
 twentieth of a tick; much less would cost more in turns taken than it gains."""
 
+LOOK_FOR_SIGNALS = 0.5
+"""For how long the main thread waits in one go [s]. Chosen. Python handles a signal between two
+instructions; one that comes just before a thread blocks is handled when that ends."""
+
 _NICENESS = -11
 """What an ordinary program is to this one as 12 is to 1, in processor time, if both want all of it.
 As sound servers have it."""
