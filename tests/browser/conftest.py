@@ -14,7 +14,7 @@ from typing import Protocol
 
 import numpy as np
 import pytest
-from harness.browser_user import HOME, READY, Guest
+from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
 from playwright.sync_api import Browser, BrowserContext, sync_playwright
 from so101_viewer import Preview, serve
 
@@ -25,11 +25,6 @@ from so101_motion.rig.hardware_rig import Rig, open_simulated
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = ("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking")
 LAPTOP, PHONE = (1280, 720), (400, 800)
-EIGHT_PICTURES_A_SECOND = """
-window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 125);
-window.cancelAnimationFrame = clearTimeout;
-"""
-"""Enough to look at; drawn without a GPU, each picture costs a quarter of a second of processor."""
 
 
 class Visit(Protocol):
@@ -112,7 +107,7 @@ def visit(browser: Browser) -> Iterator[Visit]:
             device_scale_factor=0.5,  # drawn without a GPU: a quarter of the pixels
             color_scheme="dark" if dark else "light",
         )
-        context.add_init_script(EIGHT_PICTURES_A_SECOND)
+        context.add_init_script(FEW_PICTURES)
         contexts.append(context)
         guest = Guest(page=context.new_page(), problems=[], asked=[])
         guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))

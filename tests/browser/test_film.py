@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from harness.browser_user import HOME, READY, Guest
+from harness.browser_user import FEW_PICTURES, HOME, READY, Guest
 from PIL import Image
 from playwright.sync_api import Browser
 from so101_viewer import film_of_plan, write_recording
@@ -38,6 +38,7 @@ def film(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     context = browser.new_context(
         viewport={"width": 800, "height": 560}, device_scale_factor=0.5, offline=True
     )
+    context.add_init_script(FEW_PICTURES)
     guest = Guest(page=context.new_page(), problems=[], asked=[])
     guest.page.set_default_timeout(90_000)
     guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
@@ -57,12 +58,13 @@ def test_it_shows_arm_ghost_way_and_obstacle_in_motion(film: Guest) -> None:
 
 
 def test_its_picture_is_that_of_the_arm_and_changes(film: Guest) -> None:
-    film.until(lambda: orange(film.page.screenshot()) > 200, seconds=60.0)
-    first = grey(film.page.screenshot())
-    film.until(
-        lambda: int((np.abs(grey(film.page.screenshot()) - first) > 40).sum()) > 100,
-        seconds=60.0,
-    )
+    with film.looking():
+        film.until(lambda: orange(film.page.screenshot()) > 200, seconds=60.0)
+        first = grey(film.page.screenshot())
+        film.until(
+            lambda: int((np.abs(grey(film.page.screenshot()) - first) > 40).sum()) > 100,
+            seconds=60.0,
+        )
 
 
 def test_it_tells_its_figures_asks_for_nothing_and_runs_no_name(film: Guest) -> None:

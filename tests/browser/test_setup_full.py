@@ -31,14 +31,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(400)]
 SMALL = (760, 480)  # drawn without a GPU, every pixel takes its time
 ORANGE, GREEN = 0xF58200, 0x3CA050
 
-TWO_EMPTY_PICTURES_A_SECOND = """
-window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 500);
-for (const way of ['Arrays', 'ArraysInstanced', 'Elements', 'ElementsInstanced'])
-  WebGL2RenderingContext.prototype['draw' + way] = () => {};
-"""
-"""Nobody looks at them, and whoever drives the servos needs the processor. Where things are in the
-picture, and in which colour, the page knows as ever."""
-
 POSE = {"wrist_roll": HOMING_POSE["wrist_roll"], GRIPPER_JOINT: 0.9}
 OTHERS = tuple(joint for joint in HOMING_POSE if joint != "elbow_flex")
 
@@ -130,7 +122,6 @@ def _shares(begin: float, end: float) -> list[float]:
 @pytest.fixture(scope="module")
 def person(visit: Visit, app: SetupApp) -> Newcomer:
     guest = visit(SMALL)
-    guest.page.context.add_init_script(TWO_EMPTY_PICTURES_A_SECOND)
     guest.page.goto(app.url)
     guest.until(lambda: guest.button("Full Setup").count() == 1, seconds=60.0)
     return Newcomer(guest)

@@ -106,10 +106,11 @@ def test_what_is_added_is_drawn_in_the_scene_of_plans_and_moves_nothing(
 ) -> None:
     arrows = preview._server.viser.scene._handle_from_node_name["/target"]
     q = rig.arm.state.q
-    teal = pixels(world, 105, 125)
-    add(world, "box")
-    world.until(lambda: len(rig.arm.scene.obstacles) == 1)
-    world.until(lambda: pixels(world, 105, 125) > teal + 200)
+    with world.looking():
+        teal = pixels(world, 105, 125)
+        add(world, "box")
+        world.until(lambda: len(rig.arm.scene.obstacles) == 1)
+        world.until(lambda: pixels(world, 105, 125) > teal + 200, seconds=60.0)
     assert "/world-handles" in world.nodes()
     world.until(lambda: not arrows.visible)  # one pair of handles at a time
     fill(world, "Size (mm)", "40", "50", "70")
@@ -166,10 +167,11 @@ def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
 
 def test_a_zone_is_red_and_seen_through(world: Guest, rig: Rig) -> None:
     add(world, "box")
-    red = pixels(world, 248, 255)
-    world.page.get_by_role("checkbox").nth(0).click()
-    world.until(lambda: rig.arm.scene.obstacles[0].keep_out)
-    world.until(lambda: pixels(world, 248, 255) > red + 100)
+    with world.looking():
+        red = pixels(world, 248, 255)
+        world.page.get_by_role("checkbox").nth(0).click()
+        world.until(lambda: rig.arm.scene.obstacles[0].keep_out)
+        world.until(lambda: pixels(world, 248, 255) > red + 100, seconds=60.0)
     assert world.button("attach").count() == 0
 
 

@@ -6,7 +6,8 @@ tests look at nodes and widgets and hardly at pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,23 @@ from so101_motion.common.named_poses import POSES
 
 HOME = np.zeros(5)
 READY = next(pose.q for pose in POSES if pose.name == "ready")
+
+FEW_PICTURES = """
+window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 125);
+window.cancelAnimationFrame = clearTimeout;
+window.draws = false;
+for (const way of ['Arrays', 'ArraysInstanced', 'Elements', 'ElementsInstanced']) {
+  const draw = WebGL2RenderingContext.prototype['draw' + way];
+  WebGL2RenderingContext.prototype['draw' + way] = function (...what) {
+    if (window.draws) draw.apply(this, what);
+  };
+}
+"""
+"""Eight pictures of the scene a second, and nothing in them unless somebody looks (``looking``).
+
+Drawn without a GPU, each costs a quarter of a second of processor, which the arm needs. Where
+things are in the picture, and in which colour, the page knows as ever.
+"""
 
 
 @dataclass
@@ -66,6 +84,13 @@ class Guest:
                 return
             self.page.wait_for_timeout(50)
         pytest.fail(f"did not come true within {seconds:g} s; the page said: {self.words()!r}")
+
+    @contextmanager
+    def looking(self) -> Iterator[None]:
+        """Have the scene drawn as long as somebody looks at its pixels."""
+        self.page.evaluate("window.draws = true")
+        yield
+        self.page.evaluate("window.draws = false")
 
     def color_of(self, part: str) -> int:
         """The colour of a part of the arm on the stage, as a number of the form 0xrrggbb."""
