@@ -1,4 +1,8 @@
-"""How one joint truly moves, smoothed over 50 ms."""
+"""How one joint truly moves, smoothed over 50 ms.
+
+It is looked at on the motor's side of the gears: through their play a joint falls whatever it is
+told.
+"""
 
 from collections import deque
 
@@ -8,10 +12,6 @@ TICK = 360.0 / 4096.0
 SMOOTH = 0.05  # [s]
 SHARE = 1.2
 CALM = 0.5  # [s], how long after a force from outside or a fault has gone nothing is judged
-SPEED_SLACK = 2.0  # [deg/s]
-PLAY = 0.85  # [deg], of the gears: a joint falls through it whatever it is told
-PLAYS = 1.5  # falls in the two windows of an acceleration. Two can be, there and back; the wrist of
-# an arm that mirrors a person on a bus that loses answers was seen to need 1.47, others below 1.
 
 
 class JointMotion:
@@ -44,7 +44,7 @@ class JointMotion:
             return
         if self._samples and t <= self._samples[-1][0]:
             return
-        self._samples.append((t, drive.shaft.output * TICK))
+        self._samples.append((t, drive.shaft.rotor * TICK))
         speed = _slope(self._samples, t)
         if speed is None:
             return
@@ -53,12 +53,12 @@ class JointMotion:
         self._judge(t, speed, acceleration, caps)
 
     def _judge(self, t, speed, acceleration, caps):
-        most = SHARE * caps.speed + SPEED_SLACK + PLAY / SMOOTH
+        most = SHARE * caps.speed
         if abs(speed) > most:
             self._report("motion", t, f"{speed:.1f} deg/s, {most:.1f} allowed")
         if acceleration is None:
             return
-        most = SHARE * caps.acceleration + PLAYS * PLAY / SMOOTH**2
+        most = SHARE * caps.acceleration
         if abs(acceleration) > most:
             self._report("motion", t, f"{acceleration:.0f} deg/s^2, {most:.0f} allowed")
 

@@ -48,6 +48,7 @@ class Shaft:
 
     Attributes:
         output: Where the output is [tick].
+        rotor: Where the motor is, counted at the output [tick]; the play lies between the two.
         velocity: How fast the rotor moves [tick/s] at the output.
         lower: A stop [tick].
         upper: A stop [tick].
@@ -56,15 +57,15 @@ class Shaft:
     """
 
     __slots__ = (
-        "_brake", "_braking_torque", "_damping", "_drive", "_friction", "_half_play", "_motor",
-        "_push", "_stribeck", "lower", "lower_stiffness", "output", "upper", "upper_stiffness",
+        "_brake", "_braking_torque", "_damping", "_drive", "_friction", "_half_play", "_push",
+        "_stribeck", "lower", "lower_stiffness", "output", "rotor", "upper", "upper_stiffness",
         "velocity",
     )  # fmt: skip
 
     def __init__(
         self, kind: ServoType, *, inertia: float, lash: float, lower: float, upper: float, at: float
     ) -> None:
-        self.output = self._motor = at
+        self.output = self.rotor = at
         self.velocity = 0.0
         self.lower, self.upper = lower, upper
         self.lower_stiffness = self.upper_stiffness = STOP_STIFFNESS
@@ -83,7 +84,7 @@ class Shaft:
 
     def put(self, position: float) -> None:
         """Place the output somewhere, at rest."""
-        self.output = self._motor = position
+        self.output = self.rotor = position
         self.velocity = 0.0
 
     def step(self, volts: float, *, bridge: bool, load: float) -> None:
@@ -109,7 +110,7 @@ class Shaft:
         else:
             damping = self._damping + (self._brake if bridge else 0.0)
             self.velocity = (speed - math.copysign(slip, speed)) / (1.0 + damping)
-            self._motor += self.velocity * DT
+            self.rotor += self.velocity * DT
         self.output = self._follow(output, math.copysign(1.0, load) if pressed else 0.0)
 
     def _dry_friction(self, external: float, motor: float) -> float:
@@ -133,7 +134,7 @@ class Shaft:
 
     def _follow(self, output: float, side: float) -> float:
         """Where the output goes: to the loaded side of the play, else dragged by its edges."""
-        low, high = self._motor - self._half_play, self._motor + self._half_play
+        low, high = self.rotor - self._half_play, self.rotor + self._half_play
         if side:
             reach = _PLAY_SPEED * side
             output += reach
