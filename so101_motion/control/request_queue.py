@@ -46,9 +46,14 @@ class RequestQueue:
 
     Args:
         wake: Set when there is something new.
+
+    Attributes:
+        on_request: Called with the future of every request as it is made, and with the channels
+            that it stops, if it is a stop; by the thread that asks. None for nobody.
     """
 
     def __init__(self, wake: threading.Event) -> None:
+        self.on_request: Callable[[Future[Any], Collection[Channel]], None] | None = None
         self._wake = wake
         self._lock = threading.Lock()
         self._requests: list[Request] = []
@@ -81,6 +86,8 @@ class RequestQueue:
         if not self._is_open:
             raise RuntimeError("start the executor first")
         request = Request(future or running_future(), channel, run, is_job=future is None)
+        if self.on_request is not None:
+            self.on_request(request.future, ())
         with self._lock:
             closing = self._closing
             if not closing:
@@ -98,6 +105,8 @@ class RequestQueue:
             channels: What is stopped.
             by: What those requests end with.
         """
+        if self.on_request is not None:
+            self.on_request(stop.future, channels)
         dropped: list[Request] = []
         with self._lock:
             asked, self._requests = self._requests, []

@@ -135,6 +135,7 @@ class Bench:
                 settle_timeout=feetech_arm.SETTLE_TIMEOUT,
             ),
         )
+        self.executor.requests.on_request = match_of(self.emulator).requested
         self.executor.start()
 
     def move(self, q_goal):

@@ -134,6 +134,7 @@ class Arm:
                 settle_timeout=feetech_arm.SETTLE_TIMEOUT,
             ),
         )
+        self.executor.requests.on_request = self.match.requested
         self.executor.start()
 
     def note(self, what):
@@ -271,7 +272,6 @@ class Arm:
 
     def recover(self):
         """Come back to a held arm."""
-        self.match.set_off()
         self.heal()
         self.clock.advance(2.0)
         self.executor.hold()

@@ -50,7 +50,6 @@ class Interleaver:
             ask = arm.rng.choice(self._asks)
             if ask != arm.disturb:
                 arm.note(ask.__name__)
-            arm.match.set_off()
             try:
                 futures.append(ask())
             except So101Error:
@@ -76,7 +75,6 @@ class Interleaver:
             error = future.exception(timeout=0)
             if error is not None and not isinstance(error, So101Error):
                 self._object(f"{type(error).__name__}: {error}")
-        arm.match.stop_answered()
         arm.clock.advance(0.1)
         for finding in arm.referee.findings:
             self._object(str(finding))

@@ -125,7 +125,9 @@ class Arm:
             port=str(folder / name), servo_ids=SERVOS, gripper_id=6, timeout=0.01
         )
         self.rig = open_hardware(settings, clock=clock, reply_timeout=reply_timeout)
-        self.rig.servos.on_command = match_of(self.emulator).listen(lambda: MIRRORING, self._ticks)
+        match = match_of(self.emulator)
+        self.rig.servos.on_command = match.listen(lambda: MIRRORING, self._ticks)
+        self.rig.executor.requests.on_request = match.requested
 
     def _ticks(self, i, q):
         joint = self.rig.servos.setups[JOINTS[i]].map

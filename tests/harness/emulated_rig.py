@@ -89,6 +89,7 @@ class HardwareBench:
             return found.map.zero_ticks + found.map.direction * q * 4096.0 / math.tau
 
         rig.servos.on_command = self._match.listen(self._command_caps, ticks, rig.executor.dt)
+        rig.executor.requests.on_request = self._match.requested
 
     @property
     def world(self):

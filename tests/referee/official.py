@@ -105,7 +105,7 @@ class Match:
         self._ask = None
         self._referee = referee
         self._writes = Writes()
-        self._commands = []
+        self._commands, self._asked = [], 0
         world = emulator.world
         # Real time: what left the driver on time may be heard late, together with its successor.
         self._jitter = 0.15 if emulator.now is time.monotonic else 0.0
@@ -161,10 +161,29 @@ class Match:
 
         return sent
 
-    def stop_answered(self):
+    def requested(self, future, channels):
+        """Hear of a request as it is made, and of the channels that it stops, if it is a stop.
+
+        Once a stop has been answered, and nothing else has been asked for since, the stop rule
+        holds.
+        """
+        self._asked += 1
+        number = self._asked
+        if not channels:
+            self.set_off()
+            return
+        stopped = {channel.value for channel in channels}
+
+        def answered(future):
+            if self._asked == number and future.exception() is None:
+                self.stop_answered(stopped)
+
+        future.add_done_callback(answered)
+
+    def stop_answered(self, channels=("arm", "jaw")):
         """Somebody was told that the arm has stopped: from now on only the ramp may come."""
         now = self.emulator.now()
-        for wire in self._wire:
+        for wire in self._wire[:5] * ("arm" in channels) + self._wire[5:] * ("jaw" in channels):
             wire.stopped(now)
 
     def set_off(self):

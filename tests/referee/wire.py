@@ -79,7 +79,7 @@ class ServoOnWire:
             elif self.goal is not None:
                 self._begin(t, self.goal, caps)
         if pushed or is_held_up(self._servo):
-            self._held_up = t
+            self._held_up, self._stop = t, None
         if self._servo.drive.guard.flags:  # afterwards it holds where it is until it gets a goal
             self._holds_itself = True
         if self._holds_itself:
