@@ -45,6 +45,9 @@ class Rig:
     """An arm and a gripper on one driver, with their clock and their I/O thread.
 
     Use it in a ``with`` block or call ``close``.
+
+    Attributes:
+        planner: The planning process, shared by all rigs.
     """
 
     def __init__(
@@ -71,13 +74,13 @@ class Rig:
             jaw_tolerances=jaw_tolerances,
             name=f"so101-io-{next(_numbers)}",
         )
-        self._worker = acquire_worker()
+        self.planner = acquire_worker()
         self._closed = False
         try:
             self.arm = Arm(
                 model=RobotModel.load(),
                 executor=self.executor,
-                planner=self._worker.plan,
+                planner=self.planner.plan,
                 speed=speed,
                 acceleration=acceleration,
                 scene=scene,
@@ -96,7 +99,7 @@ class Rig:
 
     def warm_up(self) -> None:
         """Start the planning process in the background, so that the first plan comes quickly."""
-        self._worker.start()
+        self.planner.start()
 
     def close(self) -> None:
         """Stop, end all threads, close the driver. May be called twice."""

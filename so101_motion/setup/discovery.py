@@ -97,7 +97,7 @@ def discover(
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
     """
     ports, files = find(extra), file_search.find()
-    reports = _side_by_side(_in_parallel(ports, lambda port: _look_at(port, files, reply_timeout)))
+    reports = _side_by_side(in_parallel(ports, lambda port: _look_at(port, files, reply_timeout)))
     notes = list(adapters_without_port())
     if sum(report.has_arm for report in reports) > 1:
         notes.append(
@@ -121,10 +121,12 @@ def _side_by_side(reports: Sequence[PortReport]) -> list[PortReport]:
     ]
 
 
-def _in_parallel(
-    ports: Sequence[FoundPort], look: Callable[[FoundPort], PortReport]
+def in_parallel(
+    ports: Sequence[FoundPort],
+    look: Callable[[FoundPort], PortReport],
+    longest: float = LONGEST,
 ) -> list[PortReport]:
-    """Run ``look`` for each port in parallel; a port that takes too long is reported as such."""
+    """Run ``look`` for each port in parallel; one that takes over ``longest`` [s] is reported."""
     found: dict[FoundPort, PortReport] = {}
 
     def run(port: FoundPort) -> None:
@@ -136,7 +138,7 @@ def _in_parallel(
     ]
     for thread in threads:
         thread.start()
-    until = time.monotonic() + LONGEST
+    until = time.monotonic() + longest
     for thread in threads:
         thread.join(max(0.0, until - time.monotonic()))
     late = "it takes too long to answer; unplug it and plug it in again"

@@ -58,7 +58,7 @@ def plug_in(kit: Kit, *joints: str) -> None:
     for joint in SETUP_ORDER:
         (kit.world.connect if joint in joints else kit.world.disconnect)(joint)
     for _ in range(100):
-        if kit._are_up(joints):
+        if kit.are_up(joints):
             return
         threading.Event().wait(0.05)
     raise AssertionError(f"{joints} did not start up")

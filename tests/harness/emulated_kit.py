@@ -54,9 +54,9 @@ class Kit:
         """Have these servos on the cable, started up, and no others."""
         for joint in JOINTS:
             (self.world.connect if joint in joints else self.world.disconnect)(joint)
-        await until(lambda: self._are_up(joints))
+        await until(lambda: self.are_up(joints))
 
-    def _are_up(self, joints):
+    def are_up(self, joints):
         self._emulator.advance()
         return all(self.world.servo(joint).drive.powered for joint in joints)
 

@@ -125,7 +125,7 @@ class LentBus:
     def holds(self, place, register, *, after_power_off=False):
         """What a register of the servo at ``place`` holds."""
         servo = self.world.servo(str(place))
-        data = servo.memory._flash if after_power_off else servo.memory.bytes
+        data = servo.memory.flash if after_power_off else servo.memory.bytes
         return register.cut(bytes(data), 0)
 
     def whole_arm(self):

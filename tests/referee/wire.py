@@ -127,7 +127,7 @@ class ServoOnWire:
         self._judge_stop(t, goal, caps)
 
     def _servo_takes_it(self):
-        return self._servo._goal_enables_torque
+        return self._servo.goal_enables_torque
 
     def _begin(self, t, goal, caps):
         """Goals are compared with this one from now on."""

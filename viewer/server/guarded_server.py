@@ -44,7 +44,7 @@ _KNOCK_TIMEOUT = 10.0
 
 DEFAULT_PORT = 8080
 """Where a page is when nobody chooses a port and nobody else has this one."""
-_PORTS_TRIED = 20
+PORTS_TRIED = 20
 """How many ports are tried from there on, before it is an error."""
 
 
@@ -102,7 +102,7 @@ def start_guarded(
     address, bound_port = listener.getsockname()[:2]
     everywhere = ipaddress.ip_address(address).is_unspecified
     hostname = socket.gethostname().lower()
-    name = (_reached_at() or hostname) if everywhere else _bracketed(host)
+    name = (reached_at() or hostname) if everywhere else _bracketed(host)
     policy = RequestPolicy(
         key=secrets.token_urlsafe(32),
         port=bound_port,
@@ -152,7 +152,7 @@ def check_locked(address: str, port: int) -> None:
 def _listen(host: str, port: int | None, *, allow_remote: bool) -> socket.socket:
     if port is not None and not 0 <= port <= 65535:
         raise ConfigError("port", port, "must be between 1 and 65535, or 0 for any free port")
-    first, tries = (DEFAULT_PORT, _PORTS_TRIED) if port is None else (port, 1)
+    first, tries = (DEFAULT_PORT, PORTS_TRIED) if port is None else (port, 1)
     try:
         family, kind, _, _, where = socket.getaddrinfo(host, first, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
@@ -232,7 +232,7 @@ def _forbid_tunnel(server: viser.ViserServer) -> None:
         server._websock_server.unregister_handler(message)
 
 
-def _reached_at() -> str | None:
+def reached_at() -> str | None:
     """The address at which others reach this computer; None without a network."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

@@ -37,6 +37,7 @@ class WireFaults:
     Attributes:
         loss: Share of replies that never arrive; what they acknowledge was done.
         request_loss: Share of instructions no servo hears; nothing was done.
+        lose_next: So many of the next replies never arrive.
         corrupt: Share of replies with one bit flipped.
         duplicate: Share of replies that arrive twice.
         late: Share of replies that arrive ``lateness`` after their time.
@@ -46,6 +47,7 @@ class WireFaults:
 
     loss: float = 0.0
     request_loss: float = 0.0
+    lose_next: int = 0
     corrupt: float = 0.0
     duplicate: float = 0.0
     late: float = 0.0
@@ -69,6 +71,9 @@ class WireFaults:
 
     def disturb(self, reply: bytes) -> Iterator[tuple[float, bytes]]:
         """What arrives of a reply: extra delays [s] and bytes, none if it is lost."""
+        if self.lose_next > 0:
+            self.lose_next -= 1
+            return
         if self._strikes(self.loss):
             return
         copies = 2 if self._strikes(self.duplicate) else 1

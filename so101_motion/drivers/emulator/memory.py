@@ -30,6 +30,10 @@ class Memory:
 
     Args:
         factory: Values that differ from the table's defaults in this particular servo, by row.
+
+    Attributes:
+        bytes: The content now.
+        flash: The content that a power cut leaves.
     """
 
     def __init__(self, factory: Mapping[Register, int] | None = None) -> None:
@@ -38,8 +42,8 @@ class Memory:
             self.set(row, row.default)
         for row, raw in (factory or {}).items():
             self.set(row, raw)
-        self._flash = bytes(self.bytes)
-        self._backup = self._flash
+        self.flash = bytes(self.bytes)
+        self._backup = self.flash
 
     def raw(self, row: Register) -> int:
         """The stored bits of a register."""
@@ -67,22 +71,22 @@ class Memory:
         """
         reached = range(address, min(address + len(data), reg.SIZE))
         locked = self.bytes[reg.LOCK.address] != 0
-        saved = bytearray(self._flash)
+        saved = bytearray(self.flash)
         for here, byte in zip(reached, data, strict=False):
             if _KEEP[here] is Keep.READ_ONLY:
                 continue
             self.bytes[here] = byte
             if _KEEP[here] is Keep.EEPROM and not locked:
                 saved[here] = byte
-        self._flash = bytes(saved)
+        self.flash = bytes(saved)
         return reached
 
     def save(self, row: Register) -> None:
         """Save one register now, locked or not (what the position calibration does)."""
-        saved = bytearray(self._flash)
+        saved = bytearray(self.flash)
         span = slice(row.address, row.address + row.size)
         saved[span] = self.bytes[span]
-        self._flash = bytes(saved)
+        self.flash = bytes(saved)
 
     def keep(self, row: Register, raw: int) -> None:
         """Store bits and save them."""
@@ -91,7 +95,7 @@ class Memory:
 
     def boot(self) -> None:
         """Power-up: EEPROM from flash, RAM from its defaults, torque limit from its maximum."""
-        self.bytes[:] = self._flash
+        self.bytes[:] = self.flash
         for row in reg.REGISTERS.values():
             if row.keep is not Keep.EEPROM:
                 self.set(row, row.default)
@@ -104,7 +108,7 @@ class Memory:
     def restore(self) -> None:
         """Bring back the backup (a new servo's values if none was made), except the id."""
         own_id = self.bytes[reg.ID.address]
-        self._flash = self._backup
+        self.flash = self._backup
         self.boot()
         self.set(reg.ID, own_id)
         self.save(reg.ID)

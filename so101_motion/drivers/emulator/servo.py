@@ -72,7 +72,7 @@ class Servo:
     ) -> None:
         self.joint = joint
         self._dither, self._random = dither, random.Random(joint.name)
-        self._goal_enables_torque = goal_enables_torque
+        self.goal_enables_torque = goal_enables_torque
         self._top_speed = kind.speed_limit * TICKS_PER_RAD
         self.memory = Memory(factory)
         self.drive = Drive(joint, kind, q, settings_from(self.memory))
@@ -212,7 +212,7 @@ class Servo:
     def _set_off(self) -> None:
         """A goal was written."""
         drive = self.drive
-        if self._mode != 0 or (drive.torque != 1 and not self._goal_enables_torque):
+        if self._mode != 0 or (drive.torque != 1 and not self.goal_enables_torque):
             return
         if drive.torque != 1:
             drive.halt()

@@ -182,7 +182,7 @@ class Tree:
 
     def follow(self, checker: LineChecker, q_towards: Array) -> int | None:
         """Grow towards a configuration until it is reached (the last node) or blocked."""
-        parent, distance = self._nearest(q_towards)
+        parent, distance = self.nearest(q_towards)
         origin = self.points[parent]
         while distance > STEP:
             q_next = origin + (q_towards - origin) * (STEP / distance)
@@ -224,7 +224,7 @@ class Tree:
         part = STEP / np.maximum(distances, STEP)
         return parents, origins + (drawn - origins) * part[:, None]
 
-    def _nearest(self, q: Array) -> tuple[int, float]:
+    def nearest(self, q: Array) -> tuple[int, float]:
         """The nearest node and its weighted distance [m]."""
         weighted = q * self._space.weights
         n = self.count

@@ -121,10 +121,7 @@ def test_new_angles_for_old_places_move_nothing(rig):
     rig.after(3.0, rig.executor.retarget([0.4, 0, 0, 0, 0], rig.limits))
     written = len(rig.arm.tape)
 
-    def count_from_elsewhere(arm):
-        arm._q, arm._inner, arm._goal = arm._q + 0.2, arm._inner + 0.2, arm._goal + 0.2
-
-    rig.after(0.1, rig.executor.call_and_rehold(count_from_elsewhere))
+    rig.after(0.1, rig.executor.call_and_rehold(lambda arm: arm.count_anew(0.2)))
 
     assert rig.state.q_ref == pytest.approx([0.6, 0.2, 0.2, 0.2, 0.2], abs=1e-3)
     assert len(rig.arm.tape) == written + 1, "the goal was seeded, once"

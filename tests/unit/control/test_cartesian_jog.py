@@ -30,9 +30,12 @@ def sim_ready(make_sim, taped_arm, clock):
     return sim
 
 
-def lead(sim, scene: Scene | None = None) -> Jog:
-    servo = Servo(MODEL, CollisionModel(MODEL, scene), LIMITS, sim.dt, sim.state.q_ref)
-    jog = Jog(servo, sim.dt, lambda: 0.0)
+def servo_of(sim, scene: Scene | None = None) -> Servo:
+    return Servo(MODEL, CollisionModel(MODEL, scene), LIMITS, sim.dt, sim.state.q_ref)
+
+
+def lead(sim, scene: Scene | None = None, servo: Servo | None = None) -> Jog:
+    jog = Jog(servo or servo_of(sim, scene), sim.dt, lambda: 0.0)
     sim.executor.play(jog)
     return jog
 
@@ -110,9 +113,10 @@ def test_a_point_is_gone_to(sim_ready) -> None:
 
 def test_stop_ends_a_jog_along_its_way_and_harder_than_it_would(sim_ready) -> None:
     sim = sim_ready
-    jog = lead(sim)
+    servo = servo_of(sim)
+    jog = lead(sim, servo=servo)
     repeat(sim, jog, 0.6, [0.0, 0.15, 0.05])
-    ahead = jog._servo.path_to_rest()[1:]
+    ahead = servo.path_to_rest()[1:]
     stopped = sim.executor.stop()
     sim.after(2.0, stopped)
     assert isinstance(jog.future.exception(), Interrupted)

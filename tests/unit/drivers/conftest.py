@@ -26,6 +26,7 @@ class WiredPort:
         world: The servos.
         faults: What goes wrong on the wire.
         sent: Every packet.
+        limits: Until when reads were willing to wait [s], each once.
         unplugged: Set it to pull the plug.
     """
 
@@ -35,7 +36,7 @@ class WiredPort:
         settings = {} if gravity is None else {"gravity": gravity}
         self.world = build_world(EmulatorOptions(**options), t=now(), **settings)
         self.faults = WireFaults()
-        self.sent = []
+        self.sent, self.limits = [], []
         self.unplugged = self.closed = False
         self.chunk = 4096
         self._bus = EmulatedBus(self.world, self.faults)
@@ -44,7 +45,7 @@ class WiredPort:
         self._late = deque()
 
     def write(self, data):
-        self._check()
+        self.check()
         self.sent.append(bytes(data))
         replies = self._bus.feed(data, self._now())
         while self._late and self._late[0][0] <= len(self.sent):
@@ -56,13 +57,15 @@ class WiredPort:
                 self._arrived += reply.data
 
     def read(self, until):
-        self._check()
+        self.check()
+        if until not in self.limits:
+            self.limits.append(until)
         data = bytes(self._arrived[: self.chunk])
         del self._arrived[: self.chunk]
         return data
 
     def discard(self):
-        self._check()
+        self.check()
         self._arrived.clear()
 
     def close(self):
@@ -73,7 +76,7 @@ class WiredPort:
         data = self.world.servo(servo).memory.read(row.address, row.size)
         return row.decode(data)
 
-    def _check(self):
+    def check(self):
         if self.unplugged:
             raise PortUnavailable(self.name, "unplugged")
 

@@ -43,7 +43,7 @@ class Stand:
         return self.arm
 
     def plug(self):
-        self.port._check()
+        self.port.check()
         return self.port
 
     def memory(self, servo, row):

@@ -110,7 +110,7 @@ def test_it_stays_where_it_is_while_nobody_touches_it(make, heavier):
 def test_only_ram_registers_are_written(make):
     arm = make()
     before = [bytes(servo.memory.bytes[:40]) for servo in arm.port.world.servos]
-    saved = [servo.memory._flash for servo in arm.port.world.servos]
+    saved = [servo.memory.flash for servo in arm.port.world.servos]
     arm.arm.guide(Compliance())
     arm.hand(led("shoulder_pan", 0.0, 30.0, 1.0))
     arm.look(3.0)
@@ -119,7 +119,7 @@ def test_only_ram_registers_are_written(make):
     after = [bytes(servo.memory.bytes[:40]) for servo in arm.port.world.servos]
 
     assert after == before
-    assert [servo.memory._flash for servo in arm.port.world.servos] == saved
+    assert [servo.memory.flash for servo in arm.port.world.servos] == saved
 
 
 def test_the_jaw_holds_on_and_may_be_moved(make):

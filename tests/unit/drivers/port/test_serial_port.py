@@ -183,8 +183,7 @@ def test_another_adapter_under_the_old_name_is_not_taken(plugged):
 
 def test_an_opener_remembers_which_adapter_it_opened(plugged, terminal):
     plugged += [Listed(terminal.name, serial_number="5A68")]
-    opener = PortOpener("/dev/serial/by-id/arm")
-    opener._usb = OURS
+    opener = PortOpener(terminal.name)
     opener().close()
     plugged.clear()
     with pytest.raises(PortUnavailable, match="not plugged in"):

@@ -3,6 +3,7 @@ import pytest
 import so101_description
 
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.bodies import bodies_in
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.kinematics.model import RobotModel
@@ -40,7 +41,8 @@ def arm_points(model, q, q_jaw, attached):
 
 @pytest.mark.parametrize("attached", [(), (STICK,)], ids=["empty hand", "stick"])
 def test_no_vertex_moves_further_than_the_bound_on_travel(model, attached):
-    collision = CollisionModel(model, Scene(attached=attached))
+    scene = Scene(attached=attached)
+    collision, levers = CollisionModel(model, scene), bodies_in(model.pin_model, scene).levers
     rng = np.random.default_rng(2)
     share = 0.0
     for _ in range(400):
@@ -50,7 +52,7 @@ def test_no_vertex_moves_further_than_the_bound_on_travel(model, attached):
         q_jaw = float(rng.uniform(-0.17, 1.74))
         before, after = (arm_points(model, q, q_jaw, attached) for q in (begin, end))
         moved = float(np.linalg.norm(after - before, axis=1).max())
-        bound = float(np.abs(end - begin) @ collision._levers.at(q_jaw))
+        bound = float(np.abs(end - begin) @ levers.at(q_jaw))
         assert moved <= bound + 1e-12
         assert bound <= collision.travel(np.array([begin, end]))[-1] + 1e-12
         share = max(share, moved / bound if bound else 0.0)
@@ -64,6 +66,6 @@ def test_what_is_held_reaches_further(model):
 
 
 def test_an_open_jaw_reaches_further_around_the_roll(model):
-    levers = CollisionModel(model)._levers
+    levers = bodies_in(model.pin_model, Scene()).levers
     assert levers.at(1.7)[4] > 2.0 * levers.at(0.0)[4]
     assert np.all(levers.longest >= levers.at(0.7))

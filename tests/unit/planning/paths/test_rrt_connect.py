@@ -77,7 +77,7 @@ def test_a_tree_knows_its_nearest_node_and_the_way_back():
     assert tree.grown > 300
     nodes = tree.points[: tree.count]
     for q in rng.uniform(-1.5, 1.5, (50, 5)):
-        index, distance = tree._nearest(q)
+        index, distance = tree.nearest(q)
         away = np.linalg.norm((nodes - q) * SPACE.weights, axis=1)
         assert distance == pytest.approx(away.min())
         assert away[index] == pytest.approx(away.min())

@@ -47,7 +47,7 @@ class PageUnderTest:
         return note
 
     async def until(self, count: int) -> None:
-        await until(lambda: len(self.windows._by_client) == count)
+        await until(lambda: len(self.windows.all()) == count)
 
     async def has_done(self, *words: str) -> None:
         """What was sent is done by the server's own thread, in order."""

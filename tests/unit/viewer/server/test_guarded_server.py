@@ -6,6 +6,7 @@ import logging
 import socket
 import threading
 from collections.abc import Iterator
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
@@ -143,10 +144,10 @@ def test_where_no_port_was_asked_for_the_next_free_one_is_taken(server: GuardedS
         patch.setattr(guarded_server, "DEFAULT_PORT", port_of(server))
         second = start_guarded(label="test")
         try:
-            assert port_of(server) < port_of(second) < port_of(server) + guarded_server._PORTS_TRIED
+            assert port_of(server) < port_of(second) < port_of(server) + guarded_server.PORTS_TRIED
         finally:
             second.close()
-        patch.setattr(guarded_server, "_PORTS_TRIED", 1)
+        patch.setattr(guarded_server, "PORTS_TRIED", 1)
         with pytest.raises(ConfigError, match="choose another port"):
             start_guarded()
 
@@ -160,7 +161,7 @@ def test_when_other_machines_are_allowed_the_key_is_still_demanded() -> None:
     server = start_guarded("0.0.0.0", 0, allow_remote=True)
     try:
         host = urlsplit(server.url).hostname
-        assert host == (guarded_server._reached_at() or socket.gethostname().lower())
+        assert host == (guarded_server.reached_at() or socket.gethostname().lower())
         assert host != "0.0.0.0"
         assert get(server).status == 401
         assert get(server, Cookie=cookie_of(server)).status == 200
@@ -188,10 +189,15 @@ def test_a_server_that_lets_strangers_in_is_found_out() -> None:
         stock.stop()
 
 
-def test_if_the_door_were_not_asked_the_server_refuses_to_run(
+def test_if_websockets_did_not_ask_the_policy_the_server_refuses_to_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(guarded_server.RequestPolicy, "answer", lambda _door, _request: None)
+    stock = websockets.asyncio.server.serve
+
+    def another_version(*args: Any, process_request: object, **rest: Any) -> object:
+        return stock(*args, **rest)
+
+    monkeypatch.setattr(websockets.asyncio.server, "serve", another_version)
     with pytest.raises(GuardError):
         start_guarded(port=0)
 
