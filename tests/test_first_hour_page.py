@@ -4,6 +4,7 @@ import re
 import shlex
 from pathlib import Path
 
+import click
 import pytest
 
 from so101_motion.cli import main
@@ -19,14 +20,13 @@ def parse(line):
     """Let click read a command without running it."""
     name, *arguments = shlex.split(line)
     assert name == "so101"
-    context = main.make_context("so101", arguments, resilient_parsing=False)
-    group = main
-    while arguments:
+    group, context = main, main.make_context("so101", arguments, resilient_parsing=False)
+    while True:
         name, command, arguments = group.resolve_command(context, arguments)
-        context = command.make_context(name, arguments, parent=context)
         if not hasattr(command, "commands"):
+            command.make_context(name, arguments, parent=context)
             return
-        group, arguments = command, [*context._protected_args, *context.args]
+        group, context = command, click.Context(command, parent=context, info_name=name)
 
 
 @pytest.mark.parametrize("line", [line for line in SHOWN if line.startswith("so101 ")])

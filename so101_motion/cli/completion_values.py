@@ -22,7 +22,9 @@ def completed_ports(
     from so101_motion.drivers.port.port_list import find_ports
 
     found = find_ports()
-    names = {name: port.description for port in found for name in (port.name, port.device)}
+    names = {
+        name: port.description for port in found for name in (port.name, port.device, *port.aliases)
+    }
     fitting = [
         CompletionItem(name, help=words)
         for name, words in names.items()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from harness.browser_user import HOME, READY, Guest
 from so101_viewer import Preview
-from so101_viewer.program.program_panel import ProgramPart
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -26,8 +25,8 @@ def program(guest: Guest, preview: Preview) -> Iterator[Guest]:
     guest.press("arm")
     guest.until(lambda: guest.says("Recorded waypoint 2."))
     yield guest
-    part = next(part for part in preview.host._parts if isinstance(part, ProgramPart))
-    preview.host.post(part.model.clear)
+    guest.page.get_by_role("tab", name="Program").click()
+    guest.press("new")
     guest.until(lambda: "/program/dots" not in guest.nodes())
     guest.page.get_by_role("tab", name="Move").click()
 

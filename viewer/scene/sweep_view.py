@@ -17,11 +17,11 @@ from .robot_view import Color
 
 _OPACITY = 0.10
 
-_CELL = 0.006
+CELL = 0.006
 """Edge of the grid that the meshes are thinned with [m]; chosen: a tenth of the triangles, and thin
 as air nobody sees the difference. Without a GPU all of them would treble the time of a picture."""
 
-_LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
+LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
 
 
 class SweepView:
@@ -54,7 +54,7 @@ class SweepView:
                 node.visible = False
             return
         placed = [model.link_placements(q, q_jaw) for q in configurations]
-        for link in _LINKS:
+        for link in LINKS:
             wxyzs = np.array([T_base[link].quaternion_wxyz() for T_base in placed])
             positions = np.array([T_base[link].p for T_base in placed])
             self._put(link, wxyzs, positions)
@@ -66,8 +66,8 @@ class SweepView:
             node.batched_positions = positions.astype(np.float32)
             node.visible = True
             return
-        surfaces = [surface.mesh for surface in load_visual(_LINKS[link])]
-        vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in surfaces], _CELL)
+        surfaces = [surface.mesh for surface in load_visual(LINKS[link])]
+        vertices, faces = coarse([(mesh.vertices, mesh.faces) for mesh in surfaces], CELL)
         self._links[link] = self._scene.add_batched_meshes_simple(
             f"{self._name}/{link}",
             vertices,

@@ -7,14 +7,14 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from serial.tools import list_ports
 
 from so101_motion.cli import main
-from so101_motion.drivers.port import port_list
-from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.tasks.program import Program, Waypoint, files
 
@@ -60,11 +60,12 @@ def test_programs_are_offered_and_files_where_there_is_none_that_fits() -> None:
 def test_ports_are_offered_by_each_of_their_names(
     words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lasting = "/dev/serial/by-id/usb-1a86-if00"
-    found = FoundPort(name=lasting, device="/dev/ttyACM0", key="1a86", aliases=())
-    monkeypatch.setattr(port_list, "find_ports", lambda: (found,))
-    assert offered(*words, "") == [f"plain,{lasting}", "plain,/dev/ttyACM0"]
-    assert offered(*words, "/dev/tty") == ["plain,/dev/ttyACM0"]
+    names = ("/dev/cu.usbmodem58CD", "/dev/tty.usbmodem58CD")  # as macOS shows one adapter
+    told = {"vid": 0x1A86, "pid": 0x55D3, "serial_number": "58CD", "location": "1-1", "product": ""}
+    listed = [SimpleNamespace(device=name, **told) for name in names]
+    monkeypatch.setattr(list_ports, "comports", lambda: listed)
+    assert offered(*words, "") == [f"plain,{name}" for name in names]
+    assert offered(*words, "/dev/tty") == [f"plain,{names[1]}"]
     assert offered(*words, "/tmp/so") == ["file,/tmp/so"]
 
 

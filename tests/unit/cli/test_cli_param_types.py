@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import pytest
 from click.testing import CliRunner, Result
 
 from so101_motion.cli import main
-from so101_motion.rig import hardware_rig
 
 
 @pytest.fixture(autouse=True)
@@ -30,10 +30,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     """An arm must not even be opened."""
 
-    def opened(**_: object) -> None:
-        raise AssertionError("an arm was opened first")
+    start = threading.Thread.start
 
-    monkeypatch.setattr(hardware_rig, "open_simulated", opened)
+    def checked(thread: threading.Thread) -> None:
+        assert not thread.name.startswith("so101-"), "an arm was opened first"
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", checked)
 
 
 def so101(line: str) -> Result:

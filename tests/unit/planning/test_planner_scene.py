@@ -6,7 +6,7 @@ import pytest
 from so101_motion.common.errors import ConfigError, InCollision, NoPath, OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import Attached, Box, Obstacle, Scene, Sphere
+from so101_motion.planning.collision.scene import Attached, Box, Obstacle, PointCloud, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Planner, PlanRequest
@@ -183,15 +183,22 @@ def test_of_all_postures_for_a_point_one_that_is_free_is_reached(model, plan):
 
 
 def test_surroundings_are_made_ready_once(model):
-    planner = Planner(model)
-    for seed in range(3):
-        scene = Scene(obstacles=(block((0.06, 0.06, 0.3), (0.3, 0.0, 0.15), "post"),))
-        planner.plan(
-            PlanRequest(
-                q_start=LEFT, goal=JointGoal(q=RIGHT), limits=LIMITS, scene=scene, seed=seed
-            )
-        )
-    assert planner._around.cache_info().misses == 1
+    calls = 0
+
+    def count():
+        nonlocal calls
+        calls += 1
+
+    x, y, z = np.meshgrid(*3 * [np.linspace(0.0, 0.1, 50)])
+    cloud = PointCloud(points=np.column_stack([x.ravel(), y.ravel(), z.ravel()]), resolution=0.02)
+    planner, counts = Planner(model, count), []
+    for _ in range(3):
+        behind = SE3.from_translation((-0.3, 0.0, 0.1))
+        scene = Scene(obstacles=(Obstacle(name="cloud", shape=cloud, T_base_obstacle=behind),))
+        before = calls
+        planner.plan(PlanRequest(q_start=LEFT, goal=JointGoal(q=RIGHT), limits=LIMITS, scene=scene))
+        counts.append(calls - before)
+    assert counts[0] > counts[1] == counts[2]
 
 
 # An arm's own joint limits

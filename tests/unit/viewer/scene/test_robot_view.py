@@ -1,98 +1,92 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
-import pytest
-import viser
 from so101_description import PARTS
 from so101_viewer.scene.robot_view import RobotView
-from so101_viewer.server.guarded_server import start_guarded
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.kinematics.model import RobotModel
-
-
-@pytest.fixture(scope="module")
-def scene() -> Iterator[viser.SceneApi]:
-    server = start_guarded(port=0)
-    yield server.viser.scene
-    server.close()
 
 
 def placed() -> dict[str, SE3]:
     return RobotModel.load().link_placements(np.zeros(5), 0.0)
 
 
-def test_every_link_stands_where_the_kinematics_put_it(scene: viser.SceneApi) -> None:
+def meshes(scene: Any, root: str) -> list[Any]:
+    return list(scene.under(root, 2).values())
+
+
+def sent(scene: Any, root: str) -> set[str]:
+    """The links whose meshes were sent."""
+    return {name.split("/")[0] for name in scene.under(root, 2)}
+
+
+def test_every_link_stands_where_the_kinematics_put_it(scene: Any) -> None:
     view = RobotView(scene, "/arm")
     placements = RobotModel.load().link_placements(np.array([0.3, -0.5, 0.4, 0.2, 1.0]), 0.5)
     view.move(placements)
-    assert set(view._frames) == set(PARTS) == set(placements)
-    for link, frame in view._frames.items():
+    frames = scene.under("/arm", 1)
+    assert set(frames) == set(PARTS) == set(placements)
+    for link, frame in frames.items():
         np.testing.assert_allclose(frame.position, placements[link].p)
         np.testing.assert_allclose(frame.wxyz, placements[link].quaternion_wxyz())
 
 
-def test_links_can_be_hidden_one_by_one(scene: viser.SceneApi) -> None:
+def test_links_can_be_hidden_one_by_one(scene: Any) -> None:
     view = RobotView(scene, "/ghost", color=(60, 130, 246), opacity=0.35)
     view.show({"gripper_link"})
-    assert {link for link, frame in view._frames.items() if frame.visible} == {"gripper_link"}
+    frames = scene.under("/ghost", 1)
+    assert {link for link, frame in frames.items() if frame.visible} == {"gripper_link"}
     view.show(())
-    assert not any(frame.visible for frame in view._frames.values())
+    assert not any(frame.visible for frame in frames.values())
 
 
-def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene: viser.SceneApi) -> None:
+def test_a_ghost_is_of_one_colour_and_changes_it_as_a_whole(scene: Any) -> None:
     view = RobotView(scene, "/other", color=(60, 130, 246), opacity=0.35)
     view.move(placed())
     view.paint((224, 49, 49))
-    assert {tuple(mesh.color) for meshes in view._meshes.values() for mesh in meshes} == {
-        (224, 49, 49)
-    }
-    assert {mesh.opacity for meshes in view._meshes.values() for mesh in meshes} == {0.35}
+    assert {tuple(mesh.color) for mesh in meshes(scene, "/other")} == {(224, 49, 49)}
+    assert {mesh.opacity for mesh in meshes(scene, "/other")} == {0.35}
 
 
-def test_the_arm_is_orange_white_and_black(scene: viser.SceneApi) -> None:
+def test_the_arm_is_orange_white_and_black(scene: Any) -> None:
     view = RobotView(scene, "/colours")
     view.move(placed())
-    colours = np.array(
-        [mesh.color for meshes in view._meshes.values() for mesh in meshes], dtype=int
-    )
+    colours = np.array([mesh.color for mesh in meshes(scene, "/colours")], dtype=int)
     red, _green, blue = colours.T
     assert np.any((red > 180) & (blue < 100))
     assert np.any(colours.min(axis=1) > 200)
     assert np.any(colours.max(axis=1) < 70)
 
 
-def test_the_meshes_are_light_enough_to_be_drawn_without_a_gpu(scene: viser.SceneApi) -> None:
+def test_the_meshes_are_light_enough_to_be_drawn_without_a_gpu(scene: Any) -> None:
     view = RobotView(scene, "/light")
     view.move(placed())
-    assert (
-        20_000
-        < sum(len(mesh.faces) for meshes in view._meshes.values() for mesh in meshes)
-        < 40_000
-    )
+    assert 20_000 < sum(len(mesh.faces) for mesh in meshes(scene, "/light")) < 40_000
 
 
-def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene: viser.SceneApi) -> None:
+def test_a_link_is_sent_when_it_is_to_be_seen_for_the_first_time(scene: Any) -> None:
     view = RobotView(scene, "/late")
-    assert not view._meshes
+    assert not sent(scene, "/late")
     view.set_visible(False)
     view.show({"gripper_link"})
     view.move(placed())
-    assert not view._meshes
+    assert not sent(scene, "/late")
     view.set_visible(True)
-    assert set(view._meshes) == {"gripper_link"}
+    assert sent(scene, "/late") == {"gripper_link"}
     view.show(PARTS)
-    assert set(view._meshes) == set(PARTS)
+    assert sent(scene, "/late") == set(PARTS)
 
 
-def test_a_colour_holds_for_links_that_are_seen_later(scene: viser.SceneApi) -> None:
+def test_a_colour_holds_for_links_that_are_seen_later(scene: Any) -> None:
     view = RobotView(scene, "/painted")
     view.show(())
     view.move(placed())
     view.paint((1, 2, 3), {"wrist_link"})
     view.show({"wrist_link"})
-    assert {tuple(mesh.color) for mesh in view._meshes["wrist_link"]} == {(1, 2, 3)}
+    painted = meshes(scene, "/painted")
+    assert {tuple(mesh.color) for mesh in painted} == {(1, 2, 3)}
     view.repaint()
-    assert (1, 2, 3) not in {tuple(mesh.color) for mesh in view._meshes["wrist_link"]}
+    assert (1, 2, 3) not in {tuple(mesh.color) for mesh in painted}
