@@ -109,7 +109,7 @@ def _content(file: TextIO) -> object:
         return json.loads(file.read())
     except UnicodeDecodeError as error:
         raise ConfigError("configuration", file.name, "is no text in UTF-8") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError("configuration", file.name, f"is no JSON: {error}") from error
 
 

@@ -53,10 +53,10 @@ def attack_readers(seed, seconds, count):
 
 
 def spoil_answers(seed, seconds, count):
-    """``count`` spoiled answers, in turn few and many of all."""
+    """``count`` spoiled answers, now and then few of all, mostly half."""
     told, end, piece = {}, time.monotonic() + seconds, 0
     while told.get("spoiled", 0) < count and time.monotonic() < end:
-        share = (0.15, 0.5)[piece % 2]
+        share = 0.15 if piece % 8 == 0 else 0.5
         name, left = f"{seed}{piece:03}", count - told.get("spoiled", 0)
         tally = torn_answers.run(min(left, 5_000), seed=int(name), share=share)
         figures = {

@@ -9,10 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from google.protobuf import json_format
 from google.protobuf.message import DecodeError
+from google.protobuf.struct_pb2 import Struct
+from viam.components.arm import JointPositions
 from viam.proto.common import GeometriesInFrame, Geometry, Pose, WorldState
 from viam.proto.common import Mesh as ViamMesh
 from viam.proto.common import PointCloud as ViamCloud
+from viam.proto.service.motion import MoveRequest
 
 from so101_motion.calib.motors import progress
 from so101_motion.calib.procedure import journal
@@ -32,6 +36,7 @@ from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import files as program_files
 from so101_motion.tasks.teleop.config import TeleopConfig
+from so101_motion.viam.client import watch
 from so101_motion.viam.component_config import (
     CalibrationConfig,
     HardwareArmConfig,
@@ -42,6 +47,8 @@ from so101_motion.viam.component_config import (
 from so101_motion.viam.conversion.frames import Frames
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import scene_with
+from so101_motion.viam.migration import migrate
+from so101_motion.viam.requests.large_messages import LARGE, LargeCodec
 
 OURS = (So101Error,)
 """What a reader may raise."""
@@ -112,6 +119,22 @@ _ATTRIBUTES = (
     {"leader_arm": "a", "follower_arm": "b", "rate_hz": 50, "offsets_deg": {"elbow_flex": 3}},
 )
 _HAND = b"1 elbow_flex start\n2 elbow_flex 9"
+_STATUS = {
+    "joint_positions_deg": dict.fromkeys((*JOINTS, "gripper"), 1.5), "state": "holding",
+    "is_moving": True, "late_ticks": 3, "alarms": {"elbow_flex": "hot"}, "fault": "it fell",
+    "lent_to": "calibration", "mode": "manual", "values": [1, 2, 3, 4, 5],
+}  # fmt: skip
+_CONFIGURATION = {
+    "components": [
+        {
+            "name": "arm", "api": "rdk:component:arm", "model": "devrel:so101:arm",
+            "attributes": {"port": "/dev/ttyACM0", "baudrate": 1_000_000, "speed_degs_per_sec": 5},
+            "depends_on": ["a"], "frame": {"parent": "world"},
+        }
+    ],
+    "modules": [{"name": "so101", "type": "registry", "module_id": "devrel:so101-arm"}],
+    "fragments": ["a"],
+}  # fmt: skip
 _STL = b"x" * 80 + (1).to_bytes(4, "little") + TRIANGLE.astype("<f4").tobytes() + b"\0\0"
 _PLY = (
     b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
@@ -152,11 +175,22 @@ def _cloud(data):
     return Geometry(label="c", center=Pose(o_z=1.0), pointcloud=ViamCloud(point_cloud=data))
 
 
+_PADDING = bytes((0xFA, 0x7F)) + b"\x80\x80\x08" + bytes(LARGE * 2)
+"""A field that no message knows, so long that the message counts as large."""
+
+
 def _read_geometry(make):
     def read(data):
         return read_shape(from_geometry(make(data)))
 
     return read
+
+
+def _move(*geometries):
+    group = GeometriesInFrame(reference_frame="arm_origin", geometries=geometries)
+    return MoveRequest(
+        name="m", component_name="arm", world_state=WorldState(obstacles=[group])
+    ).SerializeToString()
 
 
 def _read_world(data):
@@ -197,8 +231,57 @@ def _read_answers(data):
     Listener().hear(data)
 
 
-def _read_progress(path):
-    return progress.SetupProgress(path, None)
+class _Machine:
+    """An arm of a machine that says whatever it likes."""
+
+    def __init__(self, status):
+        self._status = status
+
+    async def get_status(self):
+        return self._status
+
+    async def get_joint_positions(self):
+        values = self._status.get("values")
+        return JointPositions(values=values if isinstance(values, list) else [0.0] * 5)
+
+    async def is_moving(self):
+        return False
+
+
+def _read_machine(data):
+    try:
+        status = Struct()
+        status.update(json.loads(data))
+        arm = _Machine(json_format.MessageToDict(status))
+        arm.get_joint_positions().close()
+        JointPositions(values=arm._status.get("values", ()))
+    except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
+        return  # what cannot be on the wire
+    report = asyncio.run(watch.ask_arm(arm))
+    state = watch.next_state(None, report, watch.GripperReport(), 0.0)
+    assert np.all(np.isfinite(state.q_ref)), f"the arm is at {state.q_ref}"
+
+
+def _read_large(data):
+    try:
+        MoveRequest.FromString(data)
+    except DecodeError:
+        is_sound = False
+    else:
+        is_sound = True
+    padded = data + _PADDING
+    try:
+        LargeCodec().decode(padded, MoveRequest)
+    except DecodeError:
+        assert not is_sound, "what protobuf reads is refused"
+
+
+def _read_configuration(data):
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    migrate(content).configuration()
 
 
 def _read_words(data):
@@ -257,6 +340,9 @@ def all_readers(folder=None):
         Reader("world state", _read_world, (_world(_mesh(_PLY), _cloud(_PCD_BINARY)),)),
         Reader("mesh", _read_geometry(_mesh), (_STL, _PLY, _PLY_BINARY)),
         Reader("cloud", _read_geometry(_cloud), (_PCD_ASCII, _PCD_BINARY)),
+        Reader("machine", _read_machine, (_json(_STATUS),)),
+        Reader("machine configuration", _read_configuration, (_json(_CONFIGURATION),)),
+        Reader("large message", _read_large, (_move(_mesh(_PLY_BINARY), _cloud(_PCD_BINARY)),)),
         Reader(
             "faults and hands",
             _read_words,

@@ -66,7 +66,7 @@ async def ask_arm(arm: Arm) -> ArmReport:
 
     Raises:
         GRPCError: It cannot tell.
-        ConfigError: It has not five joints.
+        ConfigError: It has not five joints, or what it says of one is no angle.
     """
     try:
         status = await arm.get_status()
@@ -74,7 +74,8 @@ async def ask_arm(arm: Arm) -> ArmReport:
         status = {}
     told = status.get("joint_positions_deg")
     if isinstance(told, Mapping) and all(joint in told for joint in ARM_JOINTS):
-        q = to_rad(np.array([float(told[joint]) for joint in ARM_JOINTS]))
+        values = [told[joint] for joint in ARM_JOINTS]
+        q = convert.from_joint_values(values, what="joint_positions_deg")
         return ArmReport(q=q, mode=_mode(status), status=status)
     positions = await arm.get_joint_positions()
     status = {**status, "is_moving": await arm.is_moving()}

@@ -72,7 +72,12 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
 
 @pytest.mark.parametrize(
     ("given", "says"),
-    [("{", "is no JSON"), ("{}", "nothing to take over"), ("[1]", "nothing to take over")],
+    [
+        ("{", "is no JSON"),
+        ("[" * 100_000, "is no JSON"),
+        ("{}", "nothing to take over"),
+        ("[1]", "nothing to take over"),
+    ],
 )
 def test_what_is_no_configuration_is_a_sentence(given, says):
     result = run("-", given=given)

@@ -175,3 +175,9 @@ def test_a_connection_is_told_in_words():
     assert lost.words(5.0) == "lost 3 s ago: nobody listens"
     assert not lost.is_up
     assert ArmConnection(to="it", problem="no port").words(5.0) == "no port"
+
+
+@pytest.mark.parametrize("value", ["north", "1e999", float("nan"), [1.0], None])
+def test_an_arm_that_says_no_angle_is_refused(value):
+    with pytest.raises(So101Error, match="shoulder_pan"):
+        told(q_deg=(value, 0.0, 0.0, 0.0, 0.0))
