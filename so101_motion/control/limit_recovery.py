@@ -1,4 +1,4 @@
-"""Bring joints inside their limits before a motion begins.
+"""Track joints outside their limits: where the next motion brings them in, and what is refused.
 
 A joint may stand outside its limits, where no goal can keep it (``JointReading.out_of_range``). It
 stays there until a motion of its channel begins. Motions are planned from the nearest angle inside
@@ -27,7 +27,7 @@ RECOVERY_TIME = 5.0
 
 
 class LimitRecovery:
-    """Brings in the joints of a channel that are outside their limits; I/O thread only.
+    """The joints of a channel that are outside their limits; I/O thread only.
 
     Args:
         joints: The channel's joints.

@@ -20,7 +20,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.files import atomic
 from so101_motion.files.json_file import Object
-from so101_motion.files.user_folders import user_data
+from so101_motion.files.user_data_folder import user_data_folder
 
 LARGEST = 1_000_000
 """Largest file that is read [byte]; the longest program has a tenth of that. Chosen."""
@@ -39,7 +39,7 @@ def folder() -> Path:
         ConfigError: This user has no home.
     """
     try:
-        return user_data() / "so101_motion"
+        return user_data_folder() / "so101_motion"
     except OSError as error:
         raise ConfigError("home", None, f"there is no place for files: {error}") from error
 

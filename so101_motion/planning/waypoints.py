@@ -23,7 +23,7 @@ def checked_path(model: RobotModel, moves: MotionBuilder, q_from: Array, waypoin
     """The collision-free polyline (m, 5) [rad] from a start through waypoints, simplified.
 
     Args:
-        moves: What is in the way.
+        moves: Checks configurations and lines for contact.
         q_from: A free configuration inside the limits, shape (5,), [rad].
         waypoints: Shape (n, 5), n >= 1, [rad].
 

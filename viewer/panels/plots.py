@@ -65,7 +65,7 @@ class PlanPlots:
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
-    """The distance to the nearest joint limit along a motion [rad].
+    """The joint limit that a motion comes nearest to [rad].
 
     Args:
         q: Joint angles along the path, shape (n, 5), [rad].

@@ -179,7 +179,7 @@ class SetupPart(Part):
             self._current.enter()
 
     def _connect(self) -> None:
-        """Open the arm for a resumed step, then show the step."""
+        """Open the arm, then show the step."""
         make = self.setup.make
         assert make is not None  # the first step's page has said how
 

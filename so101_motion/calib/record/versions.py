@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from so101_motion.files import atomic
-from so101_motion.files.user_folders import user_data
+from so101_motion.files.user_data_folder import user_data_folder
 
 KEPT = 20
 """How many versions of a file are kept; a version has about 1.5 kB. Chosen."""
@@ -56,7 +56,7 @@ def root() -> Path:
     Raises:
         OSError: This user has no home.
     """
-    return user_data() / "so101_motion" / "calibrations"
+    return user_data_folder() / "so101_motion" / "calibrations"
 
 
 def folder(path: Path) -> Path:

@@ -106,7 +106,7 @@ def _words(status: int) -> tuple[str, ...]:
 
 
 class HealthReadings:
-    """Reads the measured blocks of the servos ten times a second.
+    """Keeps the measured blocks of the servos, and says when to read them again.
 
     Args:
         now: The time [s].

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 
-def user_data() -> Path:
+def user_data_folder() -> Path:
     """The data folder of this user.
 
     Raises:
