@@ -1,4 +1,4 @@
-"""Collect what is known of an arm before the check-up: servos, bus quality, calibration.
+"""Findings about an arm before they are judged; ``examine`` measures its servos and bus.
 
 ``examine`` asks the servos and writes nothing; the caller fills in the port and the file.
 ``checkup`` judges all of it.

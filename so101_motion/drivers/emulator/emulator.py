@@ -19,6 +19,7 @@ from typing import ClassVar, Protocol, Self
 from so101_motion.common.errors import ConfigError
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.bus import Bus
+from so101_motion.drivers.emulator.calibration_scripts import SPEED, holding_script, sweeping_script
 from so101_motion.drivers.emulator.electric import Supply
 from so101_motion.drivers.emulator.faults import FaultEvent, WireFaults
 from so101_motion.drivers.emulator.hand import Hand, parse_script
@@ -26,7 +27,6 @@ from so101_motion.drivers.emulator.hardware import DATASHEET_12V, SO101, Joint, 
 from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.spread import differing_servos
-from so101_motion.drivers.emulator.sweep import SPEED, holding_script, sweeping_script
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
 
 ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}

@@ -1,4 +1,4 @@
-"""Write hand scripts for a calibration: hold the arm up and lead each joint to its stops.
+"""Write hand scripts for a calibration: hold the arm up, and lead each joint to its stops.
 
 The script it makes is text like any other, see ``hand.py``; write it to a file for ``so101 emulate
 --hand``, or type ``pose`` and ``sweep`` while the emulator runs. The hand carries what the joint it
