@@ -64,7 +64,7 @@ def interfering_programs(processes: Path = _PROCESSES) -> dict[str, str]:
 
 
 def latency_timer(port: str, ttys: Path = _TTYS) -> float | None:
-    """For how long an FTDI adapter holds bytes back [s]; None for others, which have no such timer.
+    """How long an FTDI adapter holds bytes back [s]; None for others, which have no such timer.
 
     Opening the port with this package sets it to 1 ms where that is allowed.
     """

@@ -1,4 +1,4 @@
-"""Read meshes and point clouds from files: STL, PLY and PCD.
+"""Read meshes and point clouds from files (STL, PLY, PCD), and simplify meshes.
 
 A file of a million triangles takes a second to read, so whoever takes one from a request looks at
 its head alone (``shape_file``) and hands its bytes on; they are read where they are needed, in the
@@ -40,7 +40,7 @@ _HEAD = 65_536
 def shape_file(
     kind: str, data: bytes | memoryview, *, name: str, centre: Array | None = None
 ) -> ShapeFile:
-    """A file for the planner, of which only the head has been read; lengths in it are metres.
+    """Make a file for the planner, of which only the head has been read; lengths are metres.
 
     Raises:
         ConfigError: It is too large, or its head cannot be read.
@@ -53,7 +53,7 @@ def shape_file(
 
 
 def read_shape(shape: Shape | ShapeFile) -> Shape:
-    """The shape in a file; any other as it is.
+    """Read the shape in a file; returns any other shape as it is.
 
     Raises:
         ConfigError: The file cannot be read; the message has its name.
@@ -71,7 +71,7 @@ def read_shape(shape: Shape | ShapeFile) -> Shape:
 
 
 def mesh_kind(data: bytes | memoryview) -> str:
-    """What kind of mesh file it is, by its content: ``"ply"`` or ``"stl"``.
+    """The kind of a mesh file, by its content: ``"ply"`` or ``"stl"``.
 
     A binary STL file has any 80 bytes, the number of its triangles, and 50 bytes for each.
 
@@ -88,7 +88,7 @@ def mesh_kind(data: bytes | memoryview) -> str:
 
 
 def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Array, Any]:
-    """Vertices (n, 3) and triangles (m, 3) of at most ``most`` in a file, in the file's unit.
+    """Read vertices (n, 3) and triangles (m, 3), at most ``most``, in the file's unit.
 
     Raises:
         ConfigError: It is too large, or no such file.
@@ -118,7 +118,7 @@ def welded(vertices: Array, triangles: Any) -> tuple[Array, Any]:
 
 
 def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any]:
-    """Meshes as one of few triangles, for a picture.
+    """Merge meshes into one with few triangles, for a picture.
 
     All vertices of a grid cell are drawn together into their mean; what collapses is left out.
 
@@ -141,7 +141,7 @@ def coarse(meshes: Sequence[tuple[Array, Any]], grid: float) -> tuple[Array, Any
 
 
 def read_points(data: bytes) -> Array:
-    """The points of a PCD file, as Viam's cameras send it: ascii or binary, shape (n, 3), [m].
+    """Read the points of a PCD file from Viam's cameras, shape (n, 3), [m].
 
     Raises:
         ConfigError: It is too large, or no such file.

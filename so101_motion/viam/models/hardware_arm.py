@@ -21,7 +21,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.commands import Request
-from so101_motion.viam.requests.further_servos import FurtherServos
+from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
 
 
@@ -61,7 +61,7 @@ class HardwareArm(ArmResource):
         self._servo_ids = servo_ids
         self._commands |= {
             **ServoCommands(rig, servo_ids, self._manual).commands,
-            **FurtherServos(rig, self.logger).commands,
+            **JawServoCommands(rig, self.logger).commands,
         }
 
     @classmethod

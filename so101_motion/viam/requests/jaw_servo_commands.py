@@ -31,7 +31,7 @@ _LOOK = 0.02
 """Time between two looks while it waits [s]."""
 
 
-class FurtherServos:
+class JawServoCommands:
     """Answers the ``servo_…`` requests.
 
     Args:
