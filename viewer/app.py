@@ -12,7 +12,7 @@ from .page.events import ArmEvents
 from .page.page_context import ArmContext
 from .page.part import Part
 from .panels.health_panel import HealthPart
-from .panels.move_panel import MovePart
+from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
 from .panels.source_banner import SourceBanner, SourcePart, waiting
 from .program.program_panel import ProgramPart

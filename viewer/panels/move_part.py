@@ -1,4 +1,4 @@
-"""The Move part: the arm, a target, Plan and Execute."""
+"""Connect the arm's view model with the scene, the arm panel and the Move tab."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _WORDS_EVERY = 3
 
 
 class MovePart(Part):
-    """Shows the arm; target, Plan and Execute.
+    """The part of the page that shows and moves the arm.
 
     Args:
         stops: What Stop calls, each in a thread of its own.
