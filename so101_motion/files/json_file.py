@@ -1,4 +1,4 @@
-"""Read small JSON files strictly: no repeated names, no huge or deeply nested content.
+"""Read small JSON files, and notice repeated names, excessive size and depth.
 
 What the standard parser lets through is not let through here: a name given twice (the first would
 be lost without a word), files of any size or depth, things that only look like files. Numbers that

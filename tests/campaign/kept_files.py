@@ -38,7 +38,7 @@ from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import files as program_files
-from so101_motion.tasks.program.waypoints import Program, Waypoint
+from so101_motion.tasks.program.program import Program, Waypoint
 
 DISK = 256 << 10  # [byte]
 PAGE = 4096

@@ -11,8 +11,8 @@ import viser
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import Waypoint
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS
 from so101_motion.tasks.program.rehearsal import PASSING
-from so101_motion.tasks.program.waypoints import LONGEST_PAUSE, MOST_ROUNDS
 
 from ..page import markup
 from ..page.page_context import ArmContext

@@ -1,12 +1,12 @@
 """Programs: named waypoints, visited in order, once, several times, or until stopped.
 
-``waypoints.py`` is the program as a value and how it is edited, ``files.py`` keeps it,
+``program.py`` is the program as a value and how it is edited, ``files.py`` keeps it,
 ``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. A path that a
 hand has shown is in ``guided``.
 """
 
+from so101_motion.tasks.program.program import Program, Waypoint
 from so101_motion.tasks.program.rehearsal import Rehearsal, rehearse
 from so101_motion.tasks.program.run import ProgramRun, Where, start_program
-from so101_motion.tasks.program.waypoints import Program, Waypoint
 
 __all__ = ["Program", "ProgramRun", "Rehearsal", "Waypoint", "Where", "rehearse", "start_program"]

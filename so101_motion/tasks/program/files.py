@@ -25,7 +25,7 @@ from pathlib import Path
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
-from so101_motion.tasks.program.waypoints import LONGEST_PAUSE, Program, Waypoint
+from so101_motion.tasks.program.program import LONGEST_PAUSE, Program, Waypoint
 
 SCHEMA = "so101/program/1"
 

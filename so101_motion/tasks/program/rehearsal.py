@@ -26,7 +26,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
-from so101_motion.tasks.program.waypoints import Program
+from so101_motion.tasks.program.program import Program
 
 E = TypeVar("E", bound=So101Error)
 

@@ -25,6 +25,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
+from so101_motion.tasks.program.program import Program
 from so101_motion.tasks.program.rehearsal import (
     ProgramLeg,
     Rehearsal,
@@ -33,7 +34,6 @@ from so101_motion.tasks.program.rehearsal import (
     plan_leg,
     stands_at,
 )
-from so101_motion.tasks.program.waypoints import Program
 
 _SAME_JAW = to_rad(5.0)
 """A jaw that stands nearer than this to what a leg was planned with is as planned [rad]; chosen:

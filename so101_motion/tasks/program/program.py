@@ -1,4 +1,4 @@
-"""Programs as immutable values; an index counts from 0, a number from 1."""
+"""Programs of waypoints, as immutable values; an index counts from 0, a number from 1."""
 
 from __future__ import annotations
 

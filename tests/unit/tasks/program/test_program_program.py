@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.tasks.program.waypoints import MOST, Program, Waypoint
+from so101_motion.tasks.program.program import MOST, Program, Waypoint
 
 
 def waypoint(name: str) -> Waypoint:
