@@ -25,7 +25,7 @@ from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import open_simulated
 
-PATIENCE = 0.05
+PATIENCE = 0.1
 """How long an answer is waited for, on the wall clock [s]: above what a busy machine mostly takes
 to run the emulator's thread; every answer that does get lost costs a test as much."""
 

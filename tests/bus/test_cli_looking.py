@@ -13,6 +13,7 @@ from so101_motion.drivers.bus import registers
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
@@ -29,7 +30,8 @@ def own_home(tmp_path, monkeypatch):
 
 @pytest.fixture
 def arm(tmp_path):
-    with Emulator(EmulatorOptions(link=tmp_path / "arm")) as emulator:
+    options = EmulatorOptions(link=tmp_path / "arm", pacing=Pacing(realtime=True))
+    with Emulator(options) as emulator:
         yield emulator
 
 

@@ -77,7 +77,7 @@ class Guest:
     def says(self, words: str) -> bool:
         return self.page.get_by_text(words).count() > 0
 
-    def until(self, condition: Callable[[], bool], *, seconds: float = 20.0) -> None:
+    def until(self, condition: Callable[[], bool], *, seconds: float = 60.0) -> None:
         """Wait for ``condition`` and let the page live meanwhile; fail when it never comes."""
         for _ in range(round(seconds / 0.05)):
             if condition():

@@ -126,7 +126,7 @@ class RunningModule:
 
     async def ended(self):
         """The process's exit code, once it has ended."""
-        return await asyncio.wait_for(self.process.wait(), 10.0)
+        return await asyncio.wait_for(self.process.wait(), 30.0)
 
 
 def is_listening(path):
@@ -137,7 +137,7 @@ def is_listening(path):
 
 async def until(check):
     """Wait until ``check()``, plain or awaited, is true; not for ever."""
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(60.0):
         while True:
             answer = check()
             if await answer if asyncio.iscoroutine(answer) else answer:
@@ -192,7 +192,7 @@ async def running_module(
             channel.close()
         if process.returncode is None:
             process.send_signal(signal.SIGTERM)
-            await asyncio.wait_for(process.wait(), 10.0)
+            await asyncio.wait_for(process.wait(), 30.0)
         parent.close()
         await parent.wait_closed()
         shutil.rmtree(folder, ignore_errors=True)

@@ -54,7 +54,7 @@ class Hand:
     def expect(self, words: str) -> None:
         self.until(lambda: self.says(words), f"reading {words!r}")
 
-    def until(self, condition: Callable[[], bool], what: str, *, seconds: float = 30.0) -> None:
+    def until(self, condition: Callable[[], bool], what: str, *, seconds: float = 60.0) -> None:
         ends = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > ends:

@@ -38,7 +38,7 @@ class Typist:
         os.close(program)
         self._seen = ""
 
-    def sees(self, words, within=15.0):
+    def sees(self, words, within=60.0):
         """Wait for words on the screen; what was there before they came is not looked at again."""
         until = time.monotonic() + within
         while words not in self._seen:
@@ -54,7 +54,7 @@ class Typist:
         """Ctrl-C."""
         self.command.send_signal(signal.SIGINT)
 
-    def code(self, within=15.0):
+    def code(self, within=60.0):
         """The exit code, once it has ended."""
         until = time.monotonic() + within
         while self.command.poll() is None:

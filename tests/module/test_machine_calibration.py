@@ -23,7 +23,7 @@ def resources(port, file):
     return (*SIM, (SENSOR, CALIBRATION, "calibration", {"port": port, "calibration_file": file}))
 
 
-def until(condition, seconds=20.0):
+def until(condition, seconds=60.0):
     """Wait for ``condition``: the machine is another process, whose time is real."""
     end = time.monotonic() + seconds
     while not condition():

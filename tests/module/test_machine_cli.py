@@ -119,7 +119,7 @@ def is_held(rig):
     return rig.arm.state.mode is Mode.HOLDING
 
 
-def until(condition, patience=20.0):
+def until(condition, patience=60.0):
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < patience, "it does not happen"

@@ -54,7 +54,7 @@ def test_connecting_leaves_the_log_as_it_was(machine, monkeypatch):
         assert not logging.getLogger("viam.rpc.dial").isEnabledFor(logging.CRITICAL)
 
 
-def until(condition, patience=10.0):
+def until(condition, patience=60.0):
     begin = time.monotonic()
     while not condition():
         assert time.monotonic() - begin < patience, "it does not happen"

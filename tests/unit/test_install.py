@@ -203,9 +203,9 @@ def test_a_step_that_hangs_is_ended_with_all_it_started(installer, capsys):
     begin = time.monotonic()
     with installer.the_lock(0.0) as lock:
         assert installer.run(("sh", "-c", f"sleep {mark} & wait"), 0.2, lock) == (1, "")
-    assert time.monotonic() - begin < 5.0
+    assert time.monotonic() - begin < 20.0
     assert "it is ended" in capsys.readouterr().err
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 20.0
     while any(mark in command_of(pid) for pid in processes()):  # the kernel takes a moment
         assert time.monotonic() < deadline
 

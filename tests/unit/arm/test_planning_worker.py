@@ -90,7 +90,7 @@ def endless_request():
     )
 
 
-def wait_until(happened, seconds=10.0):
+def wait_until(happened, seconds=60.0):
     pause, begin = threading.Event(), time.monotonic()
     while not happened():
         assert time.monotonic() < begin + seconds
@@ -158,7 +158,7 @@ def test_a_plan_nobody_wants_is_given_up_by_the_same_child(worker):
     for _ in range(3):
         answer = begin_endless(worker)
         assert answer.cancel()
-        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(10.0)
+        worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0)
     assert worker.pid == pid
 
 
@@ -169,7 +169,7 @@ def test_plans_nobody_wants_are_dropped_while_they_wait(worker):
     newest = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
     for answer in answers:
         answer.cancel()
-    newest.result(10.0)
+    newest.result(60.0)
     assert worker.pid == pid
 
 
@@ -181,7 +181,7 @@ def test_a_request_may_be_cancelled_at_any_moment(worker):
         answer = worker.plan(dataclasses.replace(endless_request(), time_budget=0.01))
         pause.wait(wait)
         answer.cancel()
-        assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(10.0).duration > 0.0
+        assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
     assert worker.pid == pid
 
 
@@ -191,7 +191,7 @@ def test_closing_ends_every_plan_with_an_error_of_ours():
     answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(8))]
     begin = time.monotonic()
     worker.close()
-    assert time.monotonic() < begin + 1.0
+    assert time.monotonic() < begin + 20.0, "not the 60 s of one of them"
     for answer in [*answers, worker.plan(request_to([0.0] * 5)), worker.start()]:
         with pytest.raises(WorkerError, match="open the arm again"):
             answer.result(0.0)
@@ -209,7 +209,7 @@ def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impa
     hung = impatient.pid
     os.kill(hung, signal.SIGSTOP)
     request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
-    assert impatient.plan(request).result(20.0).duration > 0.0
+    assert impatient.plan(request).result(60.0).duration > 0.0
     assert impatient.pid != hung
     assert "no sign of life" in caplog.text
 
@@ -220,7 +220,7 @@ def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
     os.kill(hung, signal.SIGSTOP)
     wait_until(lambda: impatient.pid not in (hung, None))
     answer.cancel()
-    assert impatient.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(20.0).duration > 0.0
+    assert impatient.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
 
 
 def test_a_child_that_computes_for_long_does_not_hang(impatient):

@@ -169,9 +169,9 @@ def test_a_load_that_cannot_be_meant_is_refused(attributes, complaint):
 
 
 def test_a_long_word_is_like_none_and_compared_with_none():
-    begin = time.monotonic()
+    begin = time.thread_time()
     assert suggest("a" * 1_000_000, ("speed", "motion")) == "known: speed, motion"
-    assert time.monotonic() - begin < 0.5
+    assert time.thread_time() - begin < 0.5
 
 
 def test_of_many_known_words_only_some_are_named():

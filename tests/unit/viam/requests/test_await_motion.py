@@ -110,11 +110,11 @@ async def test_a_step_is_finished_although_nobody_waits_for_it_any_more():
 
     def step():
         begun.set()
-        may_end.wait(5.0)
+        may_end.wait(60.0)
         done.append(True)
 
     call = asyncio.create_task(carried_out(step))
-    await asyncio.to_thread(begun.wait, 5.0)
+    await asyncio.to_thread(begun.wait, 60.0)
     call.cancel()
     await asyncio.sleep(0.01)
     assert not call.done()
