@@ -31,7 +31,7 @@ class Finite(click.FloatRange):
         """The number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
-            self.fail(f"{quoted(value)} is no number that can be meant.", param, ctx)
+            self.fail(f"{quoted(value)} is not a usable number.", param, ctx)
         return number
 
     def _describe_range(self) -> str:
@@ -87,7 +87,11 @@ class PerJoint(click.ParamType[object]):
         try:
             numbers = [float(part) for part in str(value).split(",")]
         except ValueError:
-            self.fail(f"{quoted(value)} is no number, nor five with commas between", param, ctx)
+            self.fail(
+                f"{quoted(value)} is neither a number nor five numbers with commas between",
+                param,
+                ctx,
+            )
         return numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -122,7 +126,7 @@ class Link(click.Path):
         """The path of a link that can be made now."""
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
         if path.exists() and not path.is_symlink():
-            self.fail(f"{quoted(str(path))} is there already and is no link.", param, ctx)
+            self.fail(f"{quoted(str(path))} exists and is not a link.", param, ctx)
         if not path.name or not os.access(path.parent, os.W_OK | os.X_OK):
             self.fail(f"nothing can be made in {quoted(str(path.parent))}.", param, ctx)
         return path

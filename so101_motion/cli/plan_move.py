@@ -279,7 +279,7 @@ def _wait(rig: RigLike, motion: Motion, found: Plan) -> None:
 def _show(viewer: Any, rig: RigLike, found: Plan, source: AnySource) -> None:
     with viewer.serve(rig, title=source.title, plan=found) as page:
         aside(f"open   {page.url}")
-        aside("       (whoever has this link can move the arm; Ctrl-C to quit)")
+        aside("       (anyone with this link can move the arm; Ctrl-C to quit)")
         with contextlib.suppress(KeyboardInterrupt):
             while True:
                 threading.Event().wait(LOOK_FOR_SIGNALS)

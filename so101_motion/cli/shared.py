@@ -115,7 +115,9 @@ def have_agreed(question: str) -> None:
         click.UsageError: Nobody is there to answer.
         SystemExit: The answer is no, or Ctrl-C.
     """
-    nobody = click.UsageError("nobody is there to agree; --yes goes without asking")
+    nobody = click.UsageError(
+        "there is no terminal for the confirmation; --yes goes without asking"
+    )
     if sys.stdin is None:  # it was closed
         raise nobody
     try:

@@ -108,9 +108,9 @@ def _content(file: TextIO) -> object:
     try:
         return json.loads(file.read())
     except UnicodeDecodeError as error:
-        raise ConfigError("configuration", file.name, "is no text in UTF-8") from error
+        raise ConfigError("configuration", file.name, "is not UTF-8 text") from error
     except (ValueError, RecursionError) as error:
-        raise ConfigError("configuration", file.name, f"is no JSON: {error}") from error
+        raise ConfigError("configuration", file.name, f"is not JSON: {error}") from error
 
 
 def _compare(migration: Migration, *, with_new: bool) -> None:

@@ -135,7 +135,7 @@ def keep_open(served: Any, page: Page) -> None:
     if page.port is None and port != DEFAULT_PORT:
         click.echo(f"so101: port {DEFAULT_PORT} is taken, so the page is on port {port}", err=True)
     click.echo(f"open   {served.url}")
-    click.echo("       (whoever has this link can move the arm; Ctrl-C to quit)", err=True)
+    click.echo("       (anyone with this link can move the arm; Ctrl-C to quit)", err=True)
     if page.browser and _has_screen():
         import webbrowser
 

@@ -62,7 +62,7 @@ def read_bytes(path: Path) -> bytes:
         raise CalibrationError(None, reason, "check the path and its permissions") from error
     except ValueError as error:  # a zero byte in the name
         raise CalibrationError(
-            None, f"{quoted(path)} is no file name: {error}", "check it"
+            None, f"{quoted(path)} is not a file name: {error}", "check it"
         ) from error
     if len(data) > LARGEST:
         raise CalibrationError(

@@ -57,7 +57,7 @@ class SavedPoses:
         """
         known = {pose.name: pose for pose in (*POSES, *self.own())}
         if name not in known:
-            raise ConfigError("pose", name, f"is no pose; {suggest(name, known)}")
+            raise ConfigError("pose", name, f"is not a pose; {suggest(name, known)}")
         return known[name]
 
     def save(self, name: str, q: Array) -> NamedPose:
@@ -142,4 +142,4 @@ def _has(poses: Iterable[NamedPose], name: str) -> bool:
 
 def _refuse_missing(poses: Iterable[NamedPose], name: str) -> None:
     if not _has(poses, name):
-        raise ConfigError("pose", name, "is none of your own poses")
+        raise ConfigError("pose", name, "is not one of your own poses")

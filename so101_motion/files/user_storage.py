@@ -41,7 +41,7 @@ def folder() -> Path:
     try:
         return user_data_folder() / "so101_motion"
     except OSError as error:
-        raise ConfigError("home", None, f"there is no place for files: {error}") from error
+        raise ConfigError("home", None, f"this user has no folder for files: {error}") from error
 
 
 def remove_old_leftovers() -> None:
@@ -113,7 +113,7 @@ def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, obj
     if isinstance(said, str) and said.startswith(schema.rpartition("/")[0]):
         reason = f"is written as {said}, which this version cannot read; update it"
     else:
-        reason = f'is no file of {what}; its "schema" must be "{schema}"'
+        reason = f'is not a file of {what}; its "schema" must be "{schema}"'
     raise ConfigError(what, str(path), reason)
 
 

@@ -191,7 +191,7 @@ def _notes(whole: Mapping[str, Any], parts: tuple[MigratedResource, ...]) -> tup
         )
     if not own_module():
         notes.append(
-            "this installation is no module that viam-server can start; unpack the module's archive"
+            "viam-server cannot start this installation as a module; unpack the module's archive"
             ' on the machine and add it under "modules", with its run.sh as "executable_path"'
         )
     if any(part.calibration for part in parts):
@@ -213,7 +213,7 @@ def _part(kind: str, entry: Mapping[str, Any]) -> MigratedResource:
     kept, problem = {}, ""
     if known is None:
         hint = suggest(model.removeprefix(FAMILY), MODELS)
-        problem = f'"{model}" is no model of this module; {hint}'
+        problem = f'"{model}" is not a model of this module; {hint}'
     else:
         kept = {key: value for key, value in given.items() if key in known.names}
         try:

@@ -71,7 +71,7 @@ def test_the_way_to_a_machine_is_measured(machine):
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [
-        (("status", "--machine", "127.0.0.1:9"), 3, "nobody listens"),
+        (("status", "--machine", "127.0.0.1:9"), 3, "no program listens"),
         (("move", "--machine", "127.0.0.1:9", "--pose", "home"), 3, "try: check that"),
         (("stop",), 2, "which machine?"),
         (("plan", "--machine", "m", "--from", "0,0,0,0,0", "--pose", "home"), 2, "belongs to"),

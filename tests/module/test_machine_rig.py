@@ -265,7 +265,7 @@ def test_what_the_module_knows_of_the_arm_is_planned_with():
 
 
 def test_nobody_at_the_address_is_a_sentence():
-    with pytest.raises(MachineUnavailable, match="nobody listens"):
+    with pytest.raises(MachineUnavailable, match="no program listens"):
         MachineRig.connect("127.0.0.1:9")
     with pytest.raises(ConfigError, match="belong together"):
         MachineRig.connect("127.0.0.1:9", api_key="secret")

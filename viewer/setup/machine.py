@@ -69,7 +69,9 @@ class MachineCalibrator(BaseCalibrator):
         """
         if self._hold is None:
             raise CalibrationError(
-                None, "nobody here can hold the machine's arm", "let the machine's arm hold itself"
+                None,
+                "the machine's arm cannot be held from here",
+                "let the machine's arm hold itself",
             )
         self._hold()
 

@@ -87,7 +87,7 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
             break
         heard = listen(tuner)
     if heard.ids != (servo_id,) or heard.garbled:
-        raise _not_taken(joint, f"now {_list(heard.ids) or 'nobody'} answers, not {servo_id} alone")
+        raise _not_taken(joint, f"now {_list(heard.ids) or 'none'} answers, not {servo_id} alone")
     facts = tuner.call(lambda bus: read_facts(bus, servo_id))
     wanted = {
         **servo_program.settings(joint, facts, moved=False),
@@ -152,7 +152,7 @@ def _same_id(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
     return MotorSetupError(
         joint,
         "same id",
-        f"several servos answer{as_whom} at once, so nobody can be understood",
+        f"several servos answer{as_whom} at once, so none can be understood",
         f"{_alone(joint)}; if it is alone, check the plugs of its cable",
     )
 

@@ -197,7 +197,7 @@ def _row(held: HeldCalibration) -> list[int]:
 
 def _parse(content: object) -> Journal:
     if not isinstance(content, Mapping):
-        raise ValueError("it is no object")
+        raise ValueError("it is not an object")
     before, meanwhile = _held_by_joint(content["before"]), _held_by_joint(content["meanwhile"])
     if before.keys() != meanwhile.keys():
         raise ValueError('"before" and "meanwhile" name different joints')
@@ -223,7 +223,7 @@ def _held_by_joint(rows: Mapping[str, list[int]]) -> dict[str, HeldCalibration]:
     found = {}
     for joint, (offset, lower, upper) in rows.items():
         if joint not in JOINTS:
-            raise ValueError(f"{joint} is no joint of this arm")
+            raise ValueError(f"{joint} is not a joint of this arm")
         lowest, highest = HOMING_OFFSET.lower, HOMING_OFFSET.upper
         if not (lowest <= offset <= highest and 0 <= lower <= 4095 and 0 <= upper <= 4095):
             raise ValueError(f"{joint} cannot hold {offset}, {lower}, {upper}")

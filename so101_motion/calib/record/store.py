@@ -171,7 +171,7 @@ def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
         history.keep(path, said, beside if zeros is None else zeros or None)
     except OSError as error:
         reason = error.strerror or error
-        return (f"there is no second copy of {path}, for none can be written: {reason}",)
+        return (f"there is no second copy of {path}, because it cannot be written: {reason}",)
     return ()
 
 

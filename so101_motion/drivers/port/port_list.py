@@ -98,7 +98,7 @@ def port_problem(name: str) -> str | None:
     if not os.path.exists(name):
         return open_error_text(name, FileNotFoundError(errno.ENOENT, "no such port"))
     if os.path.isdir(name):
-        return "is no serial port; see which there are: so101 ports"
+        return "is not a serial port; see which there are: so101 ports"
     if not os.access(name, os.R_OK | os.W_OK):
         return open_error_text(name, PermissionError(errno.EACCES, "permission denied"))
     # A pseudo-terminal is also open in the program behind it, say an emulator; opening will tell.

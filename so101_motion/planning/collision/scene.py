@@ -126,7 +126,7 @@ class Mesh:
         if triangles.min() < 0 or triangles.max() >= len(vertices):
             outside = int(triangles.max() if triangles.min() >= 0 else triangles.min())
             raise ConfigError(
-                "triangles", outside, f"is no vertex; there are {len(vertices)}, counted from 0"
+                "triangles", outside, f"is not a vertex; there are {len(vertices)}, counted from 0"
             )
         triangles.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)

@@ -100,7 +100,7 @@ def read_mesh(kind: str, data: bytes, *, most: int = MOST_TRIANGLES) -> tuple[Ar
             found = _any_mesh(kind, data)
     except Exception as error:  # trimesh's readers raise whatever they trip over
         raise ConfigError(
-            "mesh", f"{len(data)} bytes", f"is no {kind} file: {clipped(str(error), 200)}"
+            "mesh", f"{len(data)} bytes", f"is not a {kind} file: {clipped(str(error), 200)}"
         ) from error
     if len(found[1]) == 0:
         raise ConfigError("mesh", f"{len(data)} bytes", "holds no triangles; is it a mesh?")
@@ -211,7 +211,7 @@ def _ply_head(data: bytes) -> tuple[bytes, int]:
     """The head of a PLY file, and where what follows begins."""
     end = re.search(rb"\nend_header\r?\n", data[:_HEAD])
     if end is None:
-        raise ConfigError("mesh", f"{len(data)} bytes", "is no ply file: its head has no end")
+        raise ConfigError("mesh", f"{len(data)} bytes", "is not a ply file: its head has no end")
     return data[: end.start()].replace(b"\r", b""), end.end()
 
 
@@ -321,5 +321,5 @@ def _pcd(data: bytes) -> Array:
 
 
 def _no_cloud(data: bytes, error: Exception) -> ConfigError:
-    reason = f"is no PCD file: {clipped(str(error), 200)}"
+    reason = f"is not a PCD file: {clipped(str(error), 200)}"
     return ConfigError("point_cloud", f"{len(data)} bytes", reason)

@@ -269,7 +269,9 @@ class RobotModel:
         )
 
     def _no_such(self, name: str) -> ConfigError:
-        return ConfigError("frame", name, f"is no frame of this arm; known: {', '.join(self._ids)}")
+        return ConfigError(
+            "frame", name, f"is not a frame of this arm; known: {', '.join(self._ids)}"
+        )
 
 
 def _add_frame(model: Any, name: str, parent: str, T_parent_frame: SE3) -> None:

@@ -73,7 +73,7 @@ def find(name: str) -> Path:
     known = names()
     if name not in known:
         raise ConfigError(
-            "program", name, f"is no program of yours and no file; {suggest(name, known)}"
+            "program", name, f"is neither a saved program nor a file; {suggest(name, known)}"
         )
     return file_of(name)
 

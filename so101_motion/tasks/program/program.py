@@ -125,5 +125,5 @@ class Program:
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self.waypoints):
             raise ConfigError(
-                "waypoint", index + 1, f"is none of the program's {len(self.waypoints)}"
+                "waypoint", index + 1, f"is not one of the program's {len(self.waypoints)}"
             )

@@ -85,7 +85,7 @@ class Access:
                 dialling = DialOptions.with_api_key(self.api_key, self.api_key_id)
             except ValueError as error:
                 raise ConfigError(
-                    "api_key_id", self.api_key_id, "is no key's id, which is a UUID"
+                    "api_key_id", self.api_key_id, "is not the id of a key, which is a UUID"
                 ) from error
         dialling.initial_connection_attempts = 1  # the keeper tries again
         dialling.timeout = dialling.initial_connection_attempt_timeout = DIALLING
@@ -288,11 +288,11 @@ def _why(error: BaseException) -> str:
     if type(error) is ConnectionError and error.__context__ is not None:
         error = error.__context__  # the SDK's general word hides what happened
     if isinstance(error, GRPCError) and error.status is Status.UNAUTHENTICATED:
-        return "it lets nobody in without a valid API key; check the key and its id"
+        return "it requires a valid API key; check the key and its id"
     if isinstance(error, TimeoutError):
         reason = "it does not answer in time"
     elif isinstance(error, ConnectionRefusedError):
-        reason = "nobody listens at this address"
+        reason = "no program listens at this address"
     elif isinstance(error, GRPCError) and error.status is Status.UNIMPLEMENTED:
         reason = "what answers there is no Viam machine"
     else:

@@ -96,7 +96,7 @@ class Machine(ABC):
         async def read() -> Mapping[str, Any]:
             client = self._client_of(sensor)
             if not isinstance(client, Sensor):
-                raise ConfigError("sensor", sensor, "has no readings; it is no sensor")
+                raise ConfigError("sensor", sensor, "has no readings, so it is not a sensor")
             with self._link.asking(f"{sensor}: readings"):
                 readings: Mapping[str, Any] = await client.get_readings(timeout=ANSWERING)
             return readings

@@ -203,6 +203,6 @@ class Frames:
         return ConfigError(
             "reference_frame",
             frame,
-            f"where that is seen from {self.arm} cannot be told ({why}); give both a frame in the"
+            f"its pose seen from {self.arm} is not known ({why}); give both a frame in the"
             f" machine's configuration. {suggest(frame, names)}",
         )

@@ -53,7 +53,7 @@ def arm_here(name: str | None) -> ArmResource:
     """
     here = ArmResource.here
     if name is not None and name not in here:
-        raise ConfigError("arm", name, f"is no arm of this module now; {suggest(name, here)}")
+        raise ConfigError("arm", name, f"is not an arm of this module now; {suggest(name, here)}")
     if name is None and len(here) != 1:
         known = ", ".join(here) or "none"
         raise ConfigError(

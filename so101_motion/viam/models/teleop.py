@@ -230,7 +230,7 @@ class So101Teleop(Configured, Generic):
         gripper = GripperResource.here.get(_short(jaw)) if jaw else None
         if jaw and gripper is None:
             raise ConfigError(
-                "grippers", jaw, f"is no gripper of this module, but {arm} is its arm"
+                "grippers", jaw, f"is not a gripper of this module, but {arm} is its arm"
             )
         return side_of(here.rig, gripper.rig if gripper is not None else None)
 

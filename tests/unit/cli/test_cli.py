@@ -157,7 +157,7 @@ def test_a_move_that_nobody_can_agree_to_says_so_to_people_and_to_programs():
         (["--sim", "--xyz", "200,0,100", "--approach", "1e-320,0,0"], 2, "direction"),
         (["--sim", "--pose", "home", "--calibration", "arm.json"], 2, "belongs to --port"),
         (["--port", "", "--pose", "home"], 2, "a port has a name"),
-        (["--port", "/tmp", "--pose", "home"], 3, "no serial port"),
+        (["--port", "/tmp", "--pose", "home"], 3, "not a serial port"),
     ],
 )
 def test_a_mistake_is_a_sentence_and_an_exit_code(run, arguments, code, says):

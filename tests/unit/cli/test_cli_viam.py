@@ -73,8 +73,8 @@ def test_a_configuration_that_cannot_be_used_as_it_is_is_exit_code_6(file):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("{", "is no JSON"),
-        ("[" * 100_000, "is no JSON"),
+        ("{", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
         ("{}", "nothing to take over"),
         ("[1]", "nothing to take over"),
     ],

@@ -72,9 +72,9 @@ def test_what_is_not_there_cannot_be_renamed_deleted_or_found(book: SavedPoses) 
     book.save("cup", Q)
     with pytest.raises(ConfigError, match="is taken"):
         book.rename("mug", "cup")
-    with pytest.raises(ConfigError, match="none of your own"):
+    with pytest.raises(ConfigError, match="not one of your own"):
         book.rename("home", "house")
-    with pytest.raises(ConfigError, match="none of your own"):
+    with pytest.raises(ConfigError, match="not one of your own"):
         book.delete("rest")
     with pytest.raises(ConfigError, match='did you mean "mug"'):
         book.find("mugg")

@@ -48,8 +48,11 @@ def held(name="pen", **settings):
         (lambda: Capsule(radius=0.0, length=0.09), '"radius" = 0.0: must be more than 0'),
         (lambda: Mesh(vertices=[], triangles=[[0, 1, 2]]), '"vertices"'),
         (lambda: Mesh(vertices=CORNERS, triangles=[]), r'"triangles" = .* shape \(m, 3\), m >= 1'),
-        (lambda: Mesh(vertices=CORNERS, triangles=[[0, 1, 4]]), '"triangles" = 4: is no vertex'),
-        (lambda: Mesh(vertices=CORNERS, triangles=[[0, 1, -2]]), '"triangles" = -2: is no vertex'),
+        (lambda: Mesh(vertices=CORNERS, triangles=[[0, 1, 4]]), '"triangles" = 4: is not a vertex'),
+        (
+            lambda: Mesh(vertices=CORNERS, triangles=[[0, 1, -2]]),
+            '"triangles" = -2: is not a vertex',
+        ),
         (lambda: Mesh(vertices=CORNERS * np.nan, triangles=[[0, 1, 2]]), '"vertices" = .* finite'),
         (lambda: PointCloud(points=np.empty((0, 3))), '"points" = .* at least one finite point'),
         (lambda: PointCloud(points=CORNERS, resolution=0.0), '"resolution" = 0.0: must be more'),

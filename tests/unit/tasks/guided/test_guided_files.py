@@ -57,7 +57,7 @@ def test_a_path_that_is_there_is_not_lost_by_accident(tmp_path):
 
 def test_nobody_else_s_file_is_removed(tmp_path):
     (tmp_path / "arm.json").write_text("{}")
-    with pytest.raises(ConfigError, match="is no file of guided path"):
+    with pytest.raises(ConfigError, match="is not a file of guided path"):
         files.delete(tmp_path / "arm.json")
     assert files.listed(tmp_path) == []
 
@@ -78,7 +78,7 @@ def test_what_cannot_be_a_name_is_refused(tmp_path, name):
     ("changes", "says"),
     [
         ({"schema": "so101/guided-path/2"}, "which this version cannot read"),
-        ({"schema": "so101/scene/1"}, "is no file of guided path"),
+        ({"schema": "so101/scene/1"}, "is not a file of guided path"),
         ({"joints": ["shoulder_pan"]}, "in this order"),
         ({"time_s": [0.0, 0.5]}, "2 times, 3 configurations"),
         ({"time_s": [0.0, 0.5, 0.5]}, "increase"),

@@ -68,8 +68,8 @@ def test_every_waypoint_is_in_one_stretch_and_a_stretch_ends_where_the_arm_stops
         (lambda: Waypoint(name="a", q=np.zeros(5), aperture=0.5, passes=True), "the gripper"),
         (lambda: Program(waypoints=(waypoint("a"),) * (MOST + 1)), "make two programs"),
         (lambda: Program(rounds=0), "rounds"),
-        (lambda: program("ab").without(2), "is none of the program's 2"),
-        (lambda: program("ab").moved(0, 2), "is none of the program's 2"),
+        (lambda: program("ab").without(2), "is not one of the program's 2"),
+        (lambda: program("ab").moved(0, 2), "is not one of the program's 2"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(make: object, reason: str) -> None:

@@ -49,7 +49,7 @@ def test_an_end_that_nobody_asked_for_is_said_and_no_success(capsys):
         (("--leader", "/dev/ttyACM0"), "--follower"),
         (("--leader", "/dev/x", "--follower", "/dev/x", "--yes"), "two arms"),
         (("--leader", "sim", "--follower", "sim", "--scale", "1,2"), "5 of them"),
-        (("--leader", "sim", "--follower", "sim", "--scale", "big"), "no number"),
+        (("--leader", "sim", "--follower", "sim", "--scale", "big"), "neither a number"),
         (("--leader", "sim", "--follower", "sim", "--speed", "999"), "180"),
         (("--leader", "sim", "--follower", "sim", "--yes", "--record", "a.xlsx"), ".csv or .mcap"),
     ],
