@@ -170,8 +170,8 @@ def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
         memory = []
         for part in range(3):
             bench.goals.clear()
-            bench.leader.lead(human_motion(8.0, seed=20 + part))
-            bench.advance(8.0)
+            bench.leader.lead(human_motion(4.0, seed=20 + part))
+            bench.advance(4.0)
             _, q, _ = setpoints(bench)
             assert np.abs(np.diff(q, axis=0)).max() <= 180.0 * PERIOD + 0.5
             assert mirroring(bench)
@@ -180,7 +180,7 @@ def test_a_long_session_with_lost_replies_neither_stops_nor_jumps_nor_grows(
             arm.emulator.bus.faults.loss = 0.0
         assert bench.teleop.status.last_error == ""
         assert memory[-1] - memory[0] < 8e6
-        assert sum(joint.lost for joint in bench.follower.rig.servos.health) > 25
+        assert sum(joint.lost for joint in bench.follower.rig.servos.health) > 12
 
 
 def resident():

@@ -193,7 +193,7 @@ def test_a_joint_pushed_within_its_dead_band_comes_back(make):
     assert arm.q_deg[0] == pytest.approx(start, abs=1.2)
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(
     ways=st.lists(
         st.tuples(
