@@ -42,12 +42,10 @@ import numpy as np
 from benchmarks import _common
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.control.following import Following
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.path_guard import Guard
+from so101_motion.planning.differential.guard import Guard
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Setpoint
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.rig.rig import HARD_STOP
@@ -169,22 +167,23 @@ def costing() -> Iterator[dict[str, Any]]:
     model = RobotModel.load()
     way = np.radians(_bench.human_motion(60.0, SEEDS[0])[:, :5])
     for name in ("a setpoint", "a setpoint, guarded"):
-        guard = Guard(CollisionModel(model), lambda: 0.3) if "guarded" in name else None
-        pursuit = Pursuit(
-            partial(_next, iter(way), Pace().full),
+        guard = Guard(CollisionModel(model), lambda: 0.3, acceleration=HARD_STOP.acceleration)
+        led = Following(
             q_start=way[0],
             lower=model.lower,
             upper=model.upper,
+            limits=Pace().full,
             stop_limits=HARD_STOP,
             dt=PERIOD,
-            watch=guard,
+            guard=guard if "guarded" in name else None,
+            each=partial(_aim, iter(way)),
         )
-        _, times = _common.measure(lambda each: each.sample(0), [pursuit] * len(way))
+        _, times = _common.measure(lambda led: led.sample(0), [led] * len(way))
         yield {"what": name, **_common.summary(times)}
 
 
-def _next(targets: Iterator[Array], limits: MotionLimits, now: Setpoint) -> TrackingTarget:
-    return TrackingTarget(q=next(targets), qd=np.zeros(5), limits=limits)
+def _aim(targets: Iterator[Array], led: Following) -> None:
+    led.aim(next(targets))
 
 
 def lasting(minutes: float) -> dict[str, Any]:

@@ -11,35 +11,33 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from so101_motion.arm.joint_caps import JointCaps, JointRange
+from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
+from so101_motion.arm.led_motions import LedMotions, Situation
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening
 from so101_motion.arm.protocols import ArmExecutor
-from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG, LoadConfig
+from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import SUPERSEDED, MotionError, NotHolding
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState, lent_out
-from so101_motion.common.units import to_deg, to_rad
+from so101_motion.common.units import to_deg
 from so101_motion.control.cartesian_jog import Jog
+from so101_motion.control.following import APPROACH, GATE, STALE_AFTER, Following, FollowingSettings
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.control.target_tracking import Pursuit
-from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.request import Plan, PlanRequest, Search
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Load, Payload, Strength, carried
+from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
     from so101_motion.planning.kinematics.model import RobotModel
@@ -49,7 +47,7 @@ START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
 
 
-class Arm:
+class Arm(CappedJoints):
     """Five joints that can be planned for, moved and stopped.
 
     Args:
@@ -64,7 +62,6 @@ class Arm:
         scene: The same, for plans made from now on.
         newest: The newest plan and its request, to be shown; None before the first.
         compliance: How it yields to a hand in manual mode.
-        slowdown: Says before each motion what share of its caps it may use, 0 to 1.
     """
 
     def __init__(
@@ -81,16 +78,13 @@ class Arm:
         self.scene = scene
         self._executor = executor
         self._planner = planner
-        self._caps = JointCaps(speed=speed, acceleration=acceleration)
-        self._ceiling = JointCaps(
-            speed=to_rad(SPEED_RANGE_DEG[1]), acceleration=to_rad(ACCELERATION_RANGE_DEG[1])
-        )
+        super().__init__(JointCaps(speed=speed, acceleration=acceleration))
         self._range = JointRange(model.lower, model.upper)
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
         self.compliance = Compliance()
-        self.slowdown: Callable[[], float] = lambda: 1.0
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
+        self._led = LedMotions(model, executor)
         self._motions = MotionQueue(self._come_to_rest)
 
     @property
@@ -123,48 +117,6 @@ class Arm:
         state = self.state
         with self._kinematics:
             return self.model.link_placements(state.q, state.q_jaw)
-
-    @property
-    def speed(self) -> float:
-        """Joint speed cap [rad/s]."""
-        return self._caps.speed
-
-    @property
-    def acceleration(self) -> float:
-        """Joint acceleration cap [rad/s^2]."""
-        return self._caps.acceleration
-
-    def set_speed(self, speed: float) -> None:
-        """Set the joint speed cap [rad/s]; ``ConfigError`` above ``ceiling`` or out of range."""
-        self._caps = self._ceiling.checked(replace(self._caps, speed=speed))
-
-    def set_acceleration(self, acceleration: float) -> None:
-        """Set the joint acceleration cap [rad/s^2]; raises as ``set_speed`` does."""
-        self._caps = self._ceiling.checked(replace(self._caps, acceleration=acceleration))
-
-    @property
-    def ceiling(self) -> JointCaps:
-        """The caps that no motion may exceed; braking may."""
-        return self._ceiling
-
-    def set_ceiling(self, ceiling: JointCaps) -> None:
-        """Set the caps that no motion may exceed; lowers the arm's own caps to them."""
-        self._ceiling = ceiling
-        self._caps = JointCaps(
-            speed=min(self._caps.speed, ceiling.speed),
-            acceleration=min(self._caps.acceleration, ceiling.acceleration),
-        )
-
-    @property
-    def limits(self) -> MotionLimits:
-        """The caps of a motion that names none of its own; see also ``slowdown``."""
-        return self._caps.limits
-
-    def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
-        """The caps that a motion gets which asks for ``limits``; None for the arm's own."""
-        wanted = limits or self.limits
-        most = wanted.scaled_to(self._ceiling.speed, self._ceiling.acceleration)
-        return most.eased(self.slowdown())
 
     def set_load(self, load: LoadConfig) -> None:
         """Set what the gripper always carries and what the servos bear, for plans from now on.
@@ -263,25 +215,20 @@ class Arm:
     def start_retarget(self, q_goal: Array, *, limits: MotionLimits | None = None) -> Motion:
         """Move from the present motion straight to ``q_goal``, shape (5,), [rad], without a stop.
 
-        For a stream of goals (teleoperation, dragging). Nothing is planned: joint and motion limits
-        are kept, collisions are not checked.
+        For goals that come one by one, each replacing the one before; a following of one target.
+        Nothing is planned: where something is in the way the arm stops short of it, and the motion
+        raises what it was. From a planned motion it comes to rest first, along that path.
 
         Raises:
             OutsideLimits: The goal lies outside the joint limits.
         """
-        q_goal = frozen_array(q_goal, (5,))
-        self.model.check_limits(q_goal)
-        self._range.check(q_goal)
-        caps, executor = self.effective_limits(limits), self._executor
+        return self._retarget(q_goal, limits, guarded=True)
 
-        def begin(motion: Motion) -> Future[None]:
-            if self._must_hold():
-                executor.hold()  # before the retarget, for requests are served in order
-            return motion.begin(
-                lambda: executor.retarget(q_goal, caps, channel=Channel.ARM), executor.interrupt
-            )
-
-        return self._motions.take_over(begin)
+    def start_unguarded_retarget(
+        self, q_goal: Array, *, limits: MotionLimits | None = None
+    ) -> Motion:
+        """Like ``start_retarget``, but nothing keeps the arm off itself or what is around it."""
+        return self._retarget(q_goal, limits, guarded=False)
 
     def start_stream(self, *, limits: MotionLimits | None = None) -> Opening[Stream]:
         """Take time-stamped points once the arm rests; supersedes what is under way."""
@@ -308,32 +255,46 @@ class Arm:
         """
         self.model.check_gripper_frame(frame)
 
-        def make() -> Jog:
-            executor, scene, q = self._executor, self.scene, self.state.q_ref
-            model = self.model.narrowed(*self._range)  # the I/O thread's own
-            servo = Servo(
-                model,
-                CollisionModel(model, scene),
-                self.effective_limits(limits),
-                executor.dt,
-                q,
-                frame=frame,
-                load=Load.of(model, self._strength, q, carried(self._payload, scene.attached)),
-            )
-            return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+        return self._lead(
+            lambda: self._led.jog(self._situation, self.effective_limits(limits), frame)
+        ).opened.result()
 
-        return self._lead(make).opened.result()
+    def open_following(
+        self,
+        *,
+        limits: MotionLimits | None = None,
+        approach: MotionLimits = APPROACH,
+        gate: float = GATE,
+        stale_after: float | None = STALE_AFTER,
+        each: Callable[[Following], None] | None = None,
+    ) -> Following:
+        """Let the arm follow targets that are given to ``Following.aim``.
 
-    def open_pursuit(self, make: Callable[[Array], Pursuit]) -> Pursuit:
-        """Let the arm follow a moving target; supersedes what is under way.
+        Supersedes what is under way; blocks until the arm rests. The arm keeps clear of itself, of
+        the present scene, and of configurations in which its load is too heavy; it stops short of
+        them or slides along. The jaw counts as it stands; its own motions are not guarded.
 
         Args:
-            make: Makes the pursuit from where the arm rests, shape (5,), [rad].
+            limits: Caps of the joints; the arm's own if not given.
+            approach: Caps while a first target is far.
+            gate: How near that is, for every joint [rad].
+            stale_after: After how long without a new target it brakes to rest [s]; None for never.
+            each: Called with the following before every setpoint, on the I/O thread, as the last
+                chance to aim; must be brief.
 
         Raises:
             Interrupted: A newer motion or a stop was asked for meanwhile.
+            MotionError: The arm is one that cannot be led.
         """
-        return self._lead(lambda: make(self.state.q_ref)).opened.result()
+        return self._follow(
+            limits, guarded=True, approach=approach, gate=gate, stale_after=stale_after, each=each
+        )
+
+    def open_unguarded_following(
+        self, *, limits: MotionLimits | None = None, **how: Unpack[FollowingSettings]
+    ) -> Following:
+        """Like ``open_following``, but nothing keeps the arm off itself or what is around it."""
+        return self._follow(limits, guarded=False, **how)
 
     def stop(self) -> None:
         """Slow to rest along a jerk-limited ramp and hold; returns when the arm rests.
@@ -418,6 +379,42 @@ class Arm:
         motion.plan = plan
         execute = partial(self._executor.execute, plan.trajectory, channel=Channel.ARM)
         motion.begin(execute, self._executor.interrupt).result()
+
+    @property
+    def _situation(self) -> Situation:
+        return Situation(self.scene, self._range, self._payload, self._strength)
+
+    def _follow(
+        self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
+    ) -> Following:
+        how = {"approach": APPROACH, **how}
+        return self._lead(self._maker(limits, guarded=guarded, **how)).opened.result()
+
+    def _maker(
+        self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]
+    ) -> Callable[[], Following]:
+        return partial(
+            self._led.following, self._situation, self._below_ceiling(limits), guarded=guarded,
+            share=self.slowdown, **how,
+        )  # fmt: skip
+
+    def _retarget(self, q_goal: Array, limits: MotionLimits | None, *, guarded: bool) -> Motion:
+        q_goal = frozen_array(q_goal, (5,))
+        self.model.check_limits(q_goal)
+        self._range.check(q_goal)
+        make = self._maker(limits, guarded=guarded, stale_after=None, ends_there=True)
+        turn = partial(self._executor.turn, channel=Channel.ARM)
+
+        def begin(motion: Motion) -> Future[None]:
+            if self._must_hold():
+                self._executor.hold()  # before the turn, for requests are served in order
+            following = make()
+            following.aim(q_goal)
+            return motion.begin(lambda: turn(following), self._executor.interrupt)
+
+        if guarded and not self._led.has_guard(self._situation):
+            return self._motions.start(begin)  # has a thread, which can make one
+        return self._motions.take_over(begin)
 
     def _lead(self, make: Callable[[], S]) -> Opening[S]:
         """Begin the led motion that ``make`` prepares, once the arm rests."""

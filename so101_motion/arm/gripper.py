@@ -14,10 +14,9 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
-from typing import Protocol
+from typing import Protocol, Unpack
 
-import numpy as np
-
+from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import (
     SUPERSEDED,
@@ -29,9 +28,8 @@ from so101_motion.common.errors import (
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Channel, Executor
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.control.following import STALE_AFTER, Following, FollowingSettings
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Setpoint
 
 JAW_CLOSED = to_rad(-10.0)
 """Jaw angle at aperture 0 [rad]; the lower joint limit of the robot description."""
@@ -54,6 +52,9 @@ servo's dead band and friction leave."""
 THINNEST = to_rad(1.5)
 """How far from closed the jaw must have been stopped [rad]: 2 mm between the tips. A jaw that
 stands nearer is taken for closed, for calibrations end about there."""
+
+NEAR = to_rad(5.0)
+"""From how near on an aperture is followed at the full pace [rad]; chosen."""
 
 SAME_APERTURE = 0.02
 """An aperture nearer than this to what is wanted needs no motion; chosen."""
@@ -161,6 +162,9 @@ class Gripper:
     def start_move(self, aperture: float, *, limits: MotionLimits | None = None) -> Motion:
         """Open or close to ``aperture``.
 
+        What it closes on is gripped, as ``is_holding`` tells; the motion then raises
+        ``FollowingError``, for it has not arrived.
+
         Args:
             aperture: Where to, 0 closed to 1 open.
             limits: How fast, this once; the gripper's own if None.
@@ -170,7 +174,7 @@ class Gripper:
         """
         motion = Motion()
         running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=False)
-        running.add_done_callback(motion.take_outcome)
+        running.add_done_callback(partial(self._closed_or_met, motion, aperture))
         return motion
 
     def start_grab(self, aperture: float = 0.0, *, limits: MotionLimits | None = None) -> Motion:
@@ -182,41 +186,57 @@ class Gripper:
         """
         motion = Motion()
         running = self._begin_latest(motion, self.angle_of(aperture), limits, grabs=True)
-        running.add_done_callback(partial(self._closed_or_met, motion))
+        running.add_done_callback(partial(self._closed_or_met, motion, -1.0))
         return motion
 
-    def open_pursuit(self, aim: Callable[[Setpoint], TrackingTarget | None]) -> Pursuit:
-        """Let the jaw follow a moving target; takes over from what is under way.
+    def open_following(
+        self,
+        *,
+        limits: MotionLimits | None = None,
+        approach: MotionLimits | None = None,
+        stale_after: float | None = STALE_AFTER,
+        each: Callable[[JawFollowing], None] | None = None,
+    ) -> JawFollowing:
+        """Let the jaw follow apertures; takes over from what is under way. Never waits.
 
-        Blocks until the jaw rests. Ends with ``FollowingError`` when the jaw meets something;
-        ``start_grab`` then holds it.
+        What it closes on is gripped with a steady force, and let go of when it is to open.
 
         Args:
-            aim: Says in every period where to go; see ``Pursuit``.
-
-        Raises:
-            Interrupted: A newer motion or a stop was asked for meanwhile.
-            So101Error: The jaw cannot be moved now.
+            limits: How fast; the gripper's own if None.
+            approach: How fast while a first aperture is far; as fast if None.
+            stale_after: After how long without a new aperture it brakes to rest [s]; None for
+                never.
+            each: Called with the following before every setpoint, on the I/O thread; must be brief.
         """
+
+        def begin(jaw: JawFollowing) -> Following:
+            hook = None if each is None else lambda _: each(jaw)
+            following = self._following(
+                limits, approach=approach, gate=NEAR, stale_after=stale_after, each=hook
+            )
+            with self._lock:
+                self._grabs = False
+            self._executor.turn(following, channel=Channel.JAW)
+            return following
+
         motion = Motion()
         with self._lock:
-            previous, self._latest, self._grabs = self._latest, motion, False
+            previous, self._latest = self._latest, motion
+        jaw = JawFollowing(self, begin, self._executor.interrupt)
+        motion.begin(lambda: jaw.future, lambda _, by: jaw.interrupt(by))
+        jaw.future.add_done_callback(motion.take_outcome)
         if previous is not None:
             previous.interrupt(SUPERSEDED)
-        executor = self._executor
-        executor.stop(Channel.JAW, by=SUPERSEDED).result()
-        ends = sorted((self.closed, self.opened))
-        pursuit = Pursuit(
-            aim,
-            q_start=np.array([executor.state.q_jaw_ref]),
-            lower=np.array(ends[:1]),
-            upper=np.array(ends[1:]),
-            stop_limits=executor.stop_limits(Channel.JAW),
-            dt=executor.dt,
-        )
-        motion.begin(lambda: executor.play(pursuit, channel=Channel.JAW).future, executor.interrupt)
-        pursuit.future.add_done_callback(motion.take_outcome)
-        return pursuit
+        return jaw
+
+    def press(self) -> Future[None]:
+        """Press with a steady force on what has stopped the jaw; completes when it does.
+
+        The jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.
+        """
+        with self._lock:
+            self._grabs = True
+            return self._begin(Motion(), max(self.q_jaw - SQUEEZE, self.closed))
 
     def regrip(self) -> None:
         """Press again on the gripped object, after the joints were held anew.
@@ -224,9 +244,8 @@ class Gripper:
         Being held anew takes the force away, for every goal is then where its joint stands. The
         jaw moves by ``SQUEEZE`` at most, whatever has become of the thing.
         """
-        with self._lock:
-            if self._grabs and self.q_jaw - self.closed >= THINNEST:
-                self._begin(Motion(), max(self.q_jaw - SQUEEZE, self.closed))
+        if self._grabs and self.q_jaw - self.closed >= THINNEST:
+            self.press()
 
     def stop(self) -> None:
         """Slow to rest and hold; returns when the jaw is at rest. The arm is left alone."""
@@ -265,29 +284,48 @@ class Gripper:
     def _begin(
         self, motion: Motion, q_goal: float, limits: MotionLimits | None = None
     ) -> Future[None]:
-        goal = np.array([q_goal])
+        following = self._following(limits, stale_after=None, ends_there=True)
+        following.aim([q_goal])
         return motion.begin(
-            lambda: self._executor.retarget(goal, limits or self.limits, channel=Channel.JAW),
-            self._executor.interrupt,
+            lambda: self._executor.turn(following, channel=Channel.JAW), self._executor.interrupt
         )
 
-    def _closed_or_met(self, motion: Motion, done: Future[None]) -> None:
-        if not isinstance(done.exception(), FollowingError):
+    def _following(
+        self, limits: MotionLimits | None, **how: Unpack[FollowingSettings]
+    ) -> Following:
+        executor, ends = self._executor, sorted((self.closed, self.opened))
+        return Following(
+            q_start=[executor.state.q_jaw_ref],
+            lower=ends[:1],
+            upper=ends[1:],
+            limits=limits or self.limits,
+            stop_limits=executor.stop_limits(Channel.JAW),
+            dt=executor.dt,
+            **how,
+        )
+
+    def _closed_or_met(self, motion: Motion, aperture: float, done: Future[None]) -> None:
+        """Press on what has stopped a motion that closes to ``aperture``."""
+        error = done.exception()
+        if not isinstance(error, FollowingError) or aperture > self.aperture:
             motion.take_outcome(done)
             return
         try:
             with self._lock:
                 if self._latest is not motion:
                     raise Interrupted(SUPERSEDED)
+                is_grab, self._grabs = self._grabs, True
                 pressing = self._begin(motion, max(self.q_jaw - SQUEEZE, self.closed))
-        except So101Error as error:
-            motion.future.set_exception(error)
+        except So101Error as refusal:
+            motion.future.set_exception(refusal)
         else:
-            pressing.add_done_callback(partial(self._pressed, motion))
+            pressing.add_done_callback(partial(self._pressed, motion, None if is_grab else error))
 
     @staticmethod
-    def _pressed(motion: Motion, done: Future[None]) -> None:
-        if isinstance(done.exception(), FollowingError):
+    def _pressed(motion: Motion, missed: FollowingError | None, done: Future[None]) -> None:
+        if not isinstance(done.exception(), FollowingError):
+            motion.take_outcome(done)
+        elif missed is None:
             motion.future.set_result(None)  # that it cannot get there is the grip
         else:
-            motion.take_outcome(done)
+            motion.future.set_exception(missed)

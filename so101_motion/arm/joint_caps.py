@@ -6,7 +6,8 @@ narrowed by the calibration, for each arm's stops are a little elsewhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +72,68 @@ class JointCaps:
             acceleration=self.acceleration,
             jerk=self.acceleration / JERK_TIME,
         )
+
+
+class CappedJoints:
+    """The caps of one arm: its own, and what no motion may exceed.
+
+    Args:
+        caps: Its own.
+
+    Attributes:
+        slowdown: Says before each motion what share of its caps it may use, 0 to 1.
+    """
+
+    def __init__(self, caps: JointCaps) -> None:
+        self._caps = caps
+        self._ceiling = JointCaps(
+            speed=to_rad(SPEED_RANGE_DEG[1]), acceleration=to_rad(ACCELERATION_RANGE_DEG[1])
+        )
+        self.slowdown: Callable[[], float] = lambda: 1.0
+
+    @property
+    def speed(self) -> float:
+        """Joint speed cap [rad/s]."""
+        return self._caps.speed
+
+    @property
+    def acceleration(self) -> float:
+        """Joint acceleration cap [rad/s^2]."""
+        return self._caps.acceleration
+
+    def set_speed(self, speed: float) -> None:
+        """Set the joint speed cap [rad/s]; ``ConfigError`` above ``ceiling`` or out of range."""
+        self._caps = self._ceiling.checked(replace(self._caps, speed=speed))
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """Set the joint acceleration cap [rad/s^2]; raises as ``set_speed`` does."""
+        self._caps = self._ceiling.checked(replace(self._caps, acceleration=acceleration))
+
+    @property
+    def ceiling(self) -> JointCaps:
+        """The caps that no motion may exceed; braking may."""
+        return self._ceiling
+
+    def set_ceiling(self, ceiling: JointCaps) -> None:
+        """Set the caps that no motion may exceed; lowers the arm's own caps to them."""
+        self._ceiling = ceiling
+        self._caps = JointCaps(
+            speed=min(self._caps.speed, ceiling.speed),
+            acceleration=min(self._caps.acceleration, ceiling.acceleration),
+        )
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of a motion that names none of its own; see also ``slowdown``."""
+        return self._caps.limits
+
+    def effective_limits(self, limits: MotionLimits | None) -> MotionLimits:
+        """The caps that a motion gets which asks for ``limits``; None for the arm's own."""
+        return self._below_ceiling(limits).eased(self.slowdown())
+
+    def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
+        wanted = limits or self.limits
+        return wanted.scaled_to(self._ceiling.speed, self._ceiling.acceleration)
 
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:

@@ -9,8 +9,8 @@ from concurrent.futures import Future
 from typing import Any, Protocol
 
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
+from so101_motion.control.following import Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.planning.timing.limits import MotionLimits
@@ -35,10 +35,11 @@ class ArmExecutor(Protocol):
     def execute(self, trajectory: Trajectory, *, channel: Channel = ...) -> Future[None]:
         """Play ``trajectory``; done on arrival."""
 
-    def retarget(
-        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = ...
-    ) -> Future[None]:
-        """Turn to ``q_goal``, shape (n,), [rad], from the present motion without stopping."""
+    def turn(self, following: Following, *, channel: Channel = ...) -> Future[None]:
+        """Let ``following`` take over from the present motion without stopping."""
+
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """How hard a stop brakes."""
 
     def play(self, source: S, *, channel: Channel = ...) -> S:
         """Move the joints as ``source`` says; returns ``source``."""

@@ -11,15 +11,14 @@ What was asked for is replaced whole, so the I/O thread never waits. The servo i
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from so101_motion.common.errors import ConfigError, MotionError
+from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.control.request_queue import running_future
+from so101_motion.control.led_motion import LedMotion
 from so101_motion.planning.collision.scene import LARGEST
 from so101_motion.planning.differential.targets import STILL, Target, Twist
 from so101_motion.planning.timing import online
@@ -37,26 +36,23 @@ _TOLD_EVERY = 10  # ticks; words take longer than a step
 _HELD_BELOW = 0.9  # of what is wanted; below, something is said to hold the tool
 
 
-class Jog:
+class Jog(LedMotion):
     """Turns velocities, poses and points into setpoints; made by ``Arm.open_jog``.
 
     Args:
         servo: Makes the steps; from now on the jog's own.
         dt: How long a step takes [s].
         q_jaw: Where the jaw is now [rad].
-
-    Attributes:
-        future: Completes when the arm is at rest after ``close``, or raises why it ended earlier.
     """
 
     can_wait = False
 
     def __init__(self, servo: Servo, dt: float, q_jaw: Callable[[], float]) -> None:
-        self.future: Future[None] = running_future()
+        super().__init__("jog")
         self._servo, self._dt, self._q_jaw = servo, dt, q_jaw
         self._asked: tuple[Target, int] = (STILL, 0)  # what is asked for, and how often it was
         self._seen, self._age = 0, 0.0
-        self._closing = self._over = False
+        self._over = False
         self._ticks = 0
         self._held_by: tuple[str, ...] = ()
 
@@ -114,11 +110,6 @@ class Jog:
         """
         self._ask(_check_place(p_base))
 
-    def close(self) -> Future[None]:
-        """Slow to rest and end; may be called again."""
-        self._closing = True
-        return self.future
-
     @property
     def held_by(self) -> tuple[str, ...]:
         """Why the tool does not move as asked, such as ``"the jaw close to the floor"``.
@@ -128,11 +119,7 @@ class Jog:
         return self._held_by
 
     def _ask(self, target: Target) -> None:
-        if self.future.done():
-            error = self.future.exception()
-            raise error if error is not None else MotionError("the jog is over; open a new one")
-        if self._closing:
-            raise MotionError("the jog has been closed; open a new one")
+        self._refuse_if_over()
         self._asked = (target, self._asked[1] + 1)
 
     # The I/O thread

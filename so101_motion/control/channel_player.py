@@ -40,6 +40,7 @@ from so101_motion.common.errors import (
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.following import Following
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
@@ -178,8 +179,8 @@ class ChannelPlayer:
         self._refuse_jump(first.qd - self.reference.qd, to_deg, "deg/s")
         self._take_up(_Motion(source=source, start=k), k - 1)
 
-    def retarget(self, q_goal: Array, limits: MotionLimits, future: Future[None], k: int) -> None:
-        """Turn from the present reference straight to ``q_goal``; supersedes what is under way.
+    def turn(self, following: Following, k: int) -> None:
+        """Let ``following`` take over from the present reference; supersedes what is under way.
 
         Raises:
             MotionError: The channel is being stopped.
@@ -190,10 +191,9 @@ class ChannelPlayer:
                 f"the {self._channel.value} is being stopped; ask again when it is at rest"
             )
         self._recovery.refuse_far()
-        now = self.reference
-        source = online.from_state(now.q, now.qd, now.qdd, q_goal, limits, self._dt)
+        following.take_over(self.reference, None if previous is None else previous.source)
         start = k if previous is None else self._k
-        self._take_up(_Motion(source=PlannedMotion(source, future), start=start), start)
+        self._take_up(_Motion(source=following, start=start), start)
         if previous is not None:
             self._conclude(previous.source.future, Interrupted(SUPERSEDED))
 

@@ -32,8 +32,9 @@ refused, and the borrower's jobs run on this thread.
 
 Where things are: this file has the loop and what other threads may call; ``joint_controller.py``
 has what one tick does, ``channel_player.py`` one channel's motion, ``streamed_trajectory.py`` a
-motion that arrives in pieces, ``cartesian_jog.py`` one that is led by hand. They have no threads,
-and but for pushing into a stream and leading a jog only this file's thread calls them.
+motion that arrives in pieces, ``following.py`` one that follows targets, ``cartesian_jog.py`` one
+of a tool that is led by hand. They have no threads, and but for pushing into a stream and leading
+the other two only this file's thread calls them.
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ from typing import Any, TypeVar
 
 from so101_motion.common.clock import Clock, Metronome
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
+from so101_motion.control.following import Following
 from so101_motion.control.joint_controller import JointController
 from so101_motion.control.joint_driver import JointDriver
 from so101_motion.control.joint_group import Channel, Tolerances
@@ -188,23 +189,17 @@ class Executor:
         begin = partial(self._control.play, motion, channel)
         return self.requests.ask(begin, motion.future, channel)
 
-    def retarget(
-        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
-    ) -> Future[None]:
-        """Move to ``q_goal``, shape (n,), [rad], from the present motion without a stop in between.
+    def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
+        """Let ``following`` take over from the present motion without stopping.
 
-        The motion under way ends with ``Interrupted("a newer motion")``. The future ends like that
-        of ``execute``; while the channel is being stopped it raises ``MotionError``.
+        That ends with ``Interrupted("a newer motion")``. The future ends like that of ``execute``;
+        while the channel is being stopped it raises ``MotionError``.
 
-        Raises:
-            ValueError: ``q_goal`` or ``limits`` have another number of joints or are not finite.
+        Returns:
+            The following's.
         """
-        q_goal = frozen_array(q_goal, (len(channel.joints),))
-        if not is_finite(q_goal) or len(limits.velocity) != len(q_goal):
-            raise ValueError(f"no goal and limits for the {channel.value}: {q_goal}, {limits}")
-        future = running_future()
-        turn = partial(self._control.retarget, q_goal, limits, channel, future)
-        return self.requests.ask(turn, future, channel)
+        turn = partial(self._control.turn, following, channel)
+        return self.requests.ask(turn, following.future, channel)
 
     def play(self, source: S, *, channel: Channel = Channel.ARM) -> S:
         """Move the joints as ``source`` says; they count as moving until its future is done.

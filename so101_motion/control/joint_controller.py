@@ -23,10 +23,10 @@ from so101_motion.common.errors import (
     ServoAlarm,
     So101Error,
 )
-from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Event, Mode, after, can
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading, JointState, lent_out
 from so101_motion.control.channel_player import ChannelPlayer
+from so101_motion.control.following import Following
 from so101_motion.control.joint_driver import JointDriver
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import MotionSource
@@ -129,16 +129,10 @@ class JointController:
         self._player(channel).begin(source, self.k)
         self._enter(Event.MOVE)
 
-    def retarget(
-        self,
-        q_goal: Array,
-        limits: MotionLimits,
-        channel: Channel,
-        future: Future[None],
-    ) -> None:
-        """Move to ``q_goal`` from the present motion, or raise why that is not possible."""
+    def turn(self, following: Following, channel: Channel) -> None:
+        """Let ``following`` take over from what is under way, or raise why that cannot be."""
         self._require(Event.MOVE, channel)
-        self._player(channel).retarget(q_goal, limits, future, self.k)
+        self._player(channel).turn(following, self.k)
         self._enter(Event.MOVE)
 
     def stop(self, channels: Collection[Channel], by: str, waiting: Future[None]) -> None:

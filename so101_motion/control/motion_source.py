@@ -2,7 +2,7 @@
 
 The executor plays every source in the same manner. Four fit: a trajectory that is known beforehand
 (``PlannedMotion``), points that arrive while they are played (``Stream``), a tool led by hand
-(``Jog``), and joints that follow a moving target (``Pursuit``).
+(``Jog``), and joints that follow targets (``Following``).
 """
 
 from __future__ import annotations

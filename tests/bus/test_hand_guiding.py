@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError
 from harness.emulated_rig import ModelBench, arm_client, hardware_bench
+from harness.retarget import retarget
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import Interrupted, MotionError, NotHolding
@@ -96,7 +97,7 @@ def test_setting_the_servos_up_anew_ends_it_without_a_jump_and_it_can_begin_agai
 
 def test_what_would_move_the_arm_behind_the_hand_s_back_is_refused(bench, rig):
     with pytest.raises(NotHolding, match="guided by hand"):
-        bench.finish(rig.executor.retarget(np.zeros(5), rig.arm.limits))
+        bench.finish(retarget(rig.executor, np.zeros(5), rig.arm.limits))
     with pytest.raises(MotionError, match="guiding"):
         rig.lend_bus("calibration")
 

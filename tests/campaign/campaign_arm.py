@@ -11,13 +11,14 @@ from functools import lru_cache
 
 import numpy as np
 from harness.direct_port import Socket
+from harness.retarget import retarget
 from referee import STOP_JERK, CommandCaps, Referee
+from so101_motion.control.target_tracking import Pursuit, TrackingTarget
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.executor import Channel, Executor, Tolerances
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent
@@ -151,11 +152,11 @@ class Arm:
         return self.executor.execute(online.point_to_point(here, self.goal(), LIMITS, DT))
 
     def retarget(self):
-        return self.executor.retarget(self.goal(), LIMITS)
+        return retarget(self.executor, self.goal(), LIMITS)
 
     def jaw(self):
         goal = np.array([self.rng.uniform(0.1, 1.5)])
-        return self.executor.retarget(goal, JAW_LIMITS, channel=Channel.JAW)
+        return retarget(self.executor, goal, JAW_LIMITS, channel=Channel.JAW)
 
     def stop(self):
         return self.executor.stop(self.rng.choice((None, Channel.ARM, Channel.JAW)))

@@ -1,6 +1,7 @@
 """Laws of what the executor sends, whatever is asked of it and whenever."""
 
 import numpy as np
+from harness.retarget import retarget
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -74,7 +75,7 @@ def test_whatever_is_asked_nothing_jumps_and_every_future_ends(requests):
         futures = []
         for what, goal, pause in requests:
             if what == "retarget":
-                futures.append(executor.retarget(goal, LIMITS))
+                futures.append(retarget(executor, goal, LIMITS))
             elif what == "stop":
                 futures.append(executor.stop())
             elif futures:

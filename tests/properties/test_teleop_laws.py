@@ -1,15 +1,17 @@
 """Laws of following: whatever the leader does, limits are kept and nothing jumps."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from so101_motion.common.clock import ManualClock
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
+from so101_motion.common.errors import ConfigError
+from so101_motion.control.following import EASE, GATE, Following
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
-from so101_motion.tasks.teleop.gate import EASE, GATE, Phase
+from so101_motion.tasks.teleop.gate import Phase
 from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.pilot import LOST_AFTER, Pace, Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
@@ -28,7 +30,8 @@ caps = st.builds(
     st.floats(0.5, 10.0),
     st.floats(5.0, 500.0),
 )
-wishes = st.one_of(st.none(), st.tuples(angles, rates, caps))
+wild = st.lists(st.floats(), min_size=5, max_size=5).map(np.array)
+wishes = st.one_of(st.none(), st.tuples(angles, rates), st.tuples(wild, rates))
 
 
 def bounded(steps, *, velocity, acceleration, jerk):
@@ -40,27 +43,40 @@ def bounded(steps, *, velocity, acceleration, jerk):
     assert np.abs(np.diff(qdd, axis=0)).max(initial=0.0) / DT <= jerk * 1.01 + 1e-3
 
 
-@given(q_start=inside, plan=st.lists(st.tuples(wishes, st.integers(1, 30)), max_size=8))
-def test_a_pursuit_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_does(q_start, plan):
-    wish = None
-    pursuit = Pursuit(
-        lambda _: None if wish is None else TrackingTarget(q=wish[0], qd=wish[1], limits=wish[2]),
+def following(q_start, limits, **settings):
+    return Following(
         q_start=q_start,
         lower=LOWER,
         upper=UPPER,
+        limits=limits,
         stop_limits=STOP,
         dt=DT,
+        **settings,
     )
+
+
+@given(
+    q_start=inside,
+    limits=caps,
+    approach=st.none() | caps,
+    plan=st.lists(st.tuples(wishes, st.integers(1, 30)), max_size=8),
+)
+def test_a_following_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_does(
+    q_start, limits, approach, plan
+):
+    led = following(q_start, limits, approach=approach)
     steps = [q_start, q_start]
     for asked, ticks in plan:
-        if asked is not None:
-            asked = (np.clip(asked[0], LOWER, UPPER), asked[1], asked[2])
-        wish = asked
-        steps += [pursuit.sample(0).q for _ in range(ticks)]
-    pursuit.close()
-    for _ in range(120):
-        steps.append(pursuit.sample(0).q)
-    assert pursuit.is_over
+        for _ in range(ticks):
+            if asked is not None and np.isfinite(asked).all():
+                led.aim(*asked)
+            elif asked is not None:
+                with pytest.raises(ConfigError):
+                    led.aim(*asked)
+            steps.append(led.sample(0).q)
+    led.close()
+    steps += [led.sample(0).q for _ in range(120)]
+    assert led.is_over
     steps = np.array(steps)
     assert np.all(steps >= np.minimum(LOWER, q_start) - 5e-4)
     assert np.all(steps <= np.maximum(UPPER, q_start) + 5e-4)
@@ -72,27 +88,26 @@ def test_a_pursuit_never_leaves_its_range_nor_breaks_a_cap_whatever_the_target_d
     goals=st.lists(angles, min_size=1, max_size=5),
     fence=st.floats(-1.5, 1.5),
 )
-def test_what_is_watched_is_never_passed(q_start, goals, fence):
+def test_what_is_guarded_is_never_passed(q_start, goals, fence):
     class Fence:
+        look_every, against = 0.02, ()
+
+        def words(self, each):
+            return str(each)
+
+        def within_reach(self, q, q_target):
+            return q_target
+
         def admits(self, way):
             return bool(np.all(way[:, 0] <= max(fence, q_start[0])))
 
-    at = goals[0]
-    pursuit = Pursuit(
-        lambda _: TrackingTarget(q=np.clip(at, LOWER, UPPER), qd=np.zeros(5), limits=PACE.full),
-        q_start=q_start,
-        lower=LOWER,
-        upper=UPPER,
-        stop_limits=STOP,
-        dt=DT,
-        watch=Fence(),
-    )
+    led = following(q_start, PACE.full, guard=Fence(), stale_after=None)
     steps = []
     for goal in goals:
-        at = goal
-        steps += [pursuit.sample(0).q for _ in range(60)]
-    pursuit.close()
-    steps += [pursuit.sample(0).q for _ in range(60)]
+        led.aim(goal)
+        steps += [led.sample(0).q for _ in range(60)]
+    led.close()
+    steps += [led.sample(0).q for _ in range(60)]
     assert np.all(np.array(steps)[:, 0] <= max(fence, q_start[0]) + 5e-4)
 
 
@@ -126,8 +141,16 @@ moves = st.lists(
 def test_a_follower_never_steps_and_sets_off_only_near_its_leader(script, q_start):
     clock, predictor = ManualClock(), Predictor()
     pilot = Pilot(clock, predictor, Mirror(), PACE)
-    pilot.fit(LOWER, UPPER, lambda limits: limits)
-    pursuit = Pursuit(pilot.arm, q_start=q_start, lower=LOWER, upper=UPPER, stop_limits=STOP, dt=DT)
+    pilot.fit(LOWER, UPPER)
+
+    def each(led):
+        wanted = pilot.arm(led.now.q, rests=not led.now.qd.any())
+        if wanted is None:
+            led.hold()
+        else:
+            led.aim(*wanted)
+
+    pursuit = following(q_start, PACE.full, approach=PACE.approach, each=each)
     heard, leader = np.ones(6, dtype=bool), np.zeros(6)
     predictor.take(0.0, leader, heard)
     clock.advance(DT)

@@ -124,6 +124,7 @@ class CollisionModel:
         self._kept: list[Any] = []  # what the checks need alive
         self._wider = lru_cache(maxsize=2)(self._check)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
+        self._bent = lru_cache(maxsize=1)(self._with_bend)
         least = float(self.margins.min(initial=self.margin))
         self._levels = (
             Level(least, self._check()),
@@ -213,7 +214,7 @@ class CollisionModel:
         return travel(self.reach, points)
 
     def first_blocked(
-        self, points: Array, q_jaw: float = 0.0, *, tolerance: float = 0.0
+        self, points: Array, q_jaw: float = 0.0, *, tolerance: float = 0.0, bend: float = 0.0
     ) -> Array | None:
         """A configuration on the straight lines through ``points`` that is too close, or None.
 
@@ -224,8 +225,12 @@ class CollisionModel:
         Args:
             points: Joint angles, shape (n, 5), n >= 1, [rad].
             tolerance: Share of its margin that a pair may lack.
+            bend: How far any point of the arm may be off where those lines lead it [m]; the margins
+                are widened by as much, and the proof holds for all such motions. Without tolerance.
         """
-        levels = self._lenient(tolerance) if tolerance else self._levels
+        levels = self._levels
+        if tolerance or bend:
+            levels = self._bent(bend) if bend else self._lenient(tolerance)
         return first_blocked(levels, self._levers.at(q_jaw), points, q_jaw, self.checkpoint)
 
     def sampled_check(
@@ -260,6 +265,14 @@ class CollisionModel:
         kept = 1.0 - tolerance
         below = Level(kept * self._levels[0].clearance, self._check(-tolerance * self.margins))
         return (below, *self._levels)
+
+    def _with_bend(self, bend: float) -> tuple[Level, ...]:
+        """The levels for motions that are off the lines that are looked at by ``bend`` [m]."""
+        least, *wider = self._levels
+        return (
+            Level(least.clearance, self._check(bend)),
+            *(Level(each.clearance - bend, each.touches) for each in wider),
+        )
 
     def _boxes_within(self, distance: float) -> Callable[[Array], list[int]]:
         """The pairs whose bounding boxes are within a distance; ``q`` has all six joints."""

@@ -41,9 +41,8 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import CollisionModel, Near
-from so101_motion.planning.collision.path_guard import Guard
+from so101_motion.planning.differential.guard import GAP, Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
 from so101_motion.planning.differential.targets import Target
@@ -53,19 +52,10 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Heavy, Load
 
-RANGE = 0.05
-"""From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
-moves at 0.25 m/s brakes within that at 0.6 m/s^2; what comes faster the certificate stops."""
-
 STRAIGHT = 0.05
 """How far from straight the elbow stays, on the side where it was at the start [rad]. On the other
 side the same motion leads back again, and joints that cannot turn round at once would swing to and
 fro between the two. Chosen: it costs 0.1 mm of reach."""
-
-GAP = 0.002
-"""What stays free beyond the margin when something is approached [m], and what is left, as a share,
-of what a joint may hold. Chosen: the certificate, which goes by the margin itself, then has nothing
-to refuse."""
 
 BENT = 0.5
 """Share of the smallest margin by which a path to rest may bend between the configurations of it
@@ -153,17 +143,14 @@ class Servo:
         self._before = self.q
         self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
         self._follower = MovingAverage(self.q, limits, dt)
-        self._model, self._collision, self._limits, self._dt = model, collision, limits, dt
-        self._load, self._q_jaw = load, 0.0
-        self._guard = Guard(collision, lambda: self._q_jaw)
+        self._model, self._limits, self._dt = model, limits, dt
+        self._q_jaw = 0.0
+        self._guard = Guard(collision, lambda: self._q_jaw, load)
         self._task, self._qp = TaskControl(model, limits, dt, frame), ServoQp()
         self._lower, self._upper = _range_with(model, self.q)
-        self._widest = float(collision.margins.max(initial=collision.margin))
-        self._range = min(NEAR, self._widest + RANGE)
         # With an acceleration a, a path bends by a t^2 / 8 from the straight line over a time t.
         bend = float(limits.acceleration @ collision.reach) / 8.0
-        least = float(collision.margins.min(initial=collision.margin))
-        self._every = max(1, math.floor(math.sqrt(BENT * least / bend) / dt))
+        self._every = max(1, math.floor(math.sqrt(BENT * self._guard.margin / bend) / dt))
         self._last: tuple[TaskVelocity, _Room] | None = None
 
     def path_to_rest(self) -> Array:
@@ -184,9 +171,7 @@ class Servo:
         if not wanted.qd.any():
             self._last = None
             return self._taken(brake, 1.0)
-        near = self._collision.nearest(q, q_jaw, within=self._range)
-        near.sort(key=_free)
-        room = self._room(near, brake)
+        room = self._room(self._guard.look(q)[:ROWS], brake)
         qd, share = wanted.qd, 1.0
         if not room.has(qd):
             share = self._attainable(qd)
@@ -197,7 +182,7 @@ class Servo:
             qd, granted = self._qp.solve(wanted.J, qd, *room[:4])
             share *= granted
             self._task.refuse()
-        if not self._can_stop(qd, near):
+        if not self._can_stop(qd):
             qd, share = brake, 0.0
             self._task.refuse()
         self._last = (wanted, room)
@@ -215,20 +200,18 @@ class Servo:
         reasons = [word for i in range(5) if (word := self._limit_of(i, wanted.qd[i]))]
         for each, gain, least in zip(room.against, room.G @ wanted.qd, room.b, strict=True):
             if gain < least:
-                reasons.append(self._reason(each))
+                reasons.append(self._guard.words(each))
         if wanted.is_damped:
             reasons.append("the arm nearly straight, or over its own base")
         return tuple(reasons)
 
-    def _room(self, near: list[Near], brake: Array) -> _Room:
+    def _room(self, against: list[Near | Heavy], brake: Array) -> _Room:
         """Velocities that leave way enough to brake, after this step as well."""
         # The joints may become a step's worth faster, and would brake as much longer.
         time = 1.5 * self._dt + 0.5 * self._braking_time
         below, above = (self._lower - self._lead) / time, (self._upper - self._lead) / time
-        against: list[Near | Heavy] = [] if self._load is None else [*self._load.heavy(self._lead)]
-        against += near[: ROWS - len(against)]
         G = np.array([each.gradient for each in against]).reshape(-1, 5)
-        b = np.array([GAP - _left(each) for each in against]) / time
+        b = np.array([GAP - room_of(each) for each in against]) / time
         gain = G @ brake
         late = b - 0.5 * GAP / time  # what is short by less, the certificate need not mind
         change, top = self._limits.acceleration * self._dt, self._limits.velocity
@@ -255,7 +238,7 @@ class Servo:
         moves = size > SAME
         return min(1.0, float((np.minimum(along, limits.velocity)[moves] / size[moves]).min()))
 
-    def _can_stop(self, qd: Array, near: list[Near]) -> bool:
+    def _can_stop(self, qd: Array) -> bool:
         """Whether a step of the leader leaves a path to rest that is free and bearable."""
         lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
         if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
@@ -263,13 +246,7 @@ class Servo:
         ahead = self._follower.ahead(lead)
         every = self._every
         path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
-        if self._load is not None and not self._load.admits(path):
-            return False
-        free = self._range - self._widest
-        if near:
-            free = min(free, _free(near[0]))
-        travel = float(np.abs(path - self._lead).max(axis=0) @ self._collision.reach)
-        return travel <= free or self._guard.admits(path)
+        return self._guard.admits(path)
 
     def _braking(self, q: Array, qd: Array, time: float) -> Array:
         """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.
@@ -292,12 +269,6 @@ class Servo:
     def _time_to_brake(self, qd: Array) -> float:
         return float((np.abs(qd) / self._limits.acceleration).max())
 
-    def _reason(self, each: Near | Heavy) -> str:
-        if isinstance(each, Heavy):
-            return f"{each.joint} bearing all that it may"
-        called = self._collision.scene.called
-        return f"{called(each.first)} close to {called(each.second)}"
-
     def _limit_of(self, i: int, wanted: float) -> str | None:
         """What keeps a joint from a velocity."""
         up, speed = wanted > 0.0, abs(wanted)
@@ -311,16 +282,6 @@ class Servo:
         if speed > self._limits.velocity[i]:
             return f"{ARM_JOINTS[i]} at its top speed"
         return None
-
-
-def _left(each: Near | Heavy) -> float:
-    """What is left of it, [m] or as a share."""
-    return _free(each) if isinstance(each, Near) else each.left
-
-
-def _free(pair: Near) -> float:
-    """How much nearer two bodies may come [m]."""
-    return pair.distance - pair.margin
 
 
 def _range_with(model: RobotModel, q: Array) -> tuple[Array, Array]:

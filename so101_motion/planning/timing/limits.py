@@ -61,6 +61,17 @@ class MotionLimits:
             return self
         return self.scaled_to(share * self.velocity, share * self.acceleration)
 
+    def eased_to(self, other: MotionLimits, share: float) -> MotionLimits:
+        """What is this far on the way from these limits to others, 0 to 1 and no further."""
+        if share >= 1.0:
+            return other
+        u = max(share, 0.0)
+        return MotionLimits(
+            velocity=self.velocity + u * (other.velocity - self.velocity),
+            acceleration=self.acceleration + u * (other.acceleration - self.acceleration),
+            jerk=self.jerk + u * (other.jerk - self.jerk),
+        )
+
     def scaled_to(self, velocity: ArrayLike, acceleration: ArrayLike) -> MotionLimits:
         """These limits with velocity and acceleration lowered to the given caps where smaller."""
         return MotionLimits(

@@ -110,9 +110,15 @@ def from_state(
 
 
 def towards(
-    now: Setpoint, q_target: ArrayLike, qd_target: ArrayLike, limits: MotionLimits, dt: float
+    now: Setpoint,
+    q_target: ArrayLike,
+    qd_target: ArrayLike,
+    limits: MotionLimits,
+    dt: float,
+    *,
+    together: bool = False,
 ) -> Setpoint:
-    """One period of the fastest motion to a moving target; every joint for itself.
+    """One period of the fastest motion to a moving target.
 
     Asked again in every period, it catches up with a target that moves on steadily and stays with
     it without lag. The motion is sought as the target sees it, who thinks he stands still. Asked
@@ -124,6 +130,7 @@ def towards(
         q_target: Where the target is at the end of the period, shape (n,), [rad].
         qd_target: How fast it moves, shape (n,), slower than the velocity caps, [rad/s].
         dt: The period [s].
+        together: Whether all joints shall arrive together, and not each as soon as it can.
 
     Raises:
         PlanningError: ruckig finds no motion, for example because the target is too fast.
@@ -136,13 +143,14 @@ def towards(
     request.target_position = [0.0] * len(q)
     request.max_velocity = (limits.velocity - qd_target).tolist()
     request.min_velocity = (-limits.velocity - qd_target).tolist()
-    request.synchronization = ruckig.Synchronization.No
+    if not together:
+        request.synchronization = ruckig.Synchronization.No
     seen = _setpoint(_found(request), dt)
     return Setpoint(q=q_target + seen.q, qd=qd_target + seen.qd, qdd=seen.qdd)
 
 
 def path_to_rest(
-    now: Setpoint, limits: MotionLimits, dt: float, samples: int
+    now: Setpoint, limits: MotionLimits, dt: float, every: float
 ) -> tuple[Setpoint, Array]:
     """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
 
@@ -150,10 +158,10 @@ def path_to_rest(
         now: The present state, shapes (n,).
         limits: Acceleration and jerk caps of the n joints.
         dt: The period [s].
-        samples: At how many moments, evenly spread over the stop, to look.
+        every: How often to look, at least [s].
 
     Returns:
-        The state one period on, and the positions from now to rest, shape (samples, n), [rad].
+        The state one period on, and the positions from now to rest, shape (m, n), m >= 2, [rad].
 
     Raises:
         PlanningError: ruckig finds no motion.
@@ -161,8 +169,9 @@ def path_to_rest(
     """
     q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
     found = _found(_stopping(q, qd, qdd, limits))
-    step = float(found.duration) / (samples - 1)
-    path = np.array([found.at_time(k * step)[0] for k in range(samples)])
+    count = max(1, math.ceil(float(found.duration) / every))
+    step = float(found.duration) / count
+    path = np.array([found.at_time(k * step)[0] for k in range(count + 1)])
     if found.duration <= dt:
         return Setpoint(q=path[-1], qd=np.zeros_like(q), qdd=np.zeros_like(q)), path
     return _setpoint(found, dt), path

@@ -15,14 +15,11 @@ import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper, set_jaw
+from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import FollowingError
 from so101_motion.common.geometry import Array
-from so101_motion.control.request_queue import running_future
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
 from so101_motion.planning.request import Plan
-from so101_motion.planning.timing.trajectory import Setpoint
-from so101_motion.tasks.guided.replay import Replay, angles
+from so101_motion.tasks.guided.replay import Replay
 
 _AHEAD = 4
 """How many samples ahead the place of the arm on its leg is looked for in each period; chosen, more
@@ -87,55 +84,29 @@ class _JawRun:
         self._q, self._aperture, self._dt = plan.trajectory.q, aperture, plan.trajectory.dt
         self._rate = np.gradient(aperture, self._dt)
         self._at = 0
-        self._pursuit: Pursuit | None = None
-        self._gripped: Future[None] = running_future()  # what the jaw met, if it met something
+        self._following: JawFollowing | None = None
 
     def begin(self, motion: Motion) -> None:
         """Start the jaw; a jaw that grips and shall not open keeps its grip."""
         if self._gripper.is_holding and self._aperture.max() <= self._gripper.aperture:
             return
-        self._pursuit = self._gripper.open_pursuit(self._aim)
-        self._pursuit.future.add_done_callback(self._met)
+        self._following = self._gripper.open_following(each=self._aim)
 
     def end(self, motion: Motion) -> None:
-        """Wait for the jaw, because the arm has arrived."""
-        pursuit = self._pursuit
-        if pursuit is None:
-            return
-        try:
-            motion.wait_for(pursuit.close())
-        except FollowingError:
-            if not self._closes:
-                raise
-            motion.wait_for(self._gripped)
+        """The arm has arrived; wait for the jaw."""
+        if self._following is not None:
+            motion.wait_for(self._following.close())
 
     def close(self) -> None:
-        """Stop the jaw; does nothing when it is at rest."""
-        if self._pursuit is not None:
-            self._pursuit.close()
-
-    @property
-    def _closes(self) -> bool:
-        """Whether the jaw closes at the arm's present place."""
-        return bool(self._rate[self._at] <= 0.0)
+        """Let the jaw come to rest; has no effect when it has."""
+        if self._following is not None:
+            self._following.close()
 
     # The I/O thread
 
-    def _aim(self, now: Setpoint) -> TrackingTarget | None:
+    def _aim(self, jaw: JawFollowing) -> None:
         q_ref = self._arm.state.q_ref
         ahead = self._q[self._at : self._at + _AHEAD]
         self._at += int(np.argmin(np.abs(ahead - q_ref).max(axis=1)))
-        gripper = self._gripper
         coming = min(self._at + 1, len(self._q) - 1)  # where the arm is wanted after this period
-        here = slice(coming, coming + 1)
-        return TrackingTarget(
-            q=angles(gripper, self._aperture[here]),
-            qd=self._rate[here] * (gripper.opened - gripper.closed),
-            limits=gripper.limits,
-        )
-
-    def _met(self, done: Future[None]) -> None:
-        """Grip what has stopped a closing jaw."""
-        if isinstance(done.exception(), FollowingError) and self._closes:
-            grab = self._gripper.start_grab(float(self._aperture.min()))
-            grab.future.add_done_callback(lambda _: self._gripped.set_result(None))
+        jaw.aim(self._aperture[coming], self._rate[coming])

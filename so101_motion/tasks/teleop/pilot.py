@@ -1,14 +1,13 @@
-"""Decide in every period where the follower moves, and how fast.
+"""Decide in every period where the follower goes.
 
 The pilot puts the parts together: the predictor says where the leader will be, the mirror which
-angles of the follower that is, the gate whether it may go there. It is asked by a ``Pursuit`` of
-the arm and one of the jaw, or by what sends goals to an arm elsewhere.
+angles of the follower that is, the gate whether it may go there. It is asked before each setpoint
+of a follower of this process, or by what sends goals to an arm elsewhere.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,10 +16,9 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.control.target_tracking import TrackingTarget
+from so101_motion.control.following import APPROACH, GATE
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Setpoint
-from so101_motion.tasks.teleop.gate import GATE, Gate, Phase
+from so101_motion.tasks.teleop.gate import Gate, Phase
 from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.predictor import LONGEST, SLOW, Predictor
 
@@ -59,11 +57,7 @@ class Pace:
             velocity=to_rad(180.0), acceleration=to_rad(500.0), jerk=FULL_JERK
         )
     )
-    approach: MotionLimits = field(
-        default_factory=lambda: MotionLimits.uniform(
-            velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0
-        )
-    )
+    approach: MotionLimits = APPROACH
 
 
 class Pilot:
@@ -79,6 +73,7 @@ class Pilot:
 
     Attributes:
         gate: Whether the follower may go there.
+        pace: As given.
         beyond: The joints that the leader wants beyond the follower's range, by name.
     """
 
@@ -92,22 +87,19 @@ class Pilot:
         horizon: float = HORIZON,
         lost_after: float = LOST_AFTER,
     ) -> None:
-        self.gate = Gate(pace.full, pace.approach)
+        self.gate, self.pace = Gate(), pace
         self.beyond: tuple[str, ...] = ()
         self._clock, self._predictor, self._mirror = clock, predictor, mirror
         self._horizon, self._lost_after = horizon, lost_after
         self._lower, self._upper = np.full(5, -np.inf), np.full(5, np.inf)
-        self._granted: Callable[[MotionLimits], MotionLimits] = lambda limits: limits
         self._jumps = 0
         self._rest: Array | None = None
         self._lock = threading.Lock()
 
-    def fit(
-        self, lower: Array, upper: Array, effective_limits: Callable[[MotionLimits], MotionLimits]
-    ) -> None:
-        """Set the follower's range, shapes (5,), [rad], and the function that gives its caps."""
+    def fit(self, lower: Array, upper: Array) -> None:
+        """Learn the follower's range, shapes (5,), [rad]."""
         with self._lock:
-            self._lower, self._upper, self._granted = lower, upper, effective_limits
+            self._lower, self._upper = lower, upper
 
     # Deciding
 
@@ -143,39 +135,32 @@ class Pilot:
 
     # Aiming
 
-    def arm(self, now: Setpoint) -> TrackingTarget | None:
-        """The arm's target from ``now`` on; None to hold."""
+    def arm(self, q: Array, *, rests: bool) -> tuple[Array, Array] | None:
+        """Where the arm goes and how fast that moves, shapes (5,), [rad], [rad/s]; None to hold.
+
+        Args:
+            q: Where it is wanted now, shape (5,), [rad].
+            rests: Whether it is at rest.
+        """
         with self._lock:
             target = self._target()
             if target is None:
                 return None
-            q, qd = target
-            if not now.qd.any():
+            if rests:
                 self.gate.resume()
-            limits = self.gate.decide(self._clock.now(), q - now.q)
-            if limits is None:
-                self._rest = None
-                return None
-            return TrackingTarget(q=q, qd=qd, limits=self._granted(limits))
+            if self.gate.lets_go(target[0] - q):
+                return target
+            self._rest = None
+            return None
 
-    def jaw(self, limits: MotionLimits) -> tuple[float, float, MotionLimits] | None:
-        """The wanted aperture, 0 to 1, its rate of change, and caps; None to hold.
-
-        Args:
-            limits: The jaw's own caps.
-        """
+    def jaw(self) -> tuple[float, float] | None:
+        """The aperture that is wanted, 0 to 1, and how fast it changes [1/s]; None to hold."""
         with self._lock:
             seen = self._seen()
             if seen is None or self.gate.phase not in (Phase.APPROACHING, Phase.MIRRORING):
                 return None
             aperture = float(np.clip(seen[0][5], 0.0, 1.0))
-            rate = float(seen[1][5]) if 0.0 < aperture < 1.0 else 0.0
-            pace = max(self.gate.share(self._clock.now()), _JAW_APPROACH)
-            if self.gate.phase is Phase.APPROACHING:
-                pace = _JAW_APPROACH
-            if pace < 1.0:
-                limits = limits.scaled_to(pace * limits.velocity, pace * limits.acceleration)
-            return aperture, rate, limits
+            return aperture, float(seen[1][5]) if 0.0 < aperture < 1.0 else 0.0
 
     # How
 
@@ -215,6 +200,3 @@ class Pilot:
             q = np.where(idle, self._rest, q)
         self._rest = q
         return q
-
-
-_JAW_APPROACH = 0.2  # share of the jaw's pace while the arm approaches; chosen

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
@@ -20,20 +21,22 @@ import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.arm.gripper import Gripper
+from so101_motion.arm.jaw_following import JawFollowing
 from so101_motion.common.clock import Clock
+from so101_motion.common.errors import NotHolding, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointState
 from so101_motion.control.executor import Channel, Executor
-from so101_motion.control.target_tracking import Pursuit
-from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.path_guard import Guard
-from so101_motion.tasks.teleop.jaw import Jaw
+from so101_motion.control.following import Following
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 from so101_motion.tasks.teleop.side_state import SideState
 
 _PLACE = {joint: i for i, joint in enumerate((*ARM_JOINTS, GRIPPER_JOINT))}
 
+
+JAW_APPROACH = 0.2
+"""Share of the jaw's speed until it is near the leader's; chosen."""
 
 FRESH = 0.05
 """How old a snapshot may be for its arm to be there [s]; chosen, some periods."""
@@ -246,78 +249,79 @@ class LocalFollower(Follower):
         guarded: Whether it keeps clear of itself and of what its scene says is around it.
     """
 
-    def __init__(self, arm: LocalArm, *, guarded: bool = False) -> None:
+    def __init__(self, arm: LocalArm, *, guarded: bool = True) -> None:
         self._arm, self._guarded = arm, guarded
         self._pilot: Pilot | None = None
-        self._pursuit: Pursuit | None = None
-        self._jaw: Jaw | None = None
+        self._following: Following | None = None
+        self._jaw: JawFollowing | None = None
         self._end: Callable[[], None] | None = None
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
         """See ``Follower.attach``."""
-        arm = self._arm.station.arm
-        pilot.fit(*arm.range, arm.effective_limits)
+        pilot.fit(*self._arm.station.arm.range)
         self._pilot = pilot
-        self._jaw = Jaw(self._arm.jaw.gripper, pilot) if self._arm.jaw is not None else None
-        self._end = self._arm.station.executor.listen(lambda _: look())
+
+        def each(_: JointState) -> None:
+            self._lead_jaw(pilot)
+            look()
+
+        self._end = self._arm.station.executor.listen(each)
 
     def engage(self) -> None:
         """See ``Follower.engage``."""
-        assert self._pilot is not None, "attach it first"
+        pilot, arm = self._pilot, self._arm.station.arm
+        assert pilot is not None, "attach it first"
         for executor in self._arm.executors:
             if executor.state.mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT):
                 executor.hold().result()
-        arm, executor = self._arm.station.arm, self._arm.station.executor
-        if arm.state.reading.out_of_range:
-            arm.start_retarget(arm.state.q_ref).result()  # which brings them in, slowly
-        lower, upper = arm.range
-        aim = self._pilot.arm
-        self._pursuit = arm.open_pursuit(
-            lambda q_start: Pursuit(
-                aim,
-                q_start=q_start,
-                lower=lower,
-                upper=upper,
-                stop_limits=executor.stop_limits(Channel.ARM),
-                dt=executor.dt,
-                watch=self._guard() if self._guarded else None,
-            )
+        follow = arm.open_following if self._guarded else arm.open_unguarded_following
+        self._following = follow(
+            limits=pilot.pace.full, approach=pilot.pace.approach, each=partial(self._lead, pilot)
         )
-        if self._jaw is not None:
-            self._jaw.resume()
+        if self._jaw is None or self._jaw.future.done():
+            self.recover()
+        else:
+            self._jaw.regrip()
 
     def detach(self) -> None:
         """See ``Follower.detach``."""
         if self._end is not None:
             self._end()
-        pursuit, self._pursuit = self._pursuit, None
-        if pursuit is not None:
-            pursuit.close().exception()
-        if self._jaw is not None:
-            self._jaw.close()
+        led, self._following, self._jaw = (self._following, self._jaw), None, None
+        for each in led:
+            if each is not None:
+                each.close().exception()
 
     def ending(self) -> BaseException | None:
         """See ``Follower.ending``."""
-        pursuit = self._pursuit
-        if pursuit is None or not pursuit.future.done():
+        following = self._following
+        if following is None or not following.future.done():
             return None
-        self._pursuit = None
-        return pursuit.future.exception()
+        self._following = None
+        return following.future.exception()
 
     def recover(self) -> None:
-        """See ``Follower.recover``."""
-        if self._jaw is not None:
-            self._jaw.take_up()
+        """See ``Follower.recover``: the jaw follows again."""
+        jaw = self._arm.jaw
+        if jaw is None:
+            return
+        if jaw.executor.state.mode in (Mode.LIMP, Mode.FAULT):
+            raise NotHolding("the follower's jaw does not hold; let its servos hold first")
+        limits = jaw.gripper.limits
+        slow = limits.scaled_to(JAW_APPROACH * limits.velocity, limits.acceleration)
+        self._jaw = jaw.gripper.open_following(approach=slow)
 
     @property
     def needs_recovery(self) -> bool:
         """See ``Follower.needs_recovery``."""
-        return self._pursuit is not None and self._jaw is not None and self._jaw.is_idle()
+        if self._following is None or self._arm.jaw is None:
+            return False
+        return self._jaw is None or self._jaw.future.done()
 
     @property
     def is_engaged(self) -> bool:
         """See ``Follower.is_engaged``."""
-        return self._pursuit is not None
+        return self._following is not None
 
     @property
     def is_there(self) -> bool:
@@ -330,7 +334,7 @@ class LocalFollower(Follower):
     @property
     def is_held(self) -> bool:
         """See ``Follower.is_held``."""
-        return self._pursuit is not None and self._pursuit.is_held
+        return self._following is not None and self._following.is_held
 
     @property
     def is_gripping(self) -> bool:
@@ -342,7 +346,23 @@ class LocalFollower(Follower):
         """See ``Follower.state``."""
         return self._arm.state
 
-    def _guard(self) -> Guard:
-        arm, executor = self._arm.station.arm, self._arm.station.executor
-        model = arm.model.narrowed(*arm.range)  # the I/O thread's own
-        return Guard(CollisionModel(model, arm.scene), lambda: executor.state.q_jaw_ref)
+    # The I/O threads
+
+    def _lead(self, pilot: Pilot, following: Following) -> None:
+        now = following.now
+        wanted = pilot.arm(now.q, rests=not now.qd.any())
+        if wanted is None:
+            following.hold()
+        else:
+            following.aim(*wanted)
+
+    def _lead_jaw(self, pilot: Pilot) -> None:
+        jaw = self._jaw
+        if jaw is None or jaw.future.done():
+            return
+        wanted = pilot.jaw()
+        if wanted is None:
+            jaw.hold()
+            return
+        with suppress(So101Error):  # it has just ended
+            jaw.aim(*wanted)

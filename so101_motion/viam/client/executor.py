@@ -27,11 +27,12 @@ from so101_motion.common.errors import MotionError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.following import Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
-from so101_motion.rig.rig import TICK
+from so101_motion.rig.rig import HARD_STOP, TICK
 from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Link
 from so101_motion.viam.client.runner import MotionRunner
@@ -87,10 +88,14 @@ class MachineExecutor(MotionRunner):
         """See ``Executor.execute``."""
         return self.begin(lambda: self._execute(trajectory))
 
-    def retarget(
-        self, q_goal: Array, limits: MotionLimits, *, channel: Channel = Channel.ARM
-    ) -> Future[None]:
-        """See ``Executor.retarget``; the machine makes the path smooth."""
+    def stop_limits(self, channel: Channel) -> MotionLimits:
+        """See ``Executor.stop_limits``; those of our arms."""
+        return HARD_STOP
+
+    def turn(self, following: Following, *, channel: Channel = Channel.ARM) -> Future[None]:
+        """See ``Executor.turn``; the machine makes the path to its target smooth, and guards it."""
+        q_goal, limits = following.target, following.limits
+        assert q_goal is not None, "it is made with a target"
 
         async def turn() -> None:
             with self._link.asking("turning to a goal"):

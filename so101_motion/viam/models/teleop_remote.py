@@ -26,8 +26,7 @@ from so101_motion.common.clock import Clock
 from so101_motion.common.errors import MotionError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg
-from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.trajectory import Setpoint
+from so101_motion.control.following import Approach
 from so101_motion.tasks.teleop.pilot import Pilot
 from so101_motion.tasks.teleop.predictor import Predictor
 from so101_motion.tasks.teleop.side_state import SideState
@@ -171,7 +170,6 @@ class RemoteFollower(Follower):
 
     def __init__(self, arm: RemoteArm) -> None:
         self._arm = arm
-        self._pilot: Pilot | None = None
         self._going: Future[None] | None = None
         self._x = np.zeros(6)
         self._x_goal: Array | None = None
@@ -183,7 +181,7 @@ class RemoteFollower(Follower):
 
     def attach(self, pilot: Pilot, look: Callable[[], None]) -> None:
         """See ``Follower.attach``."""
-        self._pilot = pilot
+        self._approach = Approach(pilot.pace.full, pilot.pace.approach)
 
         async def go() -> None:
             try:
@@ -234,25 +232,27 @@ class RemoteFollower(Follower):
     # In the event loop
 
     async def _go(self, pilot: Pilot) -> None:
-        rest = np.zeros(5)
-        aim = pilot.arm(Setpoint(q=self._x[:5], qd=rest, qdd=rest))
+        aim = pilot.arm(self._x[:5], rests=True)
         if aim is None:
+            self._approach.begin()
             if self._moves:
                 self._moves = False
                 await self._arm.arm.stop(timeout=PATIENCE)
             return
         self._moves = True
-        self._x_goal = np.append(aim.q, self._x[5])
+        q, _ = aim
+        caps = self._approach.caps(self._arm.clock.now(), q - self._x[:5])
+        self._x_goal = np.append(q, self._x[5])
         await self._arm.arm.move_through_joint_positions(
-            [JointPositions(values=to_deg(aim.q).tolist())],
-            convert.to_move_options(aim.limits.velocity, aim.limits.acceleration),
+            [JointPositions(values=to_deg(q).tolist())],
+            convert.to_move_options(caps.velocity, caps.acceleration),
             extra={"interpolate": False, "waitAtEnd": False},
             timeout=PATIENCE,
         )
         self._go_on_with_jaw(pilot)
 
     def _go_on_with_jaw(self, pilot: Pilot) -> None:
-        gripper, wanted = self._arm.gripper, pilot.jaw(_JAW_CAPS)
+        gripper, wanted = self._arm.gripper, pilot.jaw()
         if gripper is None or wanted is None or (self._jaw is not None and not self._jaw.done()):
             return
         percent = 100.0 * wanted[0]
@@ -275,4 +275,3 @@ class RemoteFollower(Follower):
 
 
 _JAW_STEP = 0.5  # [%]; a smaller change is not worth a request
-_JAW_CAPS = MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=1.0, n=1)  # it has its own

@@ -1,10 +1,18 @@
-import threading
+import math
 from dataclasses import replace
 
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
-from so101_motion.common.errors import ConfigError, Interrupted, NotHolding, ServoAlarm
+from so101_motion.common.errors import (
+    ConfigError,
+    FollowingError,
+    Interrupted,
+    MotionError,
+    NotHolding,
+    ServoAlarm,
+)
 from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
 
@@ -118,7 +126,7 @@ def test_an_alarm_of_the_jaw_ends_its_motion_and_not_the_arm_s(rig, gripper):
 
 
 def test_new_angles_for_old_places_move_nothing(rig):
-    rig.after(3.0, rig.executor.retarget([0.4, 0, 0, 0, 0], rig.limits))
+    rig.after(3.0, retarget(rig.executor, [0.4, 0, 0, 0, 0], rig.limits))
     written = len(rig.arm.tape)
 
     rig.after(0.1, rig.executor.call_and_rehold(lambda arm: arm.count_anew(0.2)))
@@ -142,11 +150,82 @@ def test_a_stop_of_a_grab_that_has_just_met_something_presses_no_further(rig, gr
     assert rig.state.q_jaw - rig.state.q_jaw_ref < 0.5 * SQUEEZE
 
 
-def test_a_pursuit_makes_way_with_the_reason(rig, gripper):
-    opening = threading.Thread(target=lambda: pursuits.append(gripper.open_pursuit(lambda _: None)))
-    pursuits = []
-    opening.start()
-    opening.join()
+def test_a_start_move_that_closes_on_something_grips_it_and_says_that_it_did_not_arrive(
+    rig, gripper
+):
+    rig.after(3.0, gripper.start_move(0.5).future)
+    closing = gripper.start_move(0.1)
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    error = rig.error_after(3.0, closing.future)
+    assert isinstance(error, FollowingError)
+    assert gripper.is_holding
+    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3)
+
+
+def test_a_start_move_that_is_blocked_while_it_opens_grips_nothing(rig, gripper):
+    rig.after(3.0, gripper.start_move(0.3).future)
+    opening = gripper.start_move(0.9)
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    assert isinstance(rig.error_after(3.0, opening.future), FollowingError)
+    assert not gripper.is_holding
+
+
+# Following
+
+
+def lead(rig, jaw, aperture, seconds):
+    for _ in range(round(seconds / rig.dt)):
+        jaw.aim(aperture)
+        rig.clock.advance(rig.dt)
+
+
+def test_the_jaw_follows_apertures_and_rests_when_they_cease(rig, gripper):
+    jaw = gripper.open_following()
+    assert jaw.aim(0.6) == 0.6
+    lead(rig, jaw, 0.6, 2.0)
+    assert gripper.aperture == pytest.approx(0.6, abs=1e-3)
+    assert jaw.aim(-7.0) == 0.0
+    with pytest.raises(ConfigError):
+        jaw.aim(math.nan)
+    rig.clock.advance(2.0)
+    assert gripper.aperture > 0.1, "nobody repeated it"
+    rig.after(0.5, jaw.close())
+    with pytest.raises(MotionError, match="closed"):
+        jaw.aim(0.5)
+
+
+def test_a_jaw_that_follows_grips_what_it_meets_and_lets_go(rig, gripper):
+    jaw = gripper.open_following()
+    lead(rig, jaw, 0.6, 2.0)
+    lead(rig, jaw, 0.0, 0.1)
+    rig.arm.jam("gripper")
+    lead(rig, jaw, 0.0, 1.5)
+    assert jaw.is_gripping
+    assert gripper.is_holding
+    assert rig.state.q_jaw - rig.state.q_jaw_ref == pytest.approx(SQUEEZE, abs=1e-3), "steadily"
+    rig.arm.unjam("gripper")
+    lead(rig, jaw, gripper.aperture + 0.2, 1.5)
+    assert not jaw.is_gripping
+    assert not gripper.is_holding
+
+
+def test_a_jaw_that_follows_makes_way_with_the_reason(rig, gripper):
+    jaw = gripper.open_following()
     newer = gripper.start_move(0.3)
     rig.after(3.0, newer.future)
-    assert pursuits[0].future.exception(timeout=0).by == "a newer motion"
+    assert jaw.future.exception(timeout=0).by == "a newer motion"
+    with pytest.raises(Interrupted):
+        jaw.aim(0.5)
+
+
+def test_a_stop_of_a_jaw_that_grips_ends_its_following(rig, gripper):
+    jaw = gripper.open_following()
+    lead(rig, jaw, 0.6, 2.0)
+    lead(rig, jaw, 0.0, 0.1)
+    rig.arm.jam("gripper")
+    lead(rig, jaw, 0.0, 1.5)
+    rig.after(0.5, gripper.start_stop())
+    assert jaw.future.exception(timeout=0).by == "stop"
+    assert gripper.is_holding, "and it holds on"

@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.errors import ConfigError, Interrupted, MotionError, NotHolding, Overloaded
@@ -153,7 +154,7 @@ def test_a_goal_may_turn_a_jog_aside(sim_ready) -> None:
     sim = sim_ready
     jog = lead(sim)
     repeat(sim, jog, 0.4, [0.05, 0.0, 0.0])
-    sim.after(3.0, sim.executor.retarget(READY, sim.limits))
+    sim.after(3.0, retarget(sim.executor, READY, sim.limits))
     np.testing.assert_allclose(sim.state.q, READY, atol=1e-4)
     assert isinstance(jog.future.exception(), Interrupted)
 

@@ -2,6 +2,7 @@ import logging
 
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.errors import BusError, NotHolding
 from so101_motion.common.modes import Mode
@@ -41,7 +42,7 @@ def test_a_fault_refuses_motion_and_says_why(sim):
     sim.arm.disconnect(BusError("servo 3 does not answer"))
     sim.clock.advance(0.1)
     with pytest.raises(NotHolding, match="in a fault: servo 3 does not answer"):
-        sim.after(0.1, sim.executor.retarget(Q_GOAL, sim.limits))
+        sim.after(0.1, retarget(sim.executor, Q_GOAL, sim.limits))
 
 
 def test_a_fault_of_a_resting_arm_is_noticed(sim):

@@ -5,6 +5,7 @@ from concurrent.futures import wait
 
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import Interrupted, MotionError, NotHolding
@@ -35,7 +36,7 @@ def test_limp_joints_refuse_to_move(sim):
     sim.after(0.0, sim.executor.release())
     for future in (
         sim.executor.execute(sim.to_goal(Q_GOAL)),
-        sim.executor.retarget(Q_GOAL, sim.limits),
+        retarget(sim.executor, Q_GOAL, sim.limits),
         sim.open_stream().future,
     ):
         with pytest.raises(NotHolding, match="leave manual mode first"):
@@ -76,7 +77,7 @@ def test_a_guided_arm_is_looked_at_in_every_tick_and_refuses_to_move(sim):
     assert sim.state.t == pytest.approx(before + 0.01, abs=1e-3)
     for future in (
         sim.executor.execute(sim.to_goal(Q_GOAL)),
-        sim.executor.retarget(Q_GOAL, sim.limits),
+        retarget(sim.executor, Q_GOAL, sim.limits),
         sim.open_stream().future,
     ):
         with pytest.raises(NotHolding, match="guided by hand; leave manual mode first"):
@@ -182,7 +183,7 @@ def test_many_threads_may_ask_at_once(sim):
 
     def ask():
         for _ in range(20):
-            futures.append(sim.executor.retarget(Q_GOAL, sim.limits))
+            futures.append(retarget(sim.executor, Q_GOAL, sim.limits))
             futures.append(sim.executor.hold())
             futures.append(sim.executor.stop())
             _ = sim.state

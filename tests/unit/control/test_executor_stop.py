@@ -2,6 +2,7 @@ import threading
 
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.modes import Mode
@@ -109,13 +110,13 @@ def test_a_motion_asked_for_after_a_stop_at_rest_begins(sim):
     sim.after(5.0, move)
 
 
-@pytest.mark.parametrize("retarget", [False, True])
-def test_a_stop_cannot_be_undone_by_a_newer_motion(sim, retarget):
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_stop_cannot_be_undone_by_a_newer_motion(sim, turns):
     start_moving(sim)
     stopped = sim.executor.stop()
     sim.clock.advance(0.03)
-    if retarget:
-        newer = sim.executor.retarget(np.zeros(5), sim.limits)
+    if turns:
+        newer = retarget(sim.executor, np.zeros(5), sim.limits)
     else:
         newer = sim.executor.execute(
             online.point_to_point(sim.state.q_ref, Q_GOAL, sim.limits, sim.dt)
@@ -126,7 +127,7 @@ def test_a_stop_cannot_be_undone_by_a_newer_motion(sim, retarget):
 
 def test_stopping_the_jaw_leaves_the_arm_alone(sim):
     arm = start_moving(sim, 0.1)
-    jaw = sim.executor.retarget(np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    jaw = retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
     sim.clock.advance(0.3)
     stopped = sim.executor.stop(Channel.JAW)
     sim.clock.advance(0.02)
@@ -141,14 +142,14 @@ def test_the_jaw_may_set_off_while_the_arm_is_stopping(sim):
     start_moving(sim)
     stopped = sim.executor.stop(Channel.ARM)
     sim.clock.advance(0.02)
-    jaw = sim.executor.retarget(np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    jaw = retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
     sim.after(3.0, jaw)
     assert stopped.done()
 
 
 def test_stopping_everything_waits_for_both(sim):
     start_moving(sim, 0.8)
-    sim.executor.retarget(np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
+    retarget(sim.executor, np.array([1.0]), JAW_LIMITS, channel=Channel.JAW)
     sim.clock.advance(0.3)
     stopped = sim.executor.stop()
     while not stopped.done():
@@ -166,7 +167,7 @@ def test_interrupting_ends_that_motion_and_completes_at_rest(sim):
 
 def test_interrupting_a_motion_that_is_over_leaves_its_successor_alone(sim):
     first = start_moving(sim, 5.0)
-    second = sim.executor.retarget(np.zeros(5), sim.limits)
+    second = retarget(sim.executor, np.zeros(5), sim.limits)
     sim.clock.advance(0.5)
     sim.after(0.0, sim.executor.interrupt(first, "cancelled"))
     sim.after(5.0, second)
@@ -174,7 +175,7 @@ def test_interrupting_a_motion_that_is_over_leaves_its_successor_alone(sim):
 
 def test_interrupting_the_motion_that_a_newer_one_has_just_superseded_does_nothing(sim):
     first = start_moving(sim)
-    second = sim.executor.retarget(np.zeros(5), sim.limits)
+    second = retarget(sim.executor, np.zeros(5), sim.limits)
     interrupted = sim.executor.interrupt(first, "a newer motion")
     sim.after(0.01, interrupted)
     assert first.exception(timeout=0).by == "a newer motion"

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from harness.retarget import retarget
 
 from so101_motion.common.errors import Interrupted, MotionError
 from so101_motion.common.modes import Mode
@@ -95,7 +96,7 @@ def test_a_stream_can_be_superseded_without_stopping(sim):
     for batch in batches():
         stream.push(batch)
     sim.clock.advance(1.0)
-    sim.after(4.0, sim.executor.retarget(np.zeros(5), sim.limits))
+    sim.after(4.0, retarget(sim.executor, np.zeros(5), sim.limits))
     assert stream.future.exception(timeout=0).by == "a newer motion"
     np.testing.assert_allclose(sim.state.q, np.zeros(5), atol=1e-4)
 

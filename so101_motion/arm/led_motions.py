@@ -1,0 +1,116 @@
+"""Make the motions of an arm that is led: followings, with the guard that they share, and jogs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple, Unpack
+
+from so101_motion.arm.joint_caps import JointRange
+from so101_motion.control.cartesian_jog import Jog
+from so101_motion.control.following import Following, FollowingSettings
+from so101_motion.control.joint_group import Channel
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.differential.guard import Guard
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.timing.torque import Load, Payload, Strength, carried
+
+if TYPE_CHECKING:
+    from so101_motion.arm.protocols import ArmExecutor
+    from so101_motion.common.geometry import Array
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.planning.kinematics.model import RobotModel
+    from so101_motion.planning.timing.limits import MotionLimits
+
+
+class Situation(NamedTuple):
+    """What an arm has to mind.
+
+    Attributes:
+        scene: What is around it and in its hand.
+        range: Between which angles its joints may be.
+        payload: What the gripper always carries; None for nothing.
+        strength: What the servos bear.
+    """
+
+    scene: Scene
+    range: JointRange
+    payload: Payload | None
+    strength: Strength
+
+    def load(self, model: RobotModel, q: Array) -> Load:
+        """What the servos bear of an arm that is at ``q``, shape (5,), [rad]."""
+        return Load.of(model, self.strength, q, carried(self.payload, self.scene.attached))
+
+    def is_same(self, other: Situation) -> bool:
+        """Whether these are the very same."""
+        return all(mine is theirs for mine, theirs in zip(self, other, strict=True))
+
+
+class LedMotions:
+    """Makes the motions of one arm that somebody leads.
+
+    Its followings share a guard, one after the other: only the I/O thread uses it, and plays one of
+    them at a time. Making it takes some hundredths of a second, so that is for other threads.
+
+    Args:
+        model: The arm.
+        executor: What moves it.
+    """
+
+    def __init__(self, model: RobotModel, executor: ArmExecutor) -> None:
+        self._model, self._executor = model, executor
+        self._lock = threading.Lock()
+        self._made: tuple[Situation, Guard] | None = None
+
+    def has_guard(self, now: Situation) -> bool:
+        """Whether a guarded following for this situation can be made without waiting."""
+        made = self._made
+        return made is not None and made[0].is_same(now)
+
+    def following(
+        self,
+        now: Situation,
+        limits: MotionLimits,
+        *,
+        guarded: bool,
+        share: Callable[[], float],
+        **how: Unpack[FollowingSettings],
+    ) -> Following:
+        """A following from where the arm is wanted now."""
+        executor = self._executor
+        lower, upper = now.range
+        return Following(
+            q_start=executor.state.q_ref,
+            lower=lower,
+            upper=upper,
+            limits=limits,
+            stop_limits=executor.stop_limits(Channel.ARM),
+            dt=executor.dt,
+            guard=self._guard(now) if guarded else None,
+            share=share,
+            **how,
+        )
+
+    def jog(self, now: Situation, limits: MotionLimits, frame: str) -> Jog:
+        """A jog of one of the gripper's frames from where the arm rests."""
+        executor = self._executor
+        q = executor.state.q_ref
+        model = self._model.narrowed(*now.range)  # the I/O thread's own
+        collision, load = CollisionModel(model, now.scene), now.load(model, q)
+        servo = Servo(model, collision, limits, executor.dt, q, frame=frame, load=load)
+        return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
+
+    def _guard(self, now: Situation) -> Guard:
+        with self._lock:
+            if self._made is None or not self._made[0].is_same(now):
+                executor = self._executor
+                model = self._model.narrowed(*now.range)  # the I/O thread's own
+                guard = Guard(
+                    CollisionModel(model, now.scene),
+                    lambda: executor.state.q_jaw_ref,
+                    now.load(model, executor.state.q_ref),
+                    acceleration=executor.stop_limits(Channel.ARM).acceleration,
+                )
+                self._made = now, guard
+            return self._made[1]

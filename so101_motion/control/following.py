@@ -1,0 +1,457 @@
+"""Follow targets that are given while the joints move: the one way to send targets to an arm.
+
+Whoever leads calls ``aim`` as often as wanted, from any thread. In every control cycle the I/O
+thread asks for the next setpoint, which is one period of the fastest motion to the newest target
+(:func:`~so101_motion.planning.timing.online.towards`), so velocity, acceleration and jerk are
+bounded whatever the targets do.
+
+*The reserve.* A setpoint is taken only if from it the joints can still be brought to rest, as hard
+as a stop brakes, inside their limits, below the speed that nothing may exceed and, with a guard,
+without touching anything. Otherwise they brake, on the path to rest that the setpoint before has
+left free. A stop from outside brakes on the same path.
+
+*What is in the way.* The guard draws a target that cannot be reached back to the nearest place that
+seems free, so the joints slow down before they have to brake, and slide along what they meet.
+
+*The pace.* A first target may be far away. Until no joint is further than ``gate`` from it, the
+pace is that of the approach; from there it takes ``EASE`` to come up to the full one. It is the
+same after a rest, and when something has held the joints back further than that.
+
+*No target.* When targets cease for ``stale_after``, or ``hold`` is called, the joints slow to rest
+and wait; the following goes on.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from so101_motion.common.errors import ConfigError, MotionError, PlanningError
+from so101_motion.common.geometry import Array, frozen_array, is_finite
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.led_motion import LedMotion
+from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.planning.timing import online
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
+    from so101_motion.planning.differential.guard import Guard
+
+GATE = to_rad(5.0)
+"""From how near on a target is followed at the full pace [rad]; the published module's later gate
+for teleoperation."""
+
+EASE = 0.5
+"""How long the pace takes from that of the approach to the full one [s]; chosen."""
+
+STALE_AFTER = 0.1
+"""For how long a target holds that nobody repeats [s]; chosen: three of a source at 30 Hz."""
+
+APPROACH = MotionLimits.uniform(velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0)
+"""Caps of the approach; chosen."""
+
+LOOK_EVERY = 0.05
+"""How often a path to rest is looked at for joint limits [s]; chosen. A guard looks more often."""
+
+SHORT_AFTER = 0.3
+"""For how long joints must have been held at rest to have stopped short [s]; chosen."""
+
+CLOSE = 0.02
+"""A joint is said to be at its limit when it is so near it [rad]; chosen."""
+
+_ROUNDING = 1e-9
+_SLOWER = 0.95  # than the caps must a target be, or it would never be caught
+_THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
+
+
+class FollowingSettings(TypedDict, total=False):
+    """How a following goes; see ``Following``."""
+
+    approach: MotionLimits | None
+    gate: float
+    stale_after: float | None
+    each: Callable[[Following], None] | None
+    ends_there: bool
+
+
+class Approach:
+    """Which caps count: those of an approach until the target is near, then more and more.
+
+    Args:
+        full: Caps from then on.
+        slow: Caps of the approach; None for ``full``.
+        gate: How near that is, for every joint [rad].
+
+    Attributes:
+        is_under_way: Whether the target has not been near yet.
+    """
+
+    def __init__(self, full: MotionLimits, slow: MotionLimits | None, gate: float = GATE) -> None:
+        self._full, self._gate, self._t_near = full, gate, -math.inf
+        self._slow = None if slow is None else slow.scaled_to(full.velocity, full.acceleration)
+        self.is_under_way = slow is not None
+
+    def begin(self) -> None:
+        """Approach anew."""
+        self.is_under_way = self._slow is not None
+
+    def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
+        """The caps that count now.
+
+        Args:
+            t: Now [s].
+            off: How far each joint is from its target, shape (n,), [rad].
+            is_held: Whether something holds the joints back; one that does so for longer than the
+                gate makes the way there an approach again.
+        """
+        if self._slow is None:
+            return self._full
+        if float(np.max(np.abs(off))) > self._gate:
+            self.is_under_way |= is_held
+        elif self.is_under_way:
+            self.is_under_way, self._t_near = False, t
+        if self.is_under_way:
+            return self._slow
+        return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
+
+
+class _Aim(NamedTuple):
+    """What was asked for last.
+
+    Attributes:
+        q: Where to, within the range, shape (n,), [rad].
+        qd: How fast that moves, shape (n,), [rad/s].
+        outside: How far beyond the range it was asked for, shape (n,), [rad].
+    """
+
+    q: Array
+    qd: Array
+    outside: Array
+
+
+class Following(LedMotion):
+    """Takes targets and hands out setpoints; made by ``Arm.open_following``.
+
+    Args:
+        q_start: Where it begins, at rest, shape (n,), [rad].
+        lower: Lower joint limits, shape (n,), [rad].
+        upper: Upper joint limits, shape (n,), [rad].
+        limits: Caps of the motion; lowered to those of a stop where they are above.
+        stop_limits: How hard a stop brakes.
+        dt: The period [s].
+        approach: Caps while the target is far; None for ``limits``.
+        gate: From how near on ``limits`` count, for every joint [rad].
+        stale_after: For how long a target holds that nobody repeats [s]; None for ever.
+        guard: Keeps the joints clear of things; None to check nothing. For this following's
+            thread alone.
+        share: Says in every period what share of the caps may be used, 0 to 1.
+        each: Called on the I/O thread before every setpoint; may aim. Must be brief.
+        ends_there: Whether it ends when it has reached its target, or cannot.
+
+    Attributes:
+        now: The last setpoint.
+    """
+
+    can_wait = True
+
+    def __init__(
+        self,
+        *,
+        q_start: ArrayLike,
+        lower: ArrayLike,
+        upper: ArrayLike,
+        limits: MotionLimits,
+        stop_limits: MotionLimits,
+        dt: float,
+        approach: MotionLimits | None = None,
+        gate: float = GATE,
+        stale_after: float | None = STALE_AFTER,
+        guard: Guard | None = None,
+        share: Callable[[], float] = lambda: 1.0,
+        each: Callable[[Following], None] | None = None,
+        ends_there: bool = False,
+    ) -> None:
+        super().__init__("following")
+        n = len(limits.velocity)
+        self.limits = limits = _stoppable(limits, stop_limits, with_jerk=ends_there)
+        self._lower, self._upper = frozen_array(lower, (n,)), frozen_array(upper, (n,))
+        self._approach, self._share = Approach(limits, approach, gate), share
+        self._stop_limits, self._dt = stop_limits, dt
+        self._stale_after = math.inf if stale_after is None else stale_after
+        self._guard, self._each, self._ends_there = guard, each, ends_there
+        self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
+        self._aimed: _Aim | None = None
+        self._seen: _Aim | None = None
+        self._t = self._t_seen = self._t_held = 0.0
+        self._held: tuple[str, ...] = ()
+        self._slowing: PlannedMotion | None = None
+        self._k = 0  # of the next setpoint of what is slowing
+        self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=np.zeros(n), qdd=np.zeros(n)))
+
+    # Any thread
+
+    def aim(self, q: ArrayLike, qd: ArrayLike | None = None) -> Array:
+        """Go to joint angles, from the next control cycle on; never waits.
+
+        Args:
+            q: Where the joints shall be, shape (n,), [rad].
+            qd: How fast that place moves, shape (n,), [rad/s]; it is taken to go on like that until
+                the next target. None for a place that stands still.
+
+        Returns:
+            The target as it was taken, within the range, shape (n,), [rad].
+
+        Raises:
+            ConfigError: These are not that many finite numbers; the target before stays.
+            So101Error: The following has ended, and why.
+        """
+        self._refuse_if_over()
+        wanted = self._checked("q", q)
+        rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
+        taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
+        outside = frozen_array(wanted - taken, wanted.shape)
+        self._aimed = _Aim(taken, np.where(outside == 0.0, rate, 0.0), outside)
+        return taken
+
+    def hold(self) -> None:
+        """Slow to rest and wait for the next target; never waits."""
+        self._aimed = None
+
+    @property
+    def target(self) -> Array | None:
+        """The newest target as it was taken, shape (n,), [rad]; None if there is none."""
+        aimed = self._aimed
+        return None if aimed is None else aimed.q
+
+    @property
+    def outside(self) -> Array:
+        """How far the newest target was asked for beyond the range, shape (n,), [rad]."""
+        aimed = self._aimed
+        return np.zeros(len(self._lower)) if aimed is None else aimed.outside
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """What keeps the joints from where they are wanted.
+
+        Joints at their limits, bodies that are close to each other (``"the jaw close to the
+        floor"``), joints that bear all they may.
+        """
+        return (*self._at_limits(), *self._held)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether something in the way holds the joints back; their limits do not count."""
+        return bool(self._held)
+
+    @property
+    def is_approaching(self) -> bool:
+        """Whether it goes at the pace of the approach."""
+        return self._approach.is_under_way
+
+    @property
+    def is_guarded(self) -> bool:
+        """Whether every setpoint of it leaves a free path to rest."""
+        return self._guard is not None and self._slowing is None
+
+    # The I/O thread
+
+    @property
+    def start(self) -> Setpoint:
+        """Where it begins."""
+        return self._start
+
+    def take_over(self, now: Setpoint, previous: MotionSource | None) -> None:
+        """Begin at the last setpoint of another motion instead, without a stop in between.
+
+        A guarded one lets the other come to rest on its own path first, for only that is known to
+        be free; unless that was guarded as well.
+
+        Args:
+            now: That setpoint.
+            previous: What made it; None for joints that rest.
+        """
+        guarded = isinstance(previous, Following) and previous.is_guarded
+        if self._guard is not None and previous is not None and not guarded:
+            stop = previous.brake(now, self._stop_limits)
+            self._slowing = PlannedMotion(stop)
+            self._k = 1
+        self._begin_at(now)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it is to end and the last setpoint was at rest."""
+        if self.now.qd.any() or self.now.qdd.any() or self._slowing is not None:
+            return False
+        if self._ends_there and not self._closing:
+            aimed = self._aimed
+            return aimed is not None and np.array_equal(self.now.q, aimed.q)
+        return self._closing
+
+    def sample(self, k: int) -> Setpoint:
+        """Where the joints shall be in the next tick, whichever it is.
+
+        Raises:
+            MotionError: It was to end at its target and has been held at rest short of it.
+        """
+        self._t += self._dt
+        self._ask()
+        aim = self._current()
+        if self._slowing is not None:
+            self.now = self._slowing.sample(self._k)
+            self._k += 1
+            if self._slowing.is_over:
+                self._slowing = None
+            self._braked = self.now
+            return self.now
+        if aim is None:
+            self._held = ()
+            self._approach.begin()
+            self._brake()
+        else:
+            self._lead(aim)
+            self._refuse_short(aim)
+        return self.now
+
+    def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
+        """To rest, every joint for itself, as every setpoint has left room for."""
+        if self._slowing is not None:
+            return self._slowing.brake(now, limits)
+        return online.stop(now.q, now.qd, now.qdd, limits, self._dt)
+
+    # How
+
+    def _begin_at(self, now: Setpoint) -> None:
+        self._start = self.now = now
+        # Joints that begin a little outside may stay there, and come in.
+        self._least, self._most = np.minimum(self._lower, now.q), np.maximum(self._upper, now.q)
+        self._braked, _ = self._to_rest(now)
+
+    def _checked(self, name: str, values: ArrayLike) -> Array:
+        try:
+            found = np.array(values, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ConfigError(name, values, "must be joint angles [rad]") from error
+        if found.shape != self._lower.shape or not is_finite(found):
+            raise ConfigError(name, values, f"must be {len(self._lower)} finite numbers")
+        return found
+
+    def _current(self) -> _Aim | None:
+        """The newest target as it is at the end of the coming period; None if there is none."""
+        aimed = self._aimed
+        if aimed is not self._seen:
+            self._seen, self._t_seen = aimed, self._t
+        age = self._t - self._t_seen
+        if aimed is None or self._closing or age > self._stale_after + _ROUNDING:
+            return None
+        if age == 0.0 or not aimed.qd.any():
+            return aimed
+        moved = aimed.q + age * aimed.qd
+        q = np.clip(moved, self._lower, self._upper)
+        return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0))
+
+    def _ask(self) -> None:
+        """The last chance to aim before a setpoint."""
+        if self._each is None or self._closing:
+            return
+        try:
+            self._each(self)
+        except Exception as error:
+            if not self._closing:  # by another thread, just now
+                raise MotionError(f"what leads the joints failed: {error}") from error
+
+    def _brake(self) -> None:
+        """Go on as the last setpoint has left room for."""
+        self.now = self._braked
+        self._braked, _ = self._to_rest(self.now)
+
+    def _lead(self, aim: _Aim) -> None:
+        """Go on towards a target, or brake where that must not be."""
+        off = aim.q - self.now.q
+        limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
+        fastest = _SLOWER * limits.velocity
+        q, qd = aim.q, np.clip(aim.qd, -fastest, fastest)
+        if self._guard is not None:
+            allowed = self._guard.within_reach(self.now.q, q)
+            if allowed is not q:
+                q, qd = np.clip(allowed, self._least, self._most), np.zeros_like(qd)
+            self._held = tuple(map(self._guard.words, self._guard.against))
+        together = (self._ends_there or self.is_approaching) and not qd.any()
+        try:
+            led = online.towards(self.now, q, qd, limits, self._dt, together=together)
+            led, after, path = self._inside(_landed(led, q, qd))
+        except PlanningError:  # ruckig gives up on a few states in a million; the next is another
+            return self._brake()
+        if self._guard is not None and not self._guard.admits(np.vstack([self.now.q, path])):
+            self._held = self._held or ("too little room to brake",)
+            return self._brake()
+        self.now, self._braked = led, after
+
+    def _inside(self, led: Setpoint) -> tuple[Setpoint, Setpoint, Array]:
+        """``led``, but joints that could not stop in time brake; what follows to rest; the path."""
+        after, path = self._to_rest(led)
+        outside = np.any((path < self._least - _ROUNDING) | (path > self._most + _ROUNDING), axis=0)
+        # While its acceleration is taken back, a joint still gets faster.
+        top = np.abs(led.qd + 0.5 * led.qdd * np.abs(led.qdd) / self._stop_limits.jerk)
+        outside |= top > self._stop_limits.velocity
+        if not outside.any():
+            return led, after, path
+        braked = self._braked
+        led = Setpoint(
+            q=np.where(outside, braked.q, led.q),
+            qd=np.where(outside, braked.qd, led.qd),
+            qdd=np.where(outside, braked.qdd, led.qdd),
+        )
+        return led, *self._to_rest(led)
+
+    def _to_rest(self, now: Setpoint) -> tuple[Setpoint, Array]:
+        return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
+
+    def _refuse_short(self, aim: _Aim) -> None:
+        if not self._ends_there or self.now.qd.any() or not self._held:
+            self._t_held = self._t
+        elif self._t - self._t_held > SHORT_AFTER:
+            off = to_deg(float(np.max(np.abs(aim.q - self.now.q))))
+            raise MotionError(
+                f"the arm stopped {off:.1f} deg short of where it was sent, with"
+                f" {' and '.join(self._held)}; send it elsewhere, or plan a move around it"
+            )
+
+    def _at_limits(self) -> list[str]:
+        aimed, q = self._aimed, self.now.q
+        if aimed is None or len(q) != len(ARM_JOINTS):
+            return []
+        return [
+            f"{joint} at its {'upper' if out > 0.0 else 'lower'} limit"
+            for joint, out, at, to in zip(ARM_JOINTS, aimed.outside, q, aimed.q, strict=True)
+            if out != 0.0 and abs(at - to) < CLOSE
+        ]
+
+
+def _stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
+    """``limits``, but no more than a stop undoes.
+
+    More jerk than that only makes joints creep up on the end of their range, which matters to a
+    motion that is to end there.
+    """
+    lowered = limits.scaled_to(stop.velocity, stop.acceleration)
+    return replace(lowered, jerk=np.minimum(limits.jerk, stop.jerk)) if with_jerk else lowered
+
+
+def _landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
+    """``led``, but a joint that has arrived where it shall rest is exactly there, at rest."""
+    still = (np.abs(led.qd) < _THERE) & (np.abs(led.qdd) < 100.0 * _THERE)
+    there = (np.abs(led.q - q) < _THERE) & still & (qd == 0.0)
+    if not there.any():
+        return led
+    return Setpoint(
+        q=np.where(there, q, led.q),
+        qd=np.where(there, 0.0, led.qd),
+        qdd=np.where(there, 0.0, led.qdd),
+    )

@@ -1,0 +1,43 @@
+"""What all motions share that somebody leads while they are played: how they are closed and end."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+
+from so101_motion.common.errors import MotionError
+from so101_motion.control.request_queue import running_future
+
+
+class LedMotion:
+    """A motion that goes on until it is closed, stopped, or cannot go on.
+
+    Args:
+        name: What messages call it, such as ``"jog"``.
+
+    Attributes:
+        future: Completes when the joints are at rest after ``close``, or raises why it ended
+            earlier.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.future: Future[None] = running_future()
+        self._name, self._closing = name, False
+
+    def close(self) -> Future[None]:
+        """Slow to rest and end; may be called again."""
+        self._closing = True
+        return self.future
+
+    def _refuse_if_over(self) -> None:
+        """Refuse what is asked of a motion that has ended.
+
+        Raises:
+            So101Error: It has; when it failed, why.
+        """
+        if self.future.done():
+            error = self.future.exception()
+            if error is not None:
+                raise error
+            raise MotionError(f"the {self._name} is over; open a new one")
+        if self._closing:
+            raise MotionError(f"the {self._name} has been closed; open a new one")

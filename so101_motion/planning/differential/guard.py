@@ -1,0 +1,187 @@
+"""Keep an arm that is led clear of itself and its surroundings, one short path at a time.
+
+Three questions of a control cycle:
+
+* ``look``: what is near, and what a joint has left to bear on?
+* ``within_reach``: where is the place nearest to a target that what is near leaves room for? A
+  guess, from distances that are taken as linear in the joint angles: led arms slide along things.
+* ``admits``: is a path clear and bearable? A proof; whatever the guess was, nothing is touched by
+  who takes only steps from which an admitted path leads to rest.
+
+Belongs to one thread, like the ``CollisionModel``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.bodies import NEAR
+from so101_motion.planning.collision.collision import CollisionModel, Near
+from so101_motion.planning.timing.torque import Heavy, Load
+
+RANGE = 0.05
+"""From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
+moves at 0.25 m/s brakes within that at 0.6 m/s^2; what comes faster ``admits`` stops."""
+
+GAP = 0.002
+"""What stays free beyond the margin when something is approached [m], and what is left, as a share,
+of what a joint may hold. Chosen: ``admits``, which goes by the margin itself, then has nothing to
+refuse."""
+
+BENT = 0.3
+"""Share of the smallest margin by which a path may bend between its places; chosen."""
+
+MOST = 8
+"""Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
+
+_CLOSER = 1e-6
+"""What pairs that are too close already may come closer by in one path [m]: rounding."""
+
+_ROUNDS = 12  # of the search of ``within_reach``; it mostly takes one or two
+_ROUNDING = 1e-9
+
+
+class Guard:
+    """Says what an arm that is led has room for.
+
+    Bodies that are too close already may only part: no pair that is within its margin may come
+    closer. What is too heavy already may only get lighter.
+
+    Args:
+        collision: What is in the way; from now on the guard's own.
+        q_jaw: Where the jaw is wanted now [rad].
+        load: What the servos have to bear; None not to look at it. From now on the guard's own.
+        acceleration: What the joints do at most on paths that are shown to ``admits``, shape (5,),
+            [rad/s^2]; None for paths of straight lines.
+
+    Attributes:
+        look_every: How far apart the places of a path that is shown may be [s]: between them it
+            bends by no more than ``admits`` allows for.
+        against: What the last ``within_reach`` found to stand against its target.
+    """
+
+    def __init__(
+        self,
+        collision: CollisionModel,
+        q_jaw: Callable[[], float],
+        load: Load | None = None,
+        *,
+        acceleration: Array | None = None,
+    ) -> None:
+        self._collision, self._q_jaw, self._load = collision, q_jaw, load
+        self._bend, self.look_every = 0.0, np.inf
+        if acceleration is not None:
+            # With an acceleration a, a path is off its chord by a t^2 / 8 at most.
+            self._bend = BENT * self.margin
+            self.look_every = math.sqrt(8.0 * self._bend / float(acceleration @ collision.reach))
+        self._widest = float(collision.margins.max(initial=collision.margin))
+        self._range = min(NEAR, self._widest + RANGE)
+        self._looked: Array | None = None
+        self._free = 0.0
+        self.against: tuple[Near | Heavy, ...] = ()
+
+    @property
+    def margin(self) -> float:
+        """The smallest distance that any two bodies must keep [m]."""
+        return float(self._collision.margins.min(initial=self._collision.margin))
+
+    def look(self, q: Array) -> list[Near | Heavy]:
+        """What has little left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first."""
+        near = self._collision.nearest(q, self._q_jaw(), within=self._range)
+        near.sort(key=room_of)
+        self._looked, self._free = q, self._range - self._widest
+        if near:
+            self._free = min(self._free, room_of(near[0]))
+        heavy: list[Near | Heavy] = [] if self._load is None else [*self._load.heavy(q)]
+        return heavy + near
+
+    def within_reach(self, q: Array, q_target: Array) -> Array:
+        """The place nearest to a target that there seems to be room for, shape (5,), [rad].
+
+        ``q_target`` itself if nothing stands against it; ``q`` if no place is found.
+
+        Args:
+            q: Where the arm is, shape (5,), [rad].
+            q_target: Where it shall be, shape (5,), [rad].
+        """
+        found = self.look(q)[:MOST]
+        self.against = ()
+        if not found:
+            return q_target
+        step = q_target - q
+        G = np.array([each.gradient for each in found])
+        least = np.array([min(0.0, GAP - room_of(each)) for each in found])
+        if (G @ step >= least).all():
+            return q_target
+        nearest, active = _nearest_within(step, G, least)
+        self.against = tuple(found[i] for i in active)
+        return q if nearest is None else q + nearest
+
+    def admits(self, path: Array) -> bool:
+        """Whether the straight lines through ``path``, shape (m, 5), m >= 2, [rad], may be gone."""
+        if self._load is not None and not self._load.admits(path):
+            return False
+        if self._looked is not None:
+            travel = float(np.abs(path - self._looked).max(axis=0) @ self._collision.reach)
+            if travel <= self._free:
+                return True
+        q_jaw = self._q_jaw()
+        if self._collision.first_blocked(path, q_jaw, bend=self._bend) is None:
+            return True
+        if self._collision.is_free(path[0], q_jaw):
+            return False
+        lack = self._lack(path[0], q_jaw)
+        return all(bool(np.all(self._lack(q, q_jaw) <= lack + _CLOSER)) for q in path[1:])
+
+    def words(self, each: Near | Heavy) -> str:
+        """What has little left, such as ``"the jaw close to the floor"``."""
+        if isinstance(each, Heavy):
+            return f"{each.joint} bearing all that it may"
+        called = self._collision.scene.called
+        return f"{called(each.first)} close to {called(each.second)}"
+
+    def _lack(self, q: Array, q_jaw: float) -> Array:
+        """How much each pair lacks of its margin [m]."""
+        distances = self._collision.distances(q, q_jaw)
+        return np.maximum(self._collision.margins - distances, 0.0)
+
+
+def room_of(each: Near | Heavy) -> float:
+    """How much nearer two bodies may come [m], or what a joint has left as a share."""
+    return each.distance - each.margin if isinstance(each, Near) else each.left
+
+
+def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, Sequence[int]]:
+    """The vector nearest to ``step`` with ``G x >= least``, and which rows hold it.
+
+    The row that is broken most joins the active ones, and those that would pull leave them; with
+    the few rows of an arm that ends after one or two rounds. None if it does not end.
+
+    Args:
+        step: What is wanted, shape (5,).
+        G: Rows, shape (k, 5).
+        least: Their bounds, shape (k,), none above 0.
+    """
+    x, active = step, list[int]()
+    for _ in range(_ROUNDS):
+        lack = least - G @ x
+        worst = int(np.argmax(lack))
+        if lack[worst] <= _ROUNDING or worst in active:
+            return x, active
+        active.append(worst)
+        while True:
+            rows = G[active]
+            try:
+                pull = np.linalg.solve(rows @ rows.T, least[active] - rows @ step)
+            except np.linalg.LinAlgError:
+                return None, active
+            weakest = int(np.argmin(pull))
+            if pull[weakest] >= 0.0:
+                break
+            del active[weakest]
+        x = step + rows.T @ pull
+    return None, active

@@ -1,0 +1,359 @@
+"""Following targets, through the executor on a clock the test drives."""
+
+import math
+
+import numpy as np
+import pytest
+from harness.retarget import retarget
+
+from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
+from so101_motion.common.modes import Mode
+from so101_motion.control.following import EASE, GATE, STALE_AFTER, Approach, Following
+from so101_motion.control.joint_group import Channel
+from so101_motion.planning.timing.limits import MotionLimits
+
+CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
+SLOW = MotionLimits.uniform(velocity=0.3, acceleration=1.0, jerk=30.0)
+LOWER, UPPER = np.full(5, -1.0), np.full(5, 1.0)
+
+
+def leading(clock, motion):
+    """Aims where ``motion`` says at each instant; None is nowhere."""
+
+    def each(following):
+        t = clock.now() + 0.01
+        q = motion(t)
+        if q is None:
+            following.hold()
+        else:
+            following.aim(q, (motion(t + 1e-4) - motion(t - 1e-4)) / 2e-4)
+
+    return each
+
+
+class Fence:
+    """A guard that lets nothing beyond an angle of the first joint."""
+
+    look_every = 0.02
+
+    def __init__(self, at):
+        self.at, self.against = at, ()
+
+    def words(self, each):
+        return str(each)
+
+    def within_reach(self, q, q_target):
+        return q_target
+
+    def admits(self, way):
+        return bool(np.all(way[:, 0] <= self.at))
+
+
+def follow(sim, **settings):
+    following = Following(
+        q_start=sim.state.q_ref,
+        lower=LOWER,
+        upper=UPPER,
+        limits=CAPS,
+        stop_limits=sim.executor.stop_limits(Channel.ARM),
+        dt=sim.dt,
+        **settings,
+    )
+    return sim.executor.play(following)
+
+
+def chase(sim, motion, guard=None):
+    return follow(sim, each=leading(sim.clock, motion), guard=guard)
+
+
+def still(q):
+    return lambda t: np.full(5, q)
+
+
+def assert_bounded(sim, acceleration=8.0, jerk=200.0):
+    qd = np.diff(sim.arm.goals, axis=0) / sim.dt
+    qdd = np.diff(qd, axis=0) / sim.dt
+    assert np.abs(qd).max() <= 2.0 * 1.001
+    assert np.abs(qdd).max() <= acceleration * 1.01
+    assert np.abs(np.diff(qdd, axis=0)).max() / sim.dt <= jerk * 1.01
+
+
+def test_a_target_that_moves_steadily_is_caught_up_with_and_kept(sim):
+    chase(sim, lambda t: np.full(5, 0.4 * t - 0.2))
+    sim.clock.advance(1.5)
+    wanted = 0.4 * (sim.arm.times[-1] + 0.01) - 0.2
+    assert sim.arm.goals[-1] == pytest.approx(np.full(5, wanted), abs=1e-6)
+    assert_bounded(sim)
+
+
+def test_a_target_that_sways_is_followed_without_much_delay(sim):
+    chase(sim, lambda t: np.full(5, 0.5 * np.sin(2.5 * t)))
+    sim.clock.advance(4.0)
+    wanted = 0.5 * np.sin(2.5 * (sim.arm.times[200:] + 0.01))
+    assert np.abs(sim.arm.goals[200:, 0] - wanted).max() < 0.002
+    assert_bounded(sim)
+
+
+def test_a_target_that_jumps_about_is_never_followed_beyond_the_limits(sim):
+    rng = np.random.default_rng(1)
+    places = rng.uniform(-3.0, 3.0, (200, 5))
+    chase(sim, lambda t: places[int(t / 0.05) % 200])
+    sim.clock.advance(5.0)
+    assert np.all(sim.arm.goals >= LOWER - 1e-4)
+    assert np.all(sim.arm.goals <= UPPER + 1e-4)
+    assert_bounded(sim)
+
+
+def test_who_has_no_target_comes_to_rest_and_waits(sim):
+    following = chase(sim, lambda t: np.full(5, t) if t < 0.5 else None)
+    sim.clock.advance(1.5)
+    assert sim.state.mode is Mode.MOVING
+    assert not following.future.done()
+    assert np.all(sim.state.qd_ref == 0.0)
+    where = sim.state.q_ref
+    sim.clock.advance(1.0)
+    assert np.array_equal(sim.state.q_ref, where)
+    assert_bounded(sim)
+
+
+def test_it_begins_where_the_joints_are_wanted(sim):
+    following = chase(sim, still(0.3))
+    assert np.array_equal(following.start.q, np.zeros(5))
+    sim.clock.advance(0.1)
+    sim.after(1.0, sim.executor.stop())
+    with pytest.raises(Interrupted, match="stop"):
+        following.future.result(timeout=0)
+
+
+def test_closing_brings_the_joints_to_rest(sim):
+    following = chase(sim, lambda t: np.full(5, t))
+    sim.clock.advance(0.4)
+    sim.after(1.5, following.close())
+    assert sim.state.mode is Mode.HOLDING
+    assert_bounded(sim)
+
+
+def test_what_is_in_the_way_holds_the_joints_until_the_target_comes_back(sim):
+    back = []
+    following = chase(sim, lambda t: np.full(5, 0.9 if not back else 0.1), Fence(0.5))
+    sim.clock.advance(2.0)
+    assert following.is_held
+    assert 0.3 < sim.state.q_ref[0] <= 0.5
+    assert np.all(sim.state.qd_ref == 0.0)
+    back.append(True)
+    sim.clock.advance(2.0)
+    assert not following.is_held
+    assert sim.state.q_ref == pytest.approx(np.full(5, 0.1), abs=1e-6)
+    assert np.all(sim.arm.goals[:, 0] <= 0.5)
+    assert_bounded(sim)
+
+
+def test_joints_that_begin_outside_may_come_in_but_not_go_further_out(make_sim, taped_arm, clock):
+    sim = make_sim(taped_arm(clock, q=np.full(5, 1.05)))
+    sim.executor.start()
+    chase(sim, lambda t: np.full(5, 2.0 if t < 0.5 else 0.0))
+    sim.clock.advance(0.5)
+    assert np.all(sim.arm.goals <= 1.05 + 1e-6)
+    sim.clock.advance(2.0)
+    assert sim.state.q_ref == pytest.approx(np.zeros(5), abs=1e-6)
+
+
+def test_a_joint_that_is_held_fast_ends_it(sim):
+    following = chase(sim, lambda t: np.full(5, min(t, 0.8)))
+    sim.clock.advance(0.2)
+    sim.arm.jam("elbow_flex")
+    error = sim.error_after(2.0, following.future)
+    assert isinstance(error, FollowingError)
+    assert error.joint == "elbow_flex"
+
+
+def test_a_target_is_taken_up_in_the_next_period_and_held_until_it_is_stale(sim):
+    following = follow(sim)
+    sim.clock.advance(0.1)
+    following.aim(np.full(5, 0.8))
+    before = len(sim.arm.tape)
+    sim.clock.advance(0.01)
+    assert len(sim.arm.tape) == before + 1
+    assert np.all(sim.arm.goals[-1] > 0.0)
+    sim.clock.advance(STALE_AFTER)
+    assert np.all(sim.state.qd_ref > 0.0)
+    sim.clock.advance(1.0)
+    assert np.all(sim.state.qd_ref == 0.0)
+    assert sim.state.q_ref[0] < 0.7, "it braked for nobody repeated it"
+    assert not following.future.done()
+    following.aim(np.full(5, 0.8))
+    sim.clock.advance(0.05)
+    assert np.all(sim.state.qd_ref > 0.0)
+    assert_bounded(sim)
+
+
+def test_a_target_that_moves_is_taken_to_move_on(sim):
+    following = follow(sim, stale_after=None)
+    following.aim(np.zeros(5), np.full(5, 0.3))
+    sim.clock.advance(2.0)
+    wanted = 0.3 * 2.0
+    assert sim.state.q_ref == pytest.approx(np.full(5, wanted), abs=1e-6)
+    sim.clock.advance(4.0)
+    assert sim.state.q_ref == pytest.approx(UPPER, abs=1e-6), "and no further than the range"
+
+
+def test_what_is_not_finite_or_too_many_is_refused_and_the_target_before_stays(sim):
+    following = follow(sim, stale_after=None)
+    following.aim(np.full(5, 0.2))
+    for q, qd in (
+        ([math.nan, 0, 0, 0, 0], None),
+        (np.full(5, math.inf), None),
+        (np.zeros(4), None),
+        ("up", None),
+        (np.zeros(5), [0, 0, math.nan, 0, 0]),
+    ):
+        with pytest.raises(ConfigError):
+            following.aim(q, qd)
+    sim.clock.advance(1.0)
+    assert sim.state.q_ref == pytest.approx(np.full(5, 0.2), abs=1e-6)
+
+
+def test_a_target_beyond_the_range_is_clipped_and_says_so(sim):
+    following = follow(sim, stale_after=None)
+    taken = following.aim([0.5, 1.5, -1.25, 0.0, 1.0])
+    assert taken == pytest.approx([0.5, 1.0, -1.0, 0.0, 1.0])
+    assert following.outside == pytest.approx([0.0, 0.5, -0.25, 0.0, 0.0])
+    sim.clock.advance(2.0)
+    assert sim.state.q_ref == pytest.approx(taken, abs=1e-6)
+    assert following.held_by == (
+        "shoulder_lift at its upper limit",
+        "elbow_flex at its lower limit",
+    )
+    following.aim(np.zeros(5))
+    assert following.held_by == ()
+
+
+def test_one_that_has_ended_says_why_at_the_next_aim(sim):
+    following = follow(sim)
+    sim.clock.advance(0.1)
+    sim.after(0.5, sim.executor.stop(by="somebody"))
+    with pytest.raises(Interrupted, match="somebody"):
+        following.aim(np.zeros(5))
+    closed = follow(sim)
+    sim.after(0.5, closed.close())
+    with pytest.raises(MotionError, match="over"):
+        closed.aim(np.zeros(5))
+
+
+def test_the_first_target_is_approached_slowly_and_so_is_one_after_a_rest(sim):
+    following = follow(sim, approach=SLOW, stale_after=None)
+    for goal in (0.6, 0.0):
+        following.aim(np.full(5, goal))
+        sim.clock.advance(0.5)
+        assert following.is_approaching
+        assert np.abs(sim.state.qd_ref).max() == pytest.approx(SLOW.velocity[0])
+        sim.clock.advance(3.0)
+        assert not following.is_approaching
+        assert sim.state.q_ref == pytest.approx(np.full(5, goal), abs=1e-6)
+        following.aim(np.full(5, goal + 0.3))
+        sim.clock.advance(0.2)
+        assert np.abs(sim.state.qd_ref).max() > 2.0 * SLOW.velocity[0], "a jump in between is not"
+        following.hold()
+        sim.clock.advance(1.0)
+
+
+def test_the_pace_of_an_approach_turns_into_the_full_one_without_a_step():
+    approach = Approach(CAPS, SLOW)
+    assert approach.caps(1.0, np.full(5, 2.0 * GATE)) is SLOW or approach.is_under_way
+    paces = [approach.caps(2.0 + t, np.zeros(5)).velocity[0] for t in np.linspace(0.0, EASE, 6)]
+    assert paces[0] == SLOW.velocity[0]
+    assert np.diff(paces) == pytest.approx((CAPS.velocity[0] - SLOW.velocity[0]) / 5.0)
+    assert approach.caps(9.0, np.full(5, 2.0 * GATE)) is CAPS
+    approach.caps(9.1, np.full(5, 2.0 * GATE), is_held=True)
+    assert approach.is_under_way, "what was held back comes slowly again"
+    assert not Approach(CAPS, None).is_under_way
+
+
+def test_who_leads_it_may_fail_and_the_joints_come_to_rest(sim):
+    def each(following):
+        if sim.clock.now() > 0.3:
+            raise ValueError("oh")
+        following.aim(np.full(5, 0.9))
+
+    following = follow(sim, each=each)
+    error = sim.error_after(2.0, following.future)
+    assert isinstance(error, MotionError)
+    assert "oh" in str(error)
+    assert sim.state.mode is Mode.HOLDING
+    assert_bounded(sim)
+
+
+def test_a_newer_one_takes_over_at_full_speed(sim):
+    first = follow(sim, stale_after=None)
+    first.aim(np.full(5, 0.9))
+    sim.clock.advance(0.3)
+    fast = sim.state.qd_ref
+    second = retarget(sim.executor, np.full(5, -0.5), CAPS)
+    sim.clock.advance(0.01)
+    assert first.future.exception(timeout=0).by == "a newer motion"
+    assert sim.state.qd_ref == pytest.approx(fast, abs=0.1)
+    sim.after(3.0, second)
+    assert sim.state.q_ref == pytest.approx(np.full(5, -0.5))
+    assert_bounded(sim)
+
+
+def test_a_guarded_one_lets_a_planned_motion_come_to_rest_on_its_own_path_first(sim):
+    plan = sim.to_goal(np.array([1.0, 0.5, 0.0, 0.0, 0.0]))
+    sim.executor.execute(plan)
+    sim.clock.advance(0.5)
+    following = Following(
+        q_start=sim.state.q_ref, lower=LOWER, upper=UPPER, limits=CAPS, dt=sim.dt,
+        stop_limits=sim.stop_limits, guard=Fence(2.0), stale_after=None,
+    )  # fmt: skip
+    following.aim([0.0, 0.0, 0.5, 0.0, 0.0])
+    sim.executor.turn(following)
+    begin = len(sim.arm.tape)
+    while np.any(sim.state.qd_ref) or len(sim.arm.tape) < begin + 2:
+        sim.clock.advance(0.01)
+    braked = sim.arm.goals[begin:]
+    assert braked[:, 1] == pytest.approx(0.5 * braked[:, 0], abs=1e-9), "along the plan"
+    assert np.all(braked[:, 2] == 0.0)
+    sim.clock.advance(3.0)
+    assert sim.state.q_ref == pytest.approx([0.0, 0.0, 0.5, 0.0, 0.0], abs=1e-6)
+
+
+def test_one_that_is_to_end_at_its_target_says_that_it_was_stopped_short(sim):
+    following = Following(
+        q_start=sim.state.q_ref, lower=LOWER, upper=UPPER, limits=CAPS, dt=sim.dt,
+        stop_limits=sim.stop_limits, guard=Fence(0.4), stale_after=None, ends_there=True,
+    )  # fmt: skip
+    following.aim(np.full(5, 0.9))
+    error = sim.error_after(4.0, sim.executor.turn(following))
+    assert isinstance(error, MotionError)
+    assert "short of where it was sent" in str(error)
+    assert sim.state.q_ref[0] <= 0.4
+
+
+def test_two_motions_at_once_are_refused(sim):
+    chase(sim, still(0.5))
+    second = chase(sim, still(-0.5))
+    error = sim.error_after(0.05, second.future)
+    assert isinstance(error, MotionError)
+
+
+def test_a_listener_is_told_every_period_until_it_has_enough(sim):
+    heard = []
+    end = sim.executor.listen(lambda state: heard.append(state.t))
+    sim.clock.advance(1.0)
+    assert np.diff(heard) == pytest.approx(np.full(len(heard) - 1, 0.01))
+    assert len(heard) >= 100
+    end()
+    sim.clock.advance(0.2)
+    count = len(heard)
+    sim.clock.advance(1.0)
+    assert len(heard) == count
+
+
+def test_a_listener_that_fails_harms_nobody(sim, caplog):
+    def fail(state):
+        raise ValueError("oh")
+
+    sim.executor.listen(fail)
+    sim.clock.advance(0.05)
+    assert "a listener failed" in caplog.text
+    sim.after(3.0, sim.executor.execute(sim.to_goal(np.full(5, 0.2))))
