@@ -385,7 +385,7 @@ class Following(LedMotion):
         together = (self._ends_there or self.is_approaching) and not qd.any()
         try:
             led = online.towards(self.now, q, qd, limits, self._dt, together=together)
-            led, after, path = self._inside(_landed(led, q, qd))
+            led, after, path = self._inside(_landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         if self._guard is not None and not self._guard.admits(np.vstack([self.now.q, path])):
@@ -393,13 +393,17 @@ class Following(LedMotion):
             return self._brake()
         self.now, self._braked = led, after
 
-    def _inside(self, led: Setpoint) -> tuple[Setpoint, Setpoint, Array]:
+    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, Setpoint, Array]:
         """``led``, but joints that could not stop in time brake; what follows to rest; the path."""
         after, path = self._to_rest(led)
         outside = np.any((path < self._least - _ROUNDING) | (path > self._most + _ROUNDING), axis=0)
         # While its acceleration is taken back, a joint still gets faster.
         top = np.abs(led.qd + 0.5 * led.qdd * np.abs(led.qdd) / self._stop_limits.jerk)
         outside |= top > self._stop_limits.velocity
+        # One that has braked harder than it may speed up must not turn round with that.
+        then = led.qd + 0.5 * led.qdd * np.abs(led.qdd) / limits.jerk
+        turns = (then * led.qd <= 0.0) | (led.qdd * led.qd > 0.0)
+        outside |= turns & (np.abs(led.qdd) > self.limits.acceleration + _ROUNDING)
         if not outside.any():
             return led, after, path
         braked = self._braked

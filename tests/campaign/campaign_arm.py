@@ -13,11 +13,11 @@ import numpy as np
 from harness.direct_port import Socket
 from harness.retarget import retarget
 from referee import STOP_JERK, CommandCaps, Referee
-from so101_motion.control.target_tracking import Pursuit, TrackingTarget
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.executor import Channel, Executor, Tolerances
+from so101_motion.control.following import Following
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
@@ -180,18 +180,17 @@ class Arm:
             jog.to_point(model.frame(here, "tool").p + np.array(speed))
         return jog.future
 
-    def pursue(self):
+    def follow(self):
         start, goal = self.executor.state.q_ref, self.goal()
 
-        def aim(_):
-            q = goal if self.clock.now() % 0.7 < 0.5 else start
-            return TrackingTarget(q=q, qd=np.zeros(5), limits=LIMITS)
+        def each(following):
+            following.aim(goal if self.clock.now() % 0.7 < 0.5 else start)
 
-        pursuit = Pursuit(
-            aim, q_start=start, lower=np.full(5, -0.8), upper=np.full(5, 0.8),
-            stop_limits=STOP_LIMITS, dt=DT,
+        following = Following(
+            q_start=start, lower=np.full(5, -0.8), upper=np.full(5, 0.8), limits=LIMITS,
+            stop_limits=STOP_LIMITS, dt=DT, each=each,
         )  # fmt: skip
-        return self.executor.play(pursuit).future
+        return self.executor.play(following).future
 
     def manual(self):
         return self.executor.guide(Compliance())

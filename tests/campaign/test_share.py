@@ -7,8 +7,10 @@ import pytest
 from campaign import interleavings, sessions
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
+from campaign.targets import attack as attack_with_targets
 
 EXECUTIONS = 150
+TARGETS = 300
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +53,9 @@ def test_a_session_with_a_module_that_is_stopped_and_continued_breaks_no_law(see
     told = sessions.run(seed, sessions=2, requests=12, stopped=(0.5,))
     assert told["failures"] == []
     assert told["each"]["process stopped"] == 1
+
+
+def test_an_arm_that_follows_touches_nothing_whatever_it_is_sent(seed, tmp_path):
+    outcome = attack_with_targets(tmp_path, seed=seed, count=TARGETS)
+    assert (outcome.contacts, outcome.broken) == ([], []), f"seed {seed}"
+    assert outcome.refused > 0 or outcome.travelled > 0.0

@@ -124,7 +124,7 @@ class CollisionModel:
         self._kept: list[Any] = []  # what the checks need alive
         self._wider = lru_cache(maxsize=2)(self._check)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
-        self._bent = lru_cache(maxsize=1)(self._with_bend)
+        self._bent = lru_cache(maxsize=2)(self._with_bend)
         least = float(self.margins.min(initial=self.margin))
         self._levels = (
             Level(least, self._check()),
@@ -214,7 +214,13 @@ class CollisionModel:
         return travel(self.reach, points)
 
     def first_blocked(
-        self, points: Array, q_jaw: float = 0.0, *, tolerance: float = 0.0, bend: float = 0.0
+        self,
+        points: Array,
+        q_jaw: float = 0.0,
+        *,
+        tolerance: float = 0.0,
+        bend: float = 0.0,
+        extra: float = 0.0,
     ) -> Array | None:
         """A configuration on the straight lines through ``points`` that is too close, or None.
 
@@ -227,10 +233,11 @@ class CollisionModel:
             tolerance: Share of its margin that a pair may lack.
             bend: How far any point of the arm may be off where those lines lead it [m]; the margins
                 are widened by as much, and the proof holds for all such motions. Without tolerance.
+            extra: By how much the margins are widened besides [m]; with ``bend`` only.
         """
         levels = self._levels
         if tolerance or bend:
-            levels = self._bent(bend) if bend else self._lenient(tolerance)
+            levels = self._bent(bend, extra) if bend else self._lenient(tolerance)
         return first_blocked(levels, self._levers.at(q_jaw), points, q_jaw, self.checkpoint)
 
     def sampled_check(
@@ -266,13 +273,12 @@ class CollisionModel:
         below = Level(kept * self._levels[0].clearance, self._check(-tolerance * self.margins))
         return (below, *self._levels)
 
-    def _with_bend(self, bend: float) -> tuple[Level, ...]:
+    def _with_bend(self, bend: float, extra: float) -> tuple[Level, ...]:
         """The levels for motions that are off the lines that are looked at by ``bend`` [m]."""
         least, *wider = self._levels
-        return (
-            Level(least.clearance, self._check(bend)),
-            *(Level(each.clearance - bend, each.touches) for each in wider),
-        )
+        lowest = Level(least.clearance + extra, self._check(bend + extra))
+        higher = (Level(each.clearance - bend, each.touches) for each in wider)
+        return (lowest, *(level for level in higher if level.clearance > lowest.clearance))
 
     def _boxes_within(self, distance: float) -> Callable[[Array], list[int]]:
         """The pairs whose bounding boxes are within a distance; ``q`` has all six joints."""

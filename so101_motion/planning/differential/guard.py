@@ -35,6 +35,13 @@ refuse."""
 BENT = 0.3
 """Share of the smallest margin by which a path may bend between its places; chosen."""
 
+FAST = 0.01
+"""From how long a path to rest on servos are taken to be inexact [m] of travel; chosen."""
+
+INEXACT = 0.003
+"""By how much more than its margin such a path keeps clear [m]. Servos that are stopped from speed
+swing past the end of the ramp: emulated ones by up to 3 mm of the jaw."""
+
 MOST = 8
 """Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
 
@@ -125,12 +132,14 @@ class Guard:
         """Whether the straight lines through ``path``, shape (m, 5), m >= 2, [rad], may be gone."""
         if self._load is not None and not self._load.admits(path):
             return False
+        extra = 0.0
         if self._looked is not None:
             travel = float(np.abs(path - self._looked).max(axis=0) @ self._collision.reach)
-            if travel <= self._free:
+            extra = INEXACT if travel > FAST and self._bend else 0.0
+            if travel <= self._free - extra:
                 return True
         q_jaw = self._q_jaw()
-        if self._collision.first_blocked(path, q_jaw, bend=self._bend) is None:
+        if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
         if self._collision.is_free(path[0], q_jaw):
             return False

@@ -1,0 +1,160 @@
+"""Targets of every kind for an arm that follows them, on emulated servos and pretended time.
+
+The real rig, with one target or more in each control cycle. Laws: no two bodies touch, as commanded
+and as the joints truly are; every refusal is one of ours; the following goes on to the end, and the
+arm rests within a second after it; the referee objects to nothing.
+"""
+
+import math
+import random
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+from harness.emulated_rig import hardware_bench
+
+from so101_motion.common.errors import So101Error
+from so101_motion.planning.collision.collision import CollisionModel
+
+READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
+REST = 1.0  # [s], within which the arm must rest after the last target
+
+
+@dataclass
+class Outcome:
+    """What came of an attack.
+
+    Attributes:
+        targets: How many of each kind were sent.
+        refused: How many were refused.
+        held_by: In how many cycles each thing held the arm back.
+        contacts: What touched what.
+        broken: Other laws that were broken.
+        nearest: The smallest distance of two bodies, as commanded [m].
+        travelled: How far the joint that moved most has gone, over all cycles [deg].
+        seconds: How much time passed for the arm.
+    """
+
+    targets: Counter = field(default_factory=Counter)
+    refused: int = 0
+    held_by: Counter = field(default_factory=Counter)
+    contacts: list = field(default_factory=list)
+    broken: list = field(default_factory=list)
+    nearest: float = math.inf
+    travelled: float = 0.0
+    seconds: float = 0.0
+
+
+class Leader:
+    """Makes up targets, some cycles of one kind after some of another."""
+
+    def __init__(self, seed, lower, upper):
+        self._rng, self._lower, self._upper = random.Random(seed), lower, upper
+        self._kinds = [
+            getattr(self, name) for name in sorted(vars(Leader)) if name.startswith("to_")
+        ]
+
+    def bout(self):
+        """A kind, and a function that makes its targets from where the arm is wanted."""
+        kind = self._rng.choice(self._kinds)
+        places = [self._place(), self._place()]
+        return kind.__name__, self._rng.randint(1, 60), lambda k, q: kind(k, q, *places)
+
+    def _place(self):
+        return np.array(
+            [self._rng.uniform(*each) for each in np.stack((self._lower, self._upper), axis=1)]
+        )
+
+    # Each: the cycle, where the arm is wanted, two places -> targets of this cycle
+
+    def to_a_place(self, k, q, there, other):
+        return [there]
+
+    def to_places_60_deg_apart(self, k, q, there, other):
+        return [q + np.radians(60.0) * np.sign(other) * (-1) ** (k // 10)]
+
+    def to_two_places_in_turn(self, k, q, there, other):
+        return [(there, other)[k % 2]]
+
+    def to_places_all_over(self, k, q, there, other):
+        return [self._place() for _ in range(self._rng.randint(1, 3))]
+
+    def to_places_out_of_range(self, k, q, there, other):
+        return [10.0**3 * there, 2.0 * other]
+
+    def to_the_table(self, k, q, there, other):
+        return [np.array([there[0], *np.radians([75.0, -20.0, 60.0]), there[4]])]
+
+    def to_itself(self, k, q, there, other):
+        return [np.array([there[0], *np.radians([-95.0, 90.0, 95.0]), there[4]])]
+
+    def to_nowhere_in_motion(self, k, q, there, other):
+        return [there] if k < 8 else []
+
+    def to_what_is_no_place(self, k, q, there, other):
+        wrong = there.copy()
+        wrong[k % 5] = (math.nan, math.inf, -math.inf)[k % 3]
+        return [there, wrong, there[:4], None]
+
+    def to_a_place_that_races(self, k, q, there, other):
+        return [(there, 50.0 * other)]
+
+    def to_and_fro_nearby(self, k, q, there, other):
+        return [q + [self._rng.gauss(0.0, 0.1) for _ in range(5)]]
+
+
+def attack(folder, *, seed, count, limits=None):
+    """Send ``count`` targets or a few more; what came of them."""
+    outcome = Outcome()
+    with hardware_bench(folder) as bench:
+        rig = bench.open()
+        bench.advance(0.5)
+        bench.finish(bench.go(rig, *np.degrees(READY)))
+        arm, collision = rig.arm, CollisionModel(rig.arm.model)
+        leader = Leader(seed, *arm.range)
+        following = arm.open_following(limits=limits)
+        begin, q_before = bench.clock.now(), READY
+        while sum(outcome.targets.values()) < count and not outcome.broken:
+            kind, cycles, targets = leader.bout()
+            for k in range(cycles):
+                q = arm.state.q_ref
+                for target in targets(k, q):
+                    _send(following, kind, target, outcome)
+                bench.advance(0.01)
+                outcome.held_by.update(following.held_by)
+                outcome.travelled += math.degrees(np.abs(q - q_before).max())
+                q_before = q
+                _look(collision, arm.state, bench, rig, kind, outcome)
+            if following.future.done():
+                outcome.broken.append(f"it ended: {following.future.exception()!r}")
+        bench.advance(REST)
+        outcome.seconds = bench.clock.now() - begin
+        if np.any(arm.state.qd_ref):
+            outcome.broken.append("it does not rest though nobody leads it")
+        ending = following.close()
+        bench.advance(REST)
+        if not ending.done() or ending.exception() is not None:
+            outcome.broken.append(f"it does not close: {ending}")
+    return outcome
+
+
+def _send(following, kind, target, outcome):
+    outcome.targets[kind] += 1
+    try:
+        taken = following.aim(*target) if isinstance(target, tuple) else following.aim(target)
+    except So101Error:
+        outcome.refused += 1
+    else:
+        if not np.all(np.isfinite(taken)):
+            outcome.broken.append(f"{target} was taken as {taken}")
+
+
+def _look(collision, state, bench, rig, kind, outcome):
+    outcome.nearest = min(
+        outcome.nearest, float(collision.distances(state.q_ref, state.q_jaw).min())
+    )
+    true = np.radians(bench.arm_deg(rig))
+    for how, q in (("commanded", state.q_ref), ("true", true)):
+        clearance = collision.clearance(q, state.q_jaw)
+        if clearance.distance <= 0.0:
+            outcome.contacts.append(f"{kind}, {how}: {clearance.message('is')}")
