@@ -60,8 +60,9 @@ APPROACH = MotionLimits.uniform(velocity=to_rad(30.0), acceleration=to_rad(100.0
 LOOK_EVERY = 0.05
 """How often a path to rest is looked at for joint limits [s]; chosen. A guard looks more often."""
 
-SHORT_AFTER = 0.3
-"""For how long joints must have been held at rest to have stopped short [s]; chosen."""
+SHORT_AFTER, NEARER = 0.5, to_rad(0.5)
+"""Joints have stopped short when for so long [s] something holds them and they have come no nearer
+to their target than this [rad]; chosen: joints that creep along an obstacle may take for ever."""
 
 CLOSE = 0.02
 """A joint is said to be at its limit when it is so near it [rad]; chosen."""
@@ -189,7 +190,8 @@ class Following(LedMotion):
         self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
-        self._t = self._t_seen = self._t_held = 0.0
+        self._t = self._t_seen = self._t_nearest = 0.0
+        self._nearest = math.inf
         self._held: tuple[str, ...] = ()
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
@@ -298,7 +300,7 @@ class Following(LedMotion):
         """Where the joints shall be in the next tick, whichever it is.
 
         Raises:
-            MotionError: It was to end at its target and has been held at rest short of it.
+            MotionError: It was to end at its target and something holds it short of it.
         """
         self._t += self._dt
         self._ask()
@@ -418,12 +420,14 @@ class Following(LedMotion):
         return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
 
     def _refuse_short(self, aim: _Aim) -> None:
-        if not self._ends_there or self.now.qd.any() or not self._held:
-            self._t_held = self._t
-        elif self._t - self._t_held > SHORT_AFTER:
-            off = to_deg(float(np.max(np.abs(aim.q - self.now.q))))
+        if not self._ends_there:
+            return
+        off = float(np.max(np.abs(aim.q - self.now.q)))
+        if off < self._nearest - NEARER or not self._held:
+            self._nearest, self._t_nearest = off, self._t
+        elif self._t - self._t_nearest > SHORT_AFTER:
             raise MotionError(
-                f"the arm stopped {off:.1f} deg short of where it was sent, with"
+                f"the arm stopped {to_deg(off):.1f} deg short of where it was sent, with"
                 f" {' and '.join(self._held)}; send it elsewhere, or plan a move around it"
             )
 

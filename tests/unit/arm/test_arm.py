@@ -143,6 +143,7 @@ def test_stop_ends_a_motion_that_is_still_being_planned(arm, clock):
 
 def test_retargeting_turns_without_stopping(arm, clock):
     first = arm.start_retarget(np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
+    run_until(clock, lambda: arm.is_moving)
     clock.advance(0.5)
     second = arm.start_retarget(np.array([1.2, 0.0, 0.0, 0.0, 0.0]))
     clock.advance(0.05)
@@ -151,6 +152,42 @@ def test_retargeting_turns_without_stopping(arm, clock):
     assert arm.state.qd_ref[0] > 0.3
     finish(clock, second)
     assert arm.state.q[0] == pytest.approx(1.2, abs=1e-3)
+
+
+def test_a_retarget_into_the_table_stops_short_of_it_and_says_what_it_was(arm, clock):
+    finish(clock, arm.start_move(JointGoal(q=READY)))
+    down = np.radians([0.0, 60.0, 0.0, 40.0, 0.0])
+    motion = arm.start_retarget(down)
+    with pytest.raises(
+        MotionError, match=r"short of where it was sent, with .* close to the floor"
+    ):
+        finish(clock, motion)
+    assert arm.T_base("jaw_tip").p[2] > 0.0
+    finish(clock, arm.start_unguarded_retarget(down))
+    assert arm.T_base("jaw_tip").p[2] < 0.0
+
+
+def test_an_arm_that_follows_stays_off_the_table_and_slides_along_it(arm, clock):
+    finish(clock, arm.start_move(JointGoal(q=READY)))
+    following = in_time(clock, arm.open_following)
+    heights = []
+    for k in range(700):
+        following.aim(np.radians([40.0 if k > 300 else -40.0, 60.0, 0.0, 40.0, 0.0]))
+        clock.advance(0.01)
+        heights.append(arm.T_base("jaw_tip").p[2])
+    assert min(heights) > 0.0
+    assert following.held_by == ("the jaw close to the floor",) or following.is_held
+    assert arm.state.q[0] > math.radians(30.0), "the pan goes on"
+    run_until(clock, following.close().done)
+
+
+def test_an_unguarded_following_goes_where_it_is_led(arm, clock):
+    following = in_time(clock, arm.open_unguarded_following)
+    for _ in range(400):
+        following.aim(np.radians([0.0, 60.0, 0.0, 40.0, 0.0]))
+        clock.advance(0.01)
+    assert arm.T_base("jaw_tip").p[2] < 0.0
+    run_until(clock, following.close().done)
 
 
 def test_a_retarget_outside_the_limits_is_refused_and_nothing_changes(arm, clock):
