@@ -28,7 +28,7 @@ completes then."""
 
 @dataclass(frozen=True, slots=True)
 class Opening(Generic[S]):
-    """A jog or pursuit that begins as soon as the arm rests.
+    """A jog or following that begins as soon as the arm rests.
 
     Attributes:
         motion: Registered already; interrupting it ends the opening, too.

@@ -37,7 +37,7 @@ class Interleaver:
         arm = self.arm
         self._asks = [
             arm.move, arm.move, arm.retarget, arm.retarget, arm.jaw, arm.stop, arm.stream,
-            arm.jog, arm.pursue, arm.manual, arm.hold, arm.limp, arm.torque_limit,
+            arm.jog, arm.follow, arm.manual, arm.hold, arm.limp, arm.torque_limit,
             arm.reconfigure, arm.close,
         ]  # fmt: skip
         self._asks += [arm.disturb] * 4 if faulty else []
