@@ -45,6 +45,9 @@ swing past the end of the ramp: emulated ones by up to 3 mm of the jaw."""
 MOST = 8
 """Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
 
+PLACES = 4
+"""At about how many places of a path it is seen whether bodies part; chosen, for they are short."""
+
 _CLOSER = 1e-6
 """What pairs that are too close already may come closer by in one path [m]: rounding."""
 
@@ -141,10 +144,12 @@ class Guard:
         q_jaw = self._q_jaw()
         if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
-        if self._collision.is_free(path[0], q_jaw):
+        margins = self._collision.margins + (self._bend + extra)
+        lack = self._lack(path[0], q_jaw, margins)
+        if not lack.any():
             return False
-        lack = self._lack(path[0], q_jaw)
-        return all(bool(np.all(self._lack(q, q_jaw) <= lack + _CLOSER)) for q in path[1:])
+        places = path[[*range(-1, -len(path), -max(1, len(path) // PLACES))]]
+        return all(bool(np.all(self._lack(q, q_jaw, margins) <= lack + _CLOSER)) for q in places)
 
     def words(self, each: Near | Heavy) -> str:
         """What has little left, such as ``"the jaw close to the floor"``."""
@@ -153,10 +158,9 @@ class Guard:
         called = self._collision.scene.called
         return f"{called(each.first)} close to {called(each.second)}"
 
-    def _lack(self, q: Array, q_jaw: float) -> Array:
-        """How much each pair lacks of its margin [m]."""
-        distances = self._collision.distances(q, q_jaw)
-        return np.maximum(self._collision.margins - distances, 0.0)
+    def _lack(self, q: Array, q_jaw: float, margins: Array) -> Array:
+        """How much each pair lacks of a margin [m]."""
+        return np.maximum(margins - self._collision.distances(q, q_jaw), 0.0)
 
 
 def room_of(each: Near | Heavy) -> float:
