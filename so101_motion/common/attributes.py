@@ -160,6 +160,16 @@ class Attributes:
             return default
         return checked_number(key, self._values[key], lower=lower, upper=upper, unit=unit)
 
+    def required(
+        self, key: str, *, lower: float = -math.inf, upper: float = math.inf, unit: str = ""
+    ) -> float:
+        """A finite number within bounds that must be given.
+
+        Raises:
+            ConfigError: It is missing, no number, or outside.
+        """
+        return checked_number(key, self._values.get(key), lower=lower, upper=upper, unit=unit)
+
     def numbers(self, key: str, *, count: int, lower: float, upper: float) -> tuple[float, ...]:
         """A list of at most ``count`` finite numbers within bounds; empty when not given.
 
@@ -232,6 +242,17 @@ class Attributes:
         if not isinstance(value, str):
             raise ConfigError(key, value, "must be a string")
         return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """A list of strings; empty when not given.
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        value = self._values[key] if self.given(key) else ()
+        if not isinstance(value, (list, tuple)) or not all(isinstance(e, str) for e in value):
+            raise ConfigError(key, value, "must be a list of names")
+        return tuple(value)
 
     def choice(self, key: str, options: tuple[str, ...]) -> str:
         """One of ``options``; the first when not given.

@@ -23,6 +23,7 @@ from viam.proto.common import Geometry, PoseInFrame
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import SUPERSEDED, ConfigError, MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
@@ -48,8 +49,8 @@ from so101_motion.viam.requests.commands import (
     KEYS,
     Command,
     Request,
+    Taking,
     answer,
-    arguments,
     motion_params,
 )
 from so101_motion.viam.requests.guided import PathCommands
@@ -148,7 +149,7 @@ class ArmResource(Configured, Arm):
         self._ignored = OptionWarnings(self.logger)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
-            "enter_manual_mode": self._enter_manual_mode,
+            "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
             "exit_manual_mode": self._exit_manual_mode,
             "get_planning_setup": self._get_planning_setup,
             "leave_contact": self._leave_contact,
@@ -407,28 +408,24 @@ class ArmResource(Configured, Arm):
     async def _motion_params(self, request: Request) -> dict[str, Any]:
         return motion_params(self._arm, request)
 
-    async def _leave_contact(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()
         await self.arrived(self._arm.start_move(LeaveContactGoal()))
         return {"success": True}
 
-    async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "enabled_for", *MANUAL_RANGES)
+    async def _enter_manual_mode(self, given: Attributes) -> dict[str, Any]:
         wanted = compliance(given, self._arm.compliance)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
         await self.ready()
         await self._manual.set(True, seconds, wanted)
         return {"mode": "manual"}
 
-    async def _exit_manual_mode(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _exit_manual_mode(self) -> dict[str, Any]:
         await self._manual.set(False)
         return {"mode": "auto"}
 
-    async def _get_planning_setup(self, request: Request) -> dict[str, Any]:
+    async def _get_planning_setup(self) -> dict[str, Any]:
         """What an external planner needs: the scene and the joint ranges."""
-        arguments(request)
         lower, upper = self._arm.range
         setup = {
             "scene": scene_to(self._arm.scene),

@@ -20,7 +20,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.configured import Configured, Dependencies
 from so101_motion.viam.models.hardware_arm import HardwareArm
-from so101_motion.viam.requests.commands import Command, Request, answer, arguments
+from so101_motion.viam.requests.commands import Command, answer
 from so101_motion.viam.suggested_config import frame_json
 
 
@@ -58,7 +58,7 @@ class So101Discovery(Configured, DiscoveryService):
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         """Answer ``report``: what was found on each port, and why nothing was found."""
         with grpc_statuses():
-            return convert.to_result(await answer(command, self._commands, self._report, ()))
+            return convert.to_result(await answer(command, self._commands))
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """The further ports that are looked at."""
@@ -76,8 +76,7 @@ class So101Discovery(Configured, DiscoveryService):
             self.logger.warning("no complete arm found; the lines above say why, port by port")
         return replace(found, reports=reports)
 
-    async def _report(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _report(self) -> dict[str, Any]:
         found = await self._look()
         return {
             "ports": [_about(report) for report in found.reports],

@@ -12,6 +12,7 @@ from viam.proto.common import Geometry, KinematicsFileFormat
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.attributes import checked_number
 from so101_motion.rig.hardware_rig import Rig
 from so101_motion.viam.conversion import convert, kinematics, meshes
 from so101_motion.viam.conversion.convert import grpc_statuses
@@ -114,10 +115,10 @@ class GripperResource(Configured, Gripper):
 
     async def _short_form(self, request: Request) -> dict[str, Any]:
         if "set" in request:
-            return {"position": await self._go("set", request["set"])}
+            return {"position": await self._go(checked_number("set", request["set"], unit="%"))}
         return {"position": self._percentage()}
 
-    async def _go(self, key: str, value: object, *, waits: bool = True) -> float:
+    async def _go(self, percentage: float, *, waits: bool = True) -> float:
         """Move to a percentage, clamped to 0..100 as the published module does; return that."""
         raise NotImplementedError
 

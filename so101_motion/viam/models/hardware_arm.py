@@ -11,6 +11,7 @@ from viam.components.arm import JointPositions
 from viam.resource.types import Model
 
 from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.control.limit_recovery import remarks
@@ -20,7 +21,6 @@ from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource, ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
-from so101_motion.viam.requests.commands import Request
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
 
@@ -124,8 +124,8 @@ class HardwareArm(ArmResource):
 
     # Requests
 
-    async def _enter_manual_mode(self, request: Request) -> dict[str, Any]:
-        return {**await super()._enter_manual_mode(request), "servos": list(self._servo_ids)}
+    async def _enter_manual_mode(self, given: Attributes) -> dict[str, Any]:
+        return {**await super()._enter_manual_mode(given), "servos": list(self._servo_ids)}
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """Mode, joints, figures of the control loop, and the servos' health."""

@@ -11,7 +11,7 @@ from viam.components.gripper import Gripper
 from viam.resource.types import Model
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.attributes import checked_number
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, ServoAlarm, So101Error
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.common.units import to_rad
@@ -25,7 +25,7 @@ from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
 from so101_motion.viam.models.hardware_arm import HardwareArm
 from so101_motion.viam.requests.await_motion import arrival, left_alone
-from so101_motion.viam.requests.commands import Request, arguments, in_deg
+from so101_motion.viam.requests.commands import Taking, in_deg
 from so101_motion.viam.requests.servo_commands import controller, health, out_of_fault, ready
 
 OPEN_PERCENT = 95.0
@@ -67,10 +67,15 @@ class HardwareGripper(GripperResource):
         self._is_closed = False
         self._commands |= {
             "get_position": self._get_position,
-            "set_position": self._set_position,
+            "set_position": Taking(
+                self._set_position,
+                ("servo_position", "percentage", "position_percentage", "wait"),
+            ),
             "controller_status": self._controller_status,
-            "calibrate_positions": self._calibrate_positions,
-            "set_motion_params": self._set_motion_params,
+            "calibrate_positions": Taking(
+                self._calibrate_positions, ("open_position", "closed_position")
+            ),
+            "set_motion_params": Taking(self._set_motion_params, ("speed", "acceleration")),
             "get_motion_params": self._get_motion_params,
             "health": self._health,
         }
@@ -161,27 +166,25 @@ class HardwareGripper(GripperResource):
 
     # Requests
 
-    async def _get_position(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_position(self) -> dict[str, Any]:
         return {
             **self._position(),
             "open_position": self._open_percent,
             "closed_position": self._closed_percent,
         }
 
-    async def _set_position(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "servo_position", "percentage", "position_percentage", "wait")
+    async def _set_position(self, given: Attributes) -> dict[str, Any]:
         waits = given.flag("wait", True)
-        if "servo_position" in request:
-            ticks = checked_number("servo_position", request["servo_position"], unit="ticks")
+        if given.given("servo_position"):
+            ticks = given.required("servo_position", unit="ticks")
             jaw = self._gripper
             q = self.rig.servos.to_angle(GRIPPER_JOINT, round(min(max(ticks, 0.0), 4095.0)))
             percentage = 100.0 * (q - jaw.closed) / (jaw.opened - jaw.closed)
             left_alone(await self._start(clamped(percentage)), self.logger)
             return {"success": True}
         for key in ("percentage", "position_percentage"):
-            if key in request:
-                await self._go(key, request[key], waits=waits)
+            if given.given(key):
+                await self._go(given.required(key, unit="%"), waits=waits)
                 return {"success": True}
         raise ConfigError(
             "servo_position",
@@ -189,9 +192,8 @@ class HardwareGripper(GripperResource):
             'is missing; send "servo_position" in ticks, or "percentage" from 0 (closed) to 100',
         )
 
-    async def _go(self, key: str, value: object, *, waits: bool = True) -> float:
-        """Move to a percentage, clamped to 0..100 as the published module does."""
-        percentage = clamped(checked_number(key, value, unit="%"))
+    async def _go(self, percentage: float, *, waits: bool = True) -> float:
+        percentage = clamped(percentage)
         motion = await self._start(percentage)
         if waits:
             await arrival(motion)
@@ -199,12 +201,10 @@ class HardwareGripper(GripperResource):
             left_alone(motion, self.logger)
         return percentage
 
-    async def _controller_status(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _controller_status(self) -> dict[str, Any]:
         return {"servo_id": self._servo_id, **controller(self.rig)}
 
-    async def _calibrate_positions(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "open_position", "closed_position")
+    async def _calibrate_positions(self, given: Attributes) -> dict[str, Any]:
         opened = given.number("open_position", self._open_percent, lower=0.0, upper=100.0)
         closed = given.number("closed_position", self._closed_percent, lower=0.0, upper=100.0)
         if closed >= opened:
@@ -212,9 +212,8 @@ class HardwareGripper(GripperResource):
         self._open_percent, self._closed_percent = opened, closed
         return {"success": True, "open_position": opened, "closed_position": closed}
 
-    async def _set_motion_params(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "speed", "acceleration")
-        now = await self._get_motion_params({})
+    async def _set_motion_params(self, given: Attributes) -> dict[str, Any]:
+        now = await self._get_motion_params()
         speed = given.number("speed", now["speed"], lower=1.0, upper=180.0, unit="deg/s")
         acceleration = given.number(
             "acceleration", now["acceleration"], lower=1.0, upper=500.0, unit="deg/s^2"
@@ -226,18 +225,16 @@ class HardwareGripper(GripperResource):
             jerk=float(HARDWARE_JAW_LIMITS.jerk[0]),
             n=1,
         )
-        return {"success": True, **await self._get_motion_params({})}
+        return {"success": True, **await self._get_motion_params()}
 
-    async def _get_motion_params(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_motion_params(self) -> dict[str, Any]:
         limits = self._gripper.limits
         return {
             "speed": in_deg(float(limits.velocity[0])),
             "acceleration": in_deg(float(limits.acceleration[0])),
         }
 
-    async def _health(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _health(self) -> dict[str, Any]:
         return {"connected": self.rig.servos.is_connected, **self._own_health()}
 
     # What it is doing

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from viam.resource.types import Model
 
 from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import ManualClock, MonotonicClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
@@ -16,7 +17,7 @@ from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.models.arm_resource import ArmResource, ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.await_motion import in_own_thread
-from so101_motion.viam.requests.commands import Request, arguments, in_deg
+from so101_motion.viam.requests.commands import Taking, in_deg
 
 LONGEST_STEP = 3600.0
 """How much simulated time may pass in one request [s]; chosen."""
@@ -42,7 +43,7 @@ class SimulatedArm(ArmResource):
         super().__init__(name, rig, settings)
         self._commands |= {
             "get_motion_params": self._get_motion_params,
-            "advance_time": self._advance_time,
+            "advance_time": Taking(self._advance_time, ("seconds",)),
         }
 
     @classmethod
@@ -68,12 +69,10 @@ class SimulatedArm(ArmResource):
         await super().close()
         self._left[self.short_name] = self._arm.state.q_ref
 
-    async def _get_motion_params(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_motion_params(self) -> dict[str, Any]:
         return {"speed_degs_per_sec": in_deg(self._arm.speed)}
 
-    async def _advance_time(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "seconds")
+    async def _advance_time(self, given: Attributes) -> dict[str, Any]:
         seconds = given.number("seconds", 0.0, lower=0.0, upper=LONGEST_STEP, unit="s")
         clock = self.rig.clock
         if not isinstance(clock, ManualClock):

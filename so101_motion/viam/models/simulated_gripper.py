@@ -10,7 +10,7 @@ from viam.resource.types import Model
 
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.attributes import checked_number
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError
 from so101_motion.rig.hardware_rig import Rig, open_simulated_gripper
 from so101_motion.viam.component_config import SimulatedGripperConfig
@@ -19,7 +19,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.gripper_resource import GripperResource, clamped
 from so101_motion.viam.requests.await_motion import arrival, left_alone
-from so101_motion.viam.requests.commands import Request, arguments
+from so101_motion.viam.requests.commands import Taking
 
 
 class SimulatedGripper(GripperResource):
@@ -42,7 +42,12 @@ class SimulatedGripper(GripperResource):
             name, rig, gripper_type=config.gripper_type, mesh_detail=config.mesh_detail
         )
         self._target = self._gripper.aperture
-        self._commands |= {"set_position": self._set_position, "get_position": self._get_position}
+        self._commands |= {
+            "set_position": Taking(
+                self._set_position, ("percentage", "position_percentage", "wait")
+            ),  # it never waits
+            "get_position": self._get_position,
+        }
 
     @classmethod
     def build(
@@ -89,20 +94,18 @@ class SimulatedGripper(GripperResource):
         """The aperture, and whether it moves."""
         return convert.to_result({**self._position(), "is_moving": await self.is_moving()})
 
-    async def _set_position(self, request: Request) -> dict[str, Any]:
-        arguments(request, "percentage", "position_percentage", "wait")  # it never waits
+    async def _set_position(self, given: Attributes) -> dict[str, Any]:
         for key in ("percentage", "position_percentage"):
-            if key in request:
-                return {"target_percentage": await self._go(key, request[key])}
+            if given.given(key):
+                return {"target_percentage": await self._go(given.required(key, unit="%"))}
         raise ConfigError("percentage", None, "is missing; a number from 0 (closed) to 100 (open)")
 
-    async def _get_position(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_position(self) -> dict[str, Any]:
         return self._position()
 
-    async def _go(self, key: str, value: object, *, waits: bool = False) -> float:
+    async def _go(self, percentage: float, *, waits: bool = False) -> float:
         """Start moving to a percentage; never waits."""
-        percentage = clamped(checked_number(key, value, unit="%"))
+        percentage = clamped(percentage)
         left_alone(self._start(percentage / 100.0), self.logger)
         return percentage
 

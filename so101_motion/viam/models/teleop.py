@@ -19,6 +19,7 @@ from viam.resource.types import Model
 from viam.services.generic import Generic
 
 from so101_motion.calib.record import store
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_deg
@@ -50,7 +51,7 @@ from so101_motion.viam.models.teleop_remote import (
     RemoteLeader,
 )
 from so101_motion.viam.requests.await_motion import carried_out
-from so101_motion.viam.requests.commands import Command, Request, answer, arguments
+from so101_motion.viam.requests.commands import Command, Taking, answer
 
 RECORDINGS = "recordings"
 """The folder in the module's data directory that records are written to."""
@@ -82,7 +83,7 @@ class So101Teleop(Configured, Generic):
         self._starting: asyncio.Task[None] | None = None
         self._one_at_a_time = asyncio.Lock()
         self._commands: dict[str, Command] = {
-            "start": self._start,
+            "start": Taking(self._start, ("record", "fps")),
             "stop": self._stop,
             "status": self._status,
         }
@@ -107,7 +108,7 @@ class So101Teleop(Configured, Generic):
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:
         """The state of the session, as ``status`` answers."""
-        return convert.to_result(await self._status({}))
+        return convert.to_result(await self._status())
 
     async def close(self) -> None:
         """Stop; may be called twice."""
@@ -118,8 +119,7 @@ class So101Teleop(Configured, Generic):
 
     # Requests
 
-    async def _start(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "record", "fps")
+    async def _start(self, given: Attributes) -> dict[str, Any]:
         record = given.text("record", "")
         fps = given.number("fps", FPS, lower=0.1, upper=1000.0, unit="1/s")
         async with self._one_at_a_time:
@@ -128,15 +128,13 @@ class So101Teleop(Configured, Generic):
                 await self._begin(record, fps)
         return {"running": True, "recording": str(self._record) if self._record else None}
 
-    async def _stop(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _stop(self) -> dict[str, Any]:
         async with self._one_at_a_time:
             if self._session is not None:
                 await carried_out(self._session.stop)
         return {"running": False}
 
-    async def _status(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _status(self) -> dict[str, Any]:
         session = self._session
         if session is None:
             return {"running": False, "cycles": 0, "consecutive_errors": 0, "last_error": "",
@@ -147,7 +145,7 @@ class So101Teleop(Configured, Generic):
 
     async def _start_alone(self) -> None:
         try:
-            await self._start({})
+            await self._start(Attributes({}, ()))
         except Exception as error:  # nobody waits for it
             self.logger.error("teleoperation could not be started: %s", error)
 

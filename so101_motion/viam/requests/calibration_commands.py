@@ -20,7 +20,7 @@ from so101_motion.setup import setup_steps
 from so101_motion.setup.calibrator import Calibrator, StepResult
 from so101_motion.setup.situation_json import about_servo
 from so101_motion.viam.requests.await_motion import carried_out
-from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.commands import Command, Taking
 
 
 class CalibrationCommands:
@@ -36,42 +36,41 @@ class CalibrationCommands:
     def __init__(self, calibrator: Calibrator) -> None:
         self._calibrator, self._setup = calibrator, calibrator.motor_setup
         self.commands: Mapping[str, Command] = {
-            "start": self._step,
+            "start": partial(self._step, steps.Command.START),
             "set_homing": self._set_homing,
-            "start_range_recording": self._step,
-            "stop_range_recording": self._stop_recording,
+            "start_range_recording": partial(self._step, steps.Command.START_RECORDING),
+            "stop_range_recording": Taking(self._stop_recording, ("accept",)),
             "save_calibration": self._save,
             "abort": self._abort,
             "reset": self._reset,
-            "restore_calibration": self._restore,
+            "restore_calibration": Taking(self._restore, ("number",)),
             "get_current_positions": self._get_positions,
-            "motor_setup_discover": self._discover,
-            "motor_setup_assign_id": self._assign,
-            "motor_setup_skip": self._skip,
+            "motor_setup_discover": Taking(self._discover, ("motor_name",)),
+            "motor_setup_assign_id": Taking(
+                self._assign, ("motor_name", "current_id", "target_id", "current_baudrate")
+            ),
+            "motor_setup_skip": Taking(self._skip, ("motor_name",)),
             "motor_setup_verify": self._verify,
             "motor_setup_scan_bus": self._scan,
             "motor_setup_reset_status": self._reset_status,
-            "setup_steps": self._list_steps,
+            "setup_steps": Taking(self._list_steps, ("workflow",)),
         }
 
     # The workflow
 
-    async def _step(self, request: Request) -> dict[str, Any]:
+    async def _step(self, step: steps.Command) -> dict[str, Any]:
         """Carry out a step that leads to the next one."""
-        arguments(request)
-        await self._carry_out(request)
+        await self._carry_out(step)
         return self._next()
 
-    async def _set_homing(self, request: Request) -> dict[str, Any]:
-        arguments(request)
-        await self._carry_out(request)
+    async def _set_homing(self) -> dict[str, Any]:
+        await self._carry_out(steps.Command.SET_HOMING)
         joints = self._calibrator.situation.view.joints
         offsets = {str(joint.servo_id): joint.homing_offset for joint in joints.values()}
         return {**self._next(), "homing_offsets": offsets}
 
-    async def _stop_recording(self, request: Request) -> dict[str, Any]:
-        arguments(request, "accept")
-        await self._carry_out(request, accept=_names("accept", request.get("accept")))
+    async def _stop_recording(self, given: Attributes) -> dict[str, Any]:
+        await self._carry_out(steps.Command.STOP_RECORDING, accept=given.texts("accept"))
         view = self._calibrator.situation.view
         return {
             **self._next(),
@@ -80,9 +79,8 @@ class CalibrationCommands:
             "ranges": ranges(view.joints),
         }
 
-    async def _save(self, request: Request) -> dict[str, Any]:
-        arguments(request)
-        done = await self._carry_out(request)
+    async def _save(self) -> dict[str, Any]:
+        done = await self._carry_out(steps.Command.SAVE)
         stored = done.stored
         assert stored is not None
         said = (
@@ -95,18 +93,16 @@ class CalibrationCommands:
             "joints_calibrated": len(self._calibrator.situation.joints),
         }
 
-    async def _abort(self, request: Request) -> dict[str, Any]:
-        arguments(request)
-        done = await self._carry_out(request)
+    async def _abort(self) -> dict[str, Any]:
+        done = await self._carry_out(steps.Command.ABORT)
         return self._over(done, "The calibration was aborted; everything is as it was before.")
 
-    async def _reset(self, request: Request) -> dict[str, Any]:
-        arguments(request)
-        done = await self._carry_out(request)
+    async def _reset(self) -> dict[str, Any]:
+        done = await self._carry_out(steps.Command.RESET)
         return self._over(done, "Ready to start anew; everything is as it was before.")
 
-    async def _restore(self, request: Request) -> dict[str, Any]:
-        number = _whole(arguments(request, "number"), "number", 9999)
+    async def _restore(self, given: Attributes) -> dict[str, Any]:
+        number = _whole(given, "number", 9999)
         ended = await carried_out(lambda: self._calibrator.restore(number))
         stored = ended.stored
         assert stored is not None
@@ -115,8 +111,7 @@ class CalibrationCommands:
             "calibration_file": str(stored.path),
         }
 
-    async def _get_positions(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_positions(self) -> dict[str, Any]:
         now = self._calibrator.situation
         found = {joint: view for joint, view in now.joints.items() if view.ticks is not None}
         if not found:
@@ -139,8 +134,7 @@ class CalibrationCommands:
             "silent": [joint for joint in now.joints if joint not in found],
         }
 
-    async def _carry_out(self, request: Request, *, accept: Collection[str] = ()) -> StepResult:
-        step = steps.Command(request["command"])
+    async def _carry_out(self, step: steps.Command, *, accept: Collection[str] = ()) -> StepResult:
         return await carried_out(partial(self._calibrator.step, step, accept=accept))
 
     def _next(self) -> dict[str, Any]:
@@ -160,8 +154,8 @@ class CalibrationCommands:
 
     # The motor setup
 
-    async def _discover(self, request: Request) -> dict[str, Any]:
-        joint = _motor_name(arguments(request, "motor_name"))
+    async def _discover(self, given: Attributes) -> dict[str, Any]:
+        joint = _motor_name(given)
         found = await carried_out(lambda: self._setup.discover(joint))
         return {
             "success": True,
@@ -173,8 +167,7 @@ class CalibrationCommands:
             "next_step": self._setup.view.next_step,
         }
 
-    async def _assign(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "motor_name", "current_id", "target_id", "current_baudrate")
+    async def _assign(self, given: Attributes) -> dict[str, Any]:
         joint = _motor_name(given)
         current, target = _whole(given, "current_id", 253), _whole(given, "target_id", 253)
         baud = _whole(given, "current_baudrate", 10_000_000)
@@ -195,8 +188,8 @@ class CalibrationCommands:
             "next_step": self._setup.view.next_step,
         }
 
-    async def _skip(self, request: Request) -> dict[str, Any]:
-        joint = _motor_name(arguments(request, "motor_name"))
+    async def _skip(self, given: Attributes) -> dict[str, Any]:
+        joint = _motor_name(given)
         skipped = await carried_out(lambda: self._setup.skip(joint))
         return {
             "success": True,
@@ -205,8 +198,7 @@ class CalibrationCommands:
             "next_step": self._setup.view.next_step,
         }
 
-    async def _verify(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _verify(self) -> dict[str, Any]:
         found = await carried_out(self._setup.verify)
         return {
             "success": found.ok,
@@ -217,8 +209,7 @@ class CalibrationCommands:
             "next_step": self._setup.view.next_step,
         }
 
-    async def _scan(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _scan(self) -> dict[str, Any]:
         found = await carried_out(self._setup.scan)
         return {
             "success": True,
@@ -228,15 +219,14 @@ class CalibrationCommands:
             "status": found.sentence,
         }
 
-    async def _reset_status(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _reset_status(self) -> dict[str, Any]:
         await carried_out(self._setup.reset)
         return {"success": True, "status": self._setup.view.status}
 
     # All of it
 
-    async def _list_steps(self, request: Request) -> dict[str, Any]:
-        name = arguments(request, "workflow").text("workflow", setup_steps.FULL.name)
+    async def _list_steps(self, given: Attributes) -> dict[str, Any]:
+        name = given.text("workflow", setup_steps.FULL.name)
         wanted = next((each for each in setup_steps.WORKFLOWS if each.name == name), None)
         if wanted is None:
             names = [each.name for each in setup_steps.WORKFLOWS]
@@ -269,13 +259,6 @@ def _whole(given: Attributes, key: str, upper: int) -> int | None:
     if value % 1.0:
         raise ConfigError(key, value, f"must be a whole number from 0 to {upper}")
     return round(value)
-
-
-def _names(key: str, value: object) -> tuple[str, ...]:
-    listed = [] if value is None else value
-    if not isinstance(listed, list) or not all(isinstance(name, str) for name in listed):
-        raise ConfigError(key, value, "must be a list of joint names")
-    return tuple(listed)
 
 
 # What answers hold

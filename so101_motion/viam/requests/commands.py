@@ -9,7 +9,7 @@ changed nothing.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Collection, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.attributes import (
@@ -23,7 +23,17 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.units import to_deg, to_rad
 
 Request = Mapping[str, object]
-Command = Callable[[Request], Awaitable[dict[str, Any]]]
+
+
+class Taking(NamedTuple):
+    """A command with arguments: who answers it, and what may stand beside ``command``."""
+
+    answer: Callable[[Attributes], Awaitable[dict[str, Any]]]
+    names: tuple[str, ...]
+
+
+Command = Taking | Callable[[], Awaitable[dict[str, Any]]]
+"""Who answers a command; nothing stands beside one without arguments."""
 
 KEYS = ("set_speed", "set_acceleration", "get_motion_params")
 """The requests that are keys."""
@@ -32,7 +42,7 @@ KEYS = ("set_speed", "set_acceleration", "get_motion_params")
 async def answer(
     request: Request,
     commands: Mapping[str, Command],
-    keys: Command | None = None,
+    keys: Callable[[Request], Awaitable[dict[str, Any]]] | None = None,
     names: tuple[str, ...] = (),
 ) -> dict[str, Any]:
     """Carry out ``request``.
@@ -44,7 +54,8 @@ async def answer(
         names: The keys such a request may have.
 
     Raises:
-        ConfigError: Nobody answers this request; the message names what would be.
+        ConfigError: Nobody answers this request; the message names what would be. Or something
+            stands beside the command that it does not know.
     """
     command = request.get("command")
     if command is None:
@@ -52,7 +63,10 @@ async def answer(
             raise ConfigError("request", dict(request), _what_instead(request, commands, names))
         return await keys(request)
     if isinstance(command, str) and command in commands:
-        return await commands[command](request)
+        known = commands[command]
+        names = known.names if isinstance(known, Taking) else ()
+        given = Attributes(request, ("command", *names), kind="argument")
+        return await (known.answer(given) if isinstance(known, Taking) else known())
     hint = suggest(str(command), (*commands, *names))
     if command in names:
         hint = f'is a key, not a command: send {{"{command}": ...}}'
@@ -66,15 +80,6 @@ def _what_instead(request: Request, commands: Collection[str], names: tuple[str,
         return f'"{first}" is a command, not a key: send {{"command": "{first}", ...}}'
     also = f" or one of {', '.join(names)}" if names else ""
     return f'send {{"command": ...}}{also}; ' + suggest(first, (*commands, *names))
-
-
-def arguments(request: Request, *known: str) -> Attributes:
-    """Read the arguments beside ``command``.
-
-    Raises:
-        ConfigError: Something that the command does not know.
-    """
-    return Attributes(request, ("command", *known), kind="argument")
 
 
 def motion_params(arm: Arm, request: Request) -> dict[str, Any]:

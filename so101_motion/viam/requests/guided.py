@@ -30,7 +30,7 @@ from so101_motion.tasks.guided.path import TOLERANCE
 from so101_motion.tasks.guided.replay import TOLERANCE_RANGE
 from so101_motion.tasks.teleop.local_arms import jaw_of
 from so101_motion.viam.requests.await_motion import finished, own_thread
-from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import LONGEST
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 PATHS = "paths"
 """The folder in the module's data directory that guided paths are kept in."""
+
+_REPLAYED = ("name", "tolerance_deg", "speed_degs_per_sec", "acceleration_degs_per_sec_per_sec")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,11 +64,11 @@ class PathCommands:
         self._recording: _Recording | None = None
         self._one_at_a_time = asyncio.Lock()  # two recordings begun at once would lose one
         self.commands: Mapping[str, Command] = {
-            "record_path": self._record,
+            "record_path": Taking(self._record, ("name", "replace", "enabled_for")),
             "end_path": self._end,
             "list_paths": self._list,
-            "replay_path": self._replay,
-            "delete_path": self._delete,
+            "replay_path": Taking(self._replay, _REPLAYED),
+            "delete_path": Taking(self._delete, ("name",)),
         }
 
     async def close(self) -> None:
@@ -76,9 +78,8 @@ class PathCommands:
             recording.recorder.end()
             await asyncio.wait([recording.saved])
 
-    async def _record(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "name", "replace", "enabled_for")
-        file, replace = _file(request), given.flag("replace", False)
+    async def _record(self, given: Attributes) -> dict[str, Any]:
+        file, replace = _file(given), given.flag("replace", False)
         seconds = given.number("enabled_for", 0.0, lower=0.0, upper=LONGEST, unit="s")
         files.refuse_taken(file, replace=replace)
         return await finished(self._begin(file, seconds, replace=replace))
@@ -113,8 +114,7 @@ class PathCommands:
             self._arm.logger.info("%s is saved: %s", file.stem, recorder.ended_by)
         return path
 
-    async def _end(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _end(self) -> dict[str, Any]:
         recording = self._recording
         if recording is None:
             raise MotionError('nothing is being recorded; begin with {"command": "record_path"}')
@@ -126,8 +126,7 @@ class PathCommands:
             "ended_by": recording.recorder.ended_by or "end_path",
         }
 
-    async def _list(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _list(self) -> dict[str, Any]:
         kept = await asyncio.to_thread(files.listed, store.resolve(PATHS))
         recording = self._recording
         running = recording is not None and not recording.recorder.future.done()
@@ -138,15 +137,8 @@ class PathCommands:
             "recording": recording.file.stem if recording is not None and running else "",
         }
 
-    async def _replay(self, request: Request) -> dict[str, Any]:
-        given = arguments(
-            request,
-            "name",
-            "tolerance_deg",
-            "speed_degs_per_sec",
-            "acceleration_degs_per_sec_per_sec",
-        )
-        file, rig = _file(request), self._arm.rig
+    async def _replay(self, given: Attributes) -> dict[str, Any]:
+        file, rig = _file(given), self._arm.rig
         lower, upper = (to_deg(bound) for bound in TOLERANCE_RANGE)
         tolerance_deg = given.number(
             "tolerance_deg", to_deg(TOLERANCE), lower=lower, upper=upper, unit="deg"
@@ -168,15 +160,14 @@ class PathCommands:
         await self._arm.arrived(start_replay(rig.arm, gripper, lambda: own_thread(plan)))
         return {**_facts(file.stem, path), "replay_s": round(planned[0].duration, 3)}
 
-    async def _delete(self, request: Request) -> dict[str, Any]:
-        arguments(request, "name")
-        file = _file(request)
+    async def _delete(self, given: Attributes) -> dict[str, Any]:
+        file = _file(given)
         await asyncio.to_thread(files.delete, file)
         return {"deleted": file.stem}
 
 
-def _file(request: Request) -> Path:
-    return files.file_of(store.resolve(PATHS), request.get("name"))
+def _file(given: Attributes) -> Path:
+    return files.file_of(store.resolve(PATHS), given.text("name", ""))
 
 
 def _limits(given: Attributes, own: MotionLimits) -> MotionLimits:

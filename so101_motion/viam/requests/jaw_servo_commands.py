@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.attributes import Attributes, checked_number
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError
 from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.viam.requests.await_motion import left_alone
-from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.servo_commands import out_of_fault
 
 _PATIENCE_MS = 3000.0
@@ -47,33 +47,30 @@ class JawServoCommands:
         self._latest: Motion | None = None
         self.commands: Mapping[str, Command] = {
             "servo_capabilities": self._capabilities,
-            "servo_move": self._move,
-            "servo_position": self._position,
-            "servo_stop": self._stop,
-            "servo_wait_stop": self._wait_stop,
+            "servo_move": Taking(self._move, ("servo_id", "percent", "raw", "speed")),
+            "servo_position": Taking(self._position, ("servo_id",)),
+            "servo_stop": Taking(self._stop, ("servo_id",)),
+            "servo_wait_stop": Taking(self._wait_stop, ("servo_id", "timeout_ms")),
         }
 
-    async def _capabilities(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _capabilities(self) -> dict[str, Any]:
         return {"servo_commands": True, "servo_ids": [self._id] if self._is_there else []}
 
-    async def _move(self, request: Request) -> dict[str, Any]:
-        given = self._given(request, "percent", "raw", "speed")
+    async def _move(self, given: Attributes) -> dict[str, Any]:
+        self._check_id(given)
         jaw = self._rig.gripper
         echo: dict[str, Any]
         if given.given("raw"):
-            raw = checked_number("raw", request["raw"], lower=0.0, upper=4095.0, unit="ticks")
+            raw = given.required("raw", lower=0.0, upper=4095.0, unit="ticks")
             q = self._rig.servos.to_angle(GRIPPER_JOINT, round(raw))
             aperture, echo = (q - jaw.closed) / (jaw.opened - jaw.closed), {"raw": raw}
         else:
-            percent = checked_number("percent", request.get("percent"), unit="%")
+            percent = given.required("percent", unit="%")
             aperture, echo = percent / 100.0, {"percent": min(max(percent, 0.0), 100.0)}
         aperture = min(max(aperture, 0.0), 1.0)  # as the published module does, and tells
         limits = jaw.limits
         if given.given("speed"):
-            ticks = checked_number(
-                "speed", request["speed"], lower=1.0, upper=4096.0, unit="ticks/s"
-            )
+            ticks = given.required("speed", lower=1.0, upper=4096.0, unit="ticks/s")
             asked = np.full(1, 2.0 * np.pi * ticks / 4096.0)
             limits = replace(limits, velocity=np.minimum(asked, limits.velocity))
         await out_of_fault(self._rig)
@@ -83,19 +80,19 @@ class JawServoCommands:
         left_alone(self._latest, self._logger)
         return echo
 
-    async def _position(self, request: Request) -> dict[str, Any]:
-        self._given(request)
+    async def _position(self, given: Attributes) -> dict[str, Any]:
+        self._check_id(given)
         jaw = self._rig.gripper
         raw = self._rig.servos.to_ticks(GRIPPER_JOINT, jaw.q_jaw)
         return {"percent": round(100.0 * min(max(jaw.aperture, 0.0), 1.0), 3), "raw": raw}
 
-    async def _stop(self, request: Request) -> dict[str, Any]:
-        self._given(request)
+    async def _stop(self, given: Attributes) -> dict[str, Any]:
+        self._check_id(given)
         await asyncio.wrap_future(self._rig.gripper.start_stop())
         return {}
 
-    async def _wait_stop(self, request: Request) -> dict[str, Any]:
-        given = self._given(request, "timeout_ms")
+    async def _wait_stop(self, given: Attributes) -> dict[str, Any]:
+        self._check_id(given)
         patience_ms = given.number("timeout_ms", _PATIENCE_MS, lower=0.0, upper=6e5, unit="ms")
         waited_ms = 0.0
         while self._is_moving:
@@ -118,16 +115,14 @@ class JawServoCommands:
     def _is_there(self) -> bool:
         return GRIPPER_JOINT in self._rig.servos.setups
 
-    def _given(self, request: Request, *known: str) -> Attributes:
-        """Read the arguments, and check that this servo may be moved so.
+    def _check_id(self, given: Attributes) -> None:
+        """Check that this servo may be moved so.
 
         Raises:
-            ConfigError: It is the arm's, it is not there, or an argument is not known.
+            ConfigError: It is the arm's, or it is not there.
         """
-        given = arguments(request, "servo_id", *known)
-        asked = checked_number("servo_id", request.get("servo_id"), lower=1.0, upper=6.0)
+        asked = given.required("servo_id", lower=1.0, upper=6.0)
         if asked != self._id:
             raise ConfigError("servo_id", asked, f"is the arm's own; {self._id} is not")
         if not self._is_there:
             raise ConfigError("servo_id", asked, "did not answer when the arm was opened")
-        return given

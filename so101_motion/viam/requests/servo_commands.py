@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from so101_motion.calib.record import store
-from so101_motion.common.attributes import checked_number
+from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import ConfigError, MotionError, NoReply, So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, lent_out
@@ -22,7 +22,7 @@ from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.servo_driver import ServoDriver
 from so101_motion.setup.diagnosis import examine, explain
 from so101_motion.viam.requests.await_motion import carried_out
-from so101_motion.viam.requests.commands import Command, Request, arguments
+from so101_motion.viam.requests.commands import Command, Taking
 from so101_motion.viam.requests.manual import ManualMode
 
 T = TypeVar("T")
@@ -122,23 +122,22 @@ class ServoCommands:
     def __init__(self, rig: HardwareRig, servo_ids: tuple[int, ...], manual: ManualMode) -> None:
         self._rig, self._ids, self._manual = rig, servo_ids, manual
         self.commands: Mapping[str, Command] = {
-            "set_torque": self._set_torque,
+            "set_torque": Taking(self._set_torque, ("enable",)),
             "ping": self._ping,
             "controller_status": self._controller_status,
             "diagnose": self._diagnose,
             "verify_config": self._verify_config,
-            "reinitialize": self._reinitialize,
+            "reinitialize": Taking(self._reinitialize, ("retries",)),
             "test_servo_communication": self._test_servo_communication,
             "reload_calibration": self._reload_calibration,
             "get_calibration": self._get_calibration,
             "health": self._health,
-            "set_torque_limit": self._set_torque_limit,
+            "set_torque_limit": Taking(self._set_torque_limit, ("value",)),
         }
 
     # Torque
 
-    async def _set_torque(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "enable")
+    async def _set_torque(self, given: Attributes) -> dict[str, Any]:
         if not given.given("enable"):
             raise ConfigError("enable", None, "is missing; true to hold, false to let go")
         enable = given.flag("enable", True)
@@ -148,9 +147,8 @@ class ServoCommands:
         await carried_out(lambda: self._rig.arm.set_torque(enable))
         return {"success": True}
 
-    async def _set_torque_limit(self, request: Request) -> dict[str, Any]:
-        arguments(request, "value")
-        value = checked_number("value", request.get("value"), lower=0.0, upper=1000.0)
+    async def _set_torque_limit(self, given: Attributes) -> dict[str, Any]:
+        value = given.required("value", lower=0.0, upper=1000.0)
 
         def limit(servos: ServoDriver) -> None:
             for joint in ARM_JOINTS:
@@ -165,8 +163,7 @@ class ServoCommands:
 
     # How they are
 
-    async def _ping(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _ping(self) -> dict[str, Any]:
         if self._rig.arm.state.mode in (Mode.MOVING, Mode.STOPPING):
             silent = [joint for joint in self._rig.servos.health if joint.is_silent]
             for joint in silent:
@@ -179,12 +176,10 @@ class ServoCommands:
             await on_bus(self._rig, _ping_all)
         return {"success": True}
 
-    async def _controller_status(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _controller_status(self) -> dict[str, Any]:
         return {**controller(self._rig), "arm_servo_ids": list(self._ids)}
 
-    async def _health(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _health(self) -> dict[str, Any]:
         servos, state = self._rig.servos, self._rig.arm.state
         return {
             "connected": servos.is_connected,
@@ -194,8 +189,7 @@ class ServoCommands:
             "joints": health(servos),
         }
 
-    async def _diagnose(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _diagnose(self) -> dict[str, Any]:
         servos = self._rig.servos
         try:
             names = {i: joint for joint, i in servos.settings.ids().items()}
@@ -219,16 +213,14 @@ class ServoCommands:
             "joints": health(servos),
         }
 
-    async def _verify_config(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _verify_config(self) -> dict[str, Any]:
         try:
             differing = await on_bus(self._rig, _differing)
         except So101Error as error:
             return {"success": False, "error": str(error)}
         return {"success": not differing, "error": "; ".join(differing)}
 
-    async def _test_servo_communication(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _test_servo_communication(self) -> dict[str, Any]:
         answer: dict[str, Any] = {"arm_servo_ids": list(self._ids)}
         try:
             if self._rig.arm.state.mode not in (Mode.MOVING, Mode.STOPPING):
@@ -241,8 +233,7 @@ class ServoCommands:
 
     # Setting up
 
-    async def _reinitialize(self, request: Request) -> dict[str, Any]:
-        given = arguments(request, "retries")
+    async def _reinitialize(self, given: Attributes) -> dict[str, Any]:
         retries = round(given.number("retries", 3.0, lower=1.0, upper=20.0))
         problem: So101Error | None = None
         for _ in range(retries):
@@ -256,8 +247,7 @@ class ServoCommands:
                 return {"success": True, "error": "", "retries": retries}
         return {"success": False, "error": str(problem), "retries": retries}
 
-    async def _reload_calibration(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _reload_calibration(self) -> dict[str, Any]:
         file = self._rig.servos.settings.file
         try:
             if file is None:
@@ -275,8 +265,7 @@ class ServoCommands:
         message = "; ".join((told, *found.notes))
         return {"success": True, "calibration_file": str(file), "message": message}
 
-    async def _get_calibration(self, request: Request) -> dict[str, Any]:
-        arguments(request)
+    async def _get_calibration(self) -> dict[str, Any]:
         setups, file = self._rig.servos.setups, self._rig.servos.settings.file
         return {
             "success": True,
