@@ -243,15 +243,15 @@ class Attributes:
             raise ConfigError(key, value, "must be a string")
         return value
 
-    def texts(self, key: str) -> tuple[str, ...]:
-        """A list of strings; empty when not given.
+    def joints(self, key: str) -> tuple[str, ...]:
+        """A list of joint names, known or not; empty when not given.
 
         Raises:
             ConfigError: It is something else.
         """
         value = self._values[key] if self.given(key) else ()
         if not isinstance(value, (list, tuple)) or not all(isinstance(e, str) for e in value):
-            raise ConfigError(key, value, "must be a list of names")
+            raise ConfigError(key, value, "must be a list of joint names")
         return tuple(value)
 
     def choice(self, key: str, options: tuple[str, ...]) -> str:
