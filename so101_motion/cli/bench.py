@@ -68,8 +68,8 @@ class Figure:
     def facts(self) -> dict[str, object]:
         """The figure for programs, in milliseconds."""
         figures = {"median": self.median, "p99": self.p99, "worst": self.worst}
-        told = {f"{name}_ms": round(1e3 * value, 3) for name, value in figures.items()}
-        return {"n": self.n, **told, "remark": self.remark}
+        rounded = {f"{name}_ms": round(1e3 * value, 3) for name, value in figures.items()}
+        return {"n": self.n, **rounded, "remark": self.remark}
 
 
 @click.command()
@@ -97,8 +97,8 @@ def bench(source: AnySource, as_json: bool) -> None:
             figures = [*_planning(), *theirs]
     about = dict(software())
     if as_json:
-        told = {figure.name: figure.facts() for figure in figures}
-        print_json("bench", {"source": source.what, "software": about, "figures": told})
+        rounded = {figure.name: figure.facts() for figure in figures}
+        print_json("bench", {"source": source.what, "software": about, "figures": rounded})
     else:
         _tell(source.what, figures)
 

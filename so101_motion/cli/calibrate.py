@@ -92,12 +92,12 @@ def calibrate(
             terminal.say(f"arm on {report.port.name}, to be saved to {path}")
             ended = _calibrated(calibrator, terminal, before, accept)
         assert ended.stored is not None
-        told = [meaning.sentence for meaning in explain_stored(ended.stored)]
+        sentences = [meaning.sentence for meaning in explain_stored(ended.stored)]
         if as_json:
-            held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": told}
+            held = {"holds": ended.holds, "trouble": ended.trouble, "meaning": sentences}
             print_json("calibrate", {"port": report.port.name, **facts(ended.stored), **held})
         else:
-            _tell(ended, ended.stored, told)
+            _print_result(ended, ended.stored, sentences)
 
 
 def _would(
@@ -109,9 +109,9 @@ def _would(
     wanted = joints or JOINTS
     silent = [joint for joint in wanted if joint not in report.joints]
     if as_json:
-        told = {"port": report.port.name, "file": str(path), "joints": list(wanted)}
+        sentences = {"port": report.port.name, "file": str(path), "joints": list(wanted)}
         kept = sorted(set(before) - set(wanted))
-        print_json("calibrate", {**told, "dry_run": True, "silent": silent, "kept": kept})
+        print_json("calibrate", {**sentences, "dry_run": True, "silent": silent, "kept": kept})
         return
     click.echo(f"on {report.port.name}, would let go of: {', '.join(wanted)}")
     click.echo("and write into the servo of each: homing_offset, min_position, max_position")
@@ -160,11 +160,11 @@ def _put_back(walk: CalibrationWizard, terminal: Terminal) -> None:
         )
 
 
-def _tell(ended: StepResult, stored: Stored, told: list[str]) -> None:
+def _print_result(ended: StepResult, stored: Stored, sentences: list[str]) -> None:
     from so101_motion.cli.terminal import echo
 
     click.echo(f"saved to {stored.path}")
-    for meaning in told:
+    for meaning in sentences:
         echo(meaning, indent="  ")
     for note in stored.notes:
         echo(f"note: {note}", err=True)

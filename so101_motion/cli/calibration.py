@@ -45,13 +45,13 @@ def show(file: str | None, as_json: bool) -> None:
 
     stored = store.read(store.resolve(file))
     kept = store.versions(stored.path)
-    told = explain_stored(stored)
+    explained = explain_stored(stored)
     if as_json:
-        print_json("calibration", {**facts(stored), **_zero_facts(stored, told, kept)})
+        print_json("calibration", {**facts(stored), **_zero_facts(stored, explained, kept)})
         return
     click.echo(str(stored.path))
     _table(stored.calibration)
-    for meaning in told:
+    for meaning in explained:
         echo(meaning.sentence, indent="  ")
     for version in kept:
         click.echo(f"  version {version.number}, kept {version.kept_at:%Y-%m-%d %H:%M} UTC")
@@ -79,8 +79,8 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
     rows = compare.diff(calibration, there)
     missing = [joint for joint in calibration if joint not in there]
     if as_json:
-        told = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
-        print_json("calibration-diff", {"rows": told, "missing": missing})
+        explained = [{name: getattr(row, name) for name in row.__slots__} for row in rows]
+        print_json("calibration-diff", {"rows": explained, "missing": missing})
     else:
         _tell_diff(rows, missing, "the servos" if other is None else other)
     if missing or any(row.differs for row in rows):
@@ -146,8 +146,8 @@ def import_(source: str, file: str | None, dry_run: bool, as_json: bool) -> None
         return
     stored = store.save(path, read.calibration, zeros=read.zeros)
     if as_json:
-        told = facts(stored)
-        print_json("calibration", {**told, "notes": [*read.notes, *stored.notes]})
+        explained = facts(stored)
+        print_json("calibration", {**explained, "notes": [*read.notes, *stored.notes]})
         return
     click.echo(f"saved to {stored.path}")
     _table(stored.calibration)
@@ -206,7 +206,7 @@ def _list_files(as_json: bool) -> None:
 
     found = file_search.find()
     if as_json:
-        told = [
+        explained = [
             {
                 "file": str(one.path),
                 "origin": one.origin,
@@ -216,7 +216,7 @@ def _list_files(as_json: bool) -> None:
             }
             for one in found
         ]
-        print_json("calibrations", {"files": told})
+        print_json("calibrations", {"files": explained})
         return
     for one in found:
         joints = len(one.stored.calibration) if one.stored is not None else 0
@@ -228,12 +228,12 @@ def _list_files(as_json: bool) -> None:
 
 
 def _zero_facts(
-    stored: Stored, told: Iterable[ZeroReport], kept: Iterable[Any]
+    stored: Stored, explained: Iterable[ZeroReport], kept: Iterable[Any]
 ) -> dict[str, list[dict[str, object]]]:
     return {
         "meaning": [
             {"joint": m.joint, "by": m.by, "jaws_mm": m.jaws_mm, "sentence": m.sentence}
-            for m in told
+            for m in explained
         ],
         "versions": [
             {"number": version.number, "kept_at": version.kept_at.isoformat()} for version in kept

@@ -163,8 +163,8 @@ class CalibrationWizard:
         self._ask("save this?", Enter="save")
         lines = summary.lines(joints, self._before)
         for line in lines:
-            told = f"{line.joint}: {line.travel} {line.quality} ({line.change})"
-            self._terminal.mention(told, step="review")
+            text = f"{line.joint}: {line.travel} {line.quality} ({line.change})"
+            self._terminal.mention(text, step="review")
         table = calibration_bars.comparison(lines)
         self._terminal.await_key(ENTER, lambda: self._picture(table))
 

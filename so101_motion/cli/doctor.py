@@ -83,11 +83,11 @@ def doctor(
         print_json("doctor", _facts(seen, checks))
     else:
         for check in checks:
-            _tell(check)
+            _print(check)
     if report is not None:
         _write(report, seen, checks)
     if not sim and not as_json:
-        _tell_next(seen)
+        _print_next(seen)
     if not is_healthy(checks):
         raise SystemExit(CHECK_FAILED)
     if not as_json:
@@ -101,21 +101,23 @@ def _of_machine(machine: MachineSource, as_json: bool) -> None:
 
     with quietly(), closing(machine.open()) as rig:
         try:
-            told = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
+            answer = dict(rig.do_command(rig.arm_name, {"command": "diagnose"}))
         except MachineRefused as refusal:
             if refusal.status != "INVALID_ARGUMENT":
                 raise
-            told = {}  # a simulated arm, or another module's, which has no servos to tell of
-        findings = [str(each) for each in told.get("findings") or [told.get("error")] if each]
+            answer = {}  # a simulated arm, or another module's, which has no servos to tell of
+        findings = [str(each) for each in answer.get("findings") or [answer.get("error")] if each]
     if as_json:
-        print_json("doctor", {"source": machine.what, "healthy": not findings, "told": told})
+        print_json("doctor", {"source": machine.what, "healthy": not findings, "told": answer})
     else:
         for finding in findings:
             echo(finding)
     if findings:
         raise SystemExit(CHECK_FAILED)
     if not as_json:
-        found = "finds nothing wrong with itself" if told else "answers, and has no servos to check"
+        found = (
+            "finds nothing wrong with itself" if answer else "answers, and has no servos to check"
+        )
         click.echo(f"the {machine.what} {found}", err=True)
 
 
@@ -223,7 +225,7 @@ def _planned(seen: Findings, rig: Rig) -> Findings:
 # Telling
 
 
-def _tell(check: Check) -> None:
+def _print(check: Check) -> None:
     from so101_motion.cli.terminal import echo
 
     sign, colour = _SIGNS[check.verdict]
@@ -233,7 +235,7 @@ def _tell(check: Check) -> None:
         echo(f"try: {check.fix}", indent="    ")
 
 
-def _tell_next(seen: Findings) -> None:
+def _print_next(seen: Findings) -> None:
     """Print the next step of the setup, if the arm has not completed it."""
     from so101_motion.setup.setup_steps import FULL, SetupState
 

@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from so101_motion.cli.error_text import ErrorText, parted
-from so101_motion.cli.shared import DEBUG, INTERRUPTED, is_told, print_json
+from so101_motion.cli.shared import DEBUG, INTERRUPTED, has_printed, print_json
 from so101_motion.common.errors import (
     BusError,
     CalibrationError,
@@ -72,24 +72,24 @@ def reports_errors(*, as_json: bool = False) -> Iterator[None]:
         yield
     except So101Error as error:
         code = next((code for kind, code in _EXIT_CODES if isinstance(error, kind)), 1)
-        _tell(parted(error), code, as_json=as_json, name=type(error).__name__)
+        _print_error(parted(error), code, as_json=as_json, name=type(error).__name__)
         raise SystemExit(code) from error
     except KeyboardInterrupt:
-        _tell_programs(_by_code(INTERRUPTED), INTERRUPTED, as_json=as_json)
+        _print_for_programs(_by_code(INTERRUPTED), INTERRUPTED, as_json=as_json)
         raise SystemExit(INTERRUPTED) from None
     except SystemExit as end:  # a person was told why
         if isinstance(end.code, int) and end.code:
-            _tell_programs(_by_code(end.code), end.code, as_json=as_json)
+            _print_for_programs(_by_code(end.code), end.code, as_json=as_json)
         raise
     except click.ClickException as error:
-        _tell_programs(_misused(error), error.exit_code, as_json=as_json)
+        _print_for_programs(_misused(error), error.exit_code, as_json=as_json)
         raise
     except (click.Abort, click.exceptions.Exit, BrokenPipeError):
         raise  # click's to tell; a reader of our output who has enough, it ends in silence
     except Exception as error:
         if os.environ.get(DEBUG):
             raise
-        _tell(_unexpected(error), 1, as_json=as_json, name=type(error).__name__)
+        _print_error(_unexpected(error), 1, as_json=as_json, name=type(error).__name__)
         raise SystemExit(1) from error
 
 
@@ -113,20 +113,20 @@ def ends_like_ctrl_c() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
-def _tell(told: ErrorText, code: int, *, as_json: bool, name: str) -> None:
-    click.echo(f"error: {told.what}", err=True)
-    if told.why:
-        click.echo(f"  why: {told.why}", err=True)
-    if told.advice:
-        click.echo(f"  try: {told.advice}", err=True)
-    _tell_programs(told, code, as_json=as_json, name=name)
+def _print_error(text: ErrorText, code: int, *, as_json: bool, name: str) -> None:
+    click.echo(f"error: {text.what}", err=True)
+    if text.why:
+        click.echo(f"  why: {text.why}", err=True)
+    if text.advice:
+        click.echo(f"  try: {text.advice}", err=True)
+    _print_for_programs(text, code, as_json=as_json, name=name)
 
 
-def _tell_programs(told: ErrorText, code: int, *, as_json: bool, name: str = "") -> None:
-    if not as_json or is_told():
+def _print_for_programs(text: ErrorText, code: int, *, as_json: bool, name: str = "") -> None:
+    if not as_json or has_printed():
         return
     kind, _ = KINDS.get(code, KINDS[1])
-    words = {"what": told.what, "why": told.why, "try": told.advice}
+    words = {"what": text.what, "why": text.why, "try": text.advice}
     with suppress(OSError):  # it may be stdout that fails; stderr has said so
         print_json("error", {"kind": kind, "exit_code": code, "error": name, **words})
 

@@ -87,7 +87,7 @@ class MotorWizard:
             except (MotorSetupError, BusError) as error:
                 if self._within is not None and time.monotonic() - began > self._within:
                     raise
-                self._tell(error)
+                self._print_progress(error)
             except _Skip:
                 terminal.say(self._motors.skip(joint).sentence, joint=joint, step="skipped")
                 return
@@ -119,7 +119,7 @@ class MotorWizard:
             except BusError as error:
                 if is_late:
                     raise
-                self._tell(error)
+                self._print_progress(error)
 
     # How
 
@@ -180,7 +180,7 @@ class MotorWizard:
                 )
         return ""
 
-    def _tell(self, error: So101Error) -> None:
+    def _print_progress(self, error: So101Error) -> None:
         if isinstance(error, MotorSetupError):
             self._trouble = f"{error.reason}; {error.next_step}"
             if error.problem == "no servo":

@@ -72,7 +72,7 @@ def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> 
 def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveReport:
     """Run the test on another thread, so that Ctrl-C works; it sets ``stopped``."""
     with ThreadPoolExecutor(1, thread_name_prefix="so101-move-test") as beside:
-        tested = beside.submit(test.move_and_measure, outline, _tell)
+        tested = beside.submit(test.move_and_measure, outline, _print_progress)
         while not tested.done():
             try:
                 wait((tested,), LOOK_FOR_SIGNALS)
@@ -82,6 +82,6 @@ def _tested(test: MoveTest, outline: Outline, stopped: threading.Event) -> MoveR
         return tested.result()
 
 
-def _tell(progress: MoveTestProgress) -> None:
+def _print_progress(progress: MoveTestProgress) -> None:
     if progress.joint:
         click.echo(f"{100.0 * progress.share:3.0f} %  {progress.joint}", err=True)

@@ -94,8 +94,8 @@ def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) 
     found = discover()
     meant = [report for report in found.reports if is_meant(report)]
     if not meant:
-        said = [f"{report.port.name}: {report.sentence}" for report in found.reports]
-        raise PortUnavailable(f"no {what}", ". ".join((*said, *found.notes)))
+        sentences = [f"{report.port.name}: {report.sentence}" for report in found.reports]
+        raise PortUnavailable(f"no {what}", ". ".join((*sentences, *found.notes)))
     if len(meant) > 1:
         named = ", or ".join(f"--port {report.port.name} ({report.sentence})" for report in meant)
         raise click.UsageError(f"which of these is meant? give {named}")

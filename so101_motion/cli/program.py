@@ -85,17 +85,17 @@ def _planned(rehearsal: Rehearsal) -> str:
 
 def _wait(run: ProgramRun) -> None:
     """Wait for the end and say on stderr where it is."""
-    said = None
+    shown = None
     while not wait((run.future,), 0.1).done:
-        said = _say(run, run.program, said)
+        shown = _show(run, run.program, shown)
     run.future.result()
 
 
-def _say(run: ProgramRun, program: Program, said: str | None) -> str | None:
+def _show(run: ProgramRun, program: Program, shown: str | None) -> str | None:
     where = run.where
     if where.index >= len(program) or not sys.stderr.isatty():
-        return said
+        return shown
     now = f"round {where.round + 1}, {program.called(where.index)}"
-    if now != said:
+    if now != shown:
         click.echo(now, err=True)
     return now

@@ -32,7 +32,7 @@ NO_DEVICE, CHECK_FAILED, STOPPED, INTERRUPTED = 3, 6, 7, 130
 DEBUG = "SO101_DEBUG"
 """Environment variable: when it is set, what is unexpected comes with its traceback."""
 
-_TOLD = f"{__name__}.told"  # in the context: whether a program has its object
+_PRINTED = f"{__name__}.told"  # in the context: whether a program has its object
 
 
 @contextmanager
@@ -82,13 +82,13 @@ def print_json(kind: str, content: Mapping[str, object]) -> None:
     click.echo(json.dumps(whole, indent=2))
     context = click.get_current_context(silent=True)
     if context is not None:
-        context.meta[_TOLD] = True
+        context.meta[_PRINTED] = True
 
 
-def is_told() -> bool:
+def has_printed() -> bool:
     """Whether this call of the program has printed its JSON object."""
     context = click.get_current_context(silent=True)
-    return context is not None and _TOLD in context.meta
+    return context is not None and _PRINTED in context.meta
 
 
 def aside(sentence: str) -> None:

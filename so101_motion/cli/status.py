@@ -46,7 +46,7 @@ def status(source: AnySource, as_json: bool) -> None:
     if as_json:
         print_json("status", seen)
         return
-    _tell(seen)
+    _print_state(seen)
 
 
 @click.command()
@@ -145,7 +145,7 @@ def _by_joint(*columns: Any) -> dict[str, Any]:
     return dict(zip(ARM_JOINTS, rows, strict=True))
 
 
-def _tell(seen: dict[str, Any]) -> None:
+def _print_state(seen: dict[str, Any]) -> None:
     from so101_motion.cli.terminal import echo
 
     click.echo(f"{seen['source']}: {seen['mode']}")

@@ -131,7 +131,7 @@ def teleop(
             print_json("teleop", _facts(last, record))
         elif record is not None:
             click.echo(f"saved {record}", err=True)
-        _tell_end(last)
+        _print_end(last)
 
 
 def _open(port: str, calibration: Path | None) -> Rig:
@@ -151,19 +151,19 @@ def _recorder(record: Path | None, fps: float, rig: Rig) -> Recorder | None:
 def _watch(session: Any, seconds: float | None) -> None:
     """Show the state until Ctrl-C, a stop of the follower, or the time limit."""
     end = None if seconds is None else time.monotonic() + seconds
-    told = ""
+    shown = ""
     try:
         while session.status.is_running and (end is None or time.monotonic() < end):
             words = _in_words(session.status)
-            if words != told:
+            if words != shown:
                 click.echo(words, err=True)
-                told = words
+                shown = words
             time.sleep(_EVERY if end is None else min(_EVERY, max(end - time.monotonic(), 0.0)))
     except KeyboardInterrupt:
         click.echo("", err=True)
 
 
-def _tell_end(last: Status) -> None:
+def _print_end(last: Status) -> None:
     """Print why it ended by itself, if it did."""
     if not last.is_running:
         click.echo(f"ended: {last.reason}", err=True)

@@ -89,8 +89,8 @@ def config(extra: tuple[str, ...], as_json: bool) -> None:
     suggested = configuration(found.reports)
     if as_json:
         reports = [report.to_json() for report in found.reports]
-        told = {"ports": reports, "notes": list(found.notes), "configuration": suggested}
-        print_json("viam-config", told)
+        suggestion = {"ports": reports, "notes": list(found.notes), "configuration": suggested}
+        print_json("viam-config", suggestion)
     else:
         for report in found.reports:
             echo(f"{report.port.name}: {report.sentence}", err=True)

@@ -149,11 +149,11 @@ def keep_open(served: Any, page: Page) -> None:
 
 def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
     """A function that opens the arm; it is called until it succeeds, and prints nothing twice."""
-    told: set[str] = set()
+    printed: set[str] = set()
 
     def say(text: str) -> None:
-        if text not in told:
-            told.add(text)
+        if text not in printed:
+            printed.add(text)
             click.echo(text, err=True)
 
     quiet = replace(source, say=say) if isinstance(source, Source) else source

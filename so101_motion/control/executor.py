@@ -345,11 +345,11 @@ class Executor:
             self._control.fail(error)
         self._beat.advance()
         self._control.outcomes.settle()
-        self._tell()
+        self._notify_listeners()
         is_busy = self._control.is_busy or self._listeners
         return self._beat.deadline if is_busy else now + _IDLE_PERIOD
 
-    def _tell(self) -> None:
+    def _notify_listeners(self) -> None:
         state = self._control.state
         if state is None:
             return

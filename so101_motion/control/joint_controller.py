@@ -307,7 +307,7 @@ class JointController:
                 self._driver.guide(None)
         if can(self.mode, Event.FAIL):
             is_ours = isinstance(error, So101Error)  # its message says all that a person needs
-            self.recent.tell(error, self.recent.last_second())
+            self.recent.notify(error, self.recent.last_second())
             _log.error("the arm is in a fault: %s", error, exc_info=None if is_ours else error)
             self._enter(Event.FAIL)
         self._fault = str(error) or type(error).__name__
@@ -427,7 +427,7 @@ class JointController:
 
     def _conclude(self, future: Future[Any], error: BaseException | None = None) -> None:
         if isinstance(error, FollowingError | ServoAlarm):
-            self.recent.tell(error, error.recent)
+            self.recent.notify(error, error.recent)
         self.outcomes.conclude(future, error)
 
 

@@ -25,7 +25,7 @@ class RecentStates:
     def __init__(self, dt: float) -> None:
         self.on_failure: Callable[[Exception, tuple[JointState, ...]], None] | None = None
         self._states: deque[JointState] = deque(maxlen=1 + round(SPAN / dt))
-        self._told: Exception | None = None
+        self._notified: Exception | None = None
 
     def append(self, state: JointState) -> None:
         """Add the newest state."""
@@ -36,9 +36,9 @@ class RecentStates:
         since = self._states[-1].t - SPAN if self._states else 0.0
         return tuple(state for state in self._states if state.t >= since)
 
-    def tell(self, error: Exception, recent: tuple[JointState, ...]) -> None:
+    def notify(self, error: Exception, recent: tuple[JointState, ...]) -> None:
         """Tell ``on_failure`` of an error, once for each."""
-        is_new = error is not self._told and not isinstance(error, NotReady)
+        is_new = error is not self._notified and not isinstance(error, NotReady)
         if self.on_failure is not None and is_new:
-            self._told = error
+            self._notified = error
             self.on_failure(error, recent)

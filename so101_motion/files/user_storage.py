@@ -105,13 +105,13 @@ def read(path: Path, *, schema: str, largest: int = LARGEST) -> Mapping[str, obj
         raise ConfigError(what, str(path), f"cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
         raise ConfigError(what, str(path), f"is not JSON: {error}") from error
-    said = content.get("schema") if isinstance(content, Mapping) else None
-    if said == schema:
+    written = content.get("schema") if isinstance(content, Mapping) else None
+    if written == schema:
         if content.repeated:
             raise ConfigError(what, str(path), f"has {', '.join(content.repeated)} twice")
         return dict(content)
-    if isinstance(said, str) and said.startswith(schema.rpartition("/")[0]):
-        reason = f"is written as {said}, which this version cannot read; update it"
+    if isinstance(written, str) and written.startswith(schema.rpartition("/")[0]):
+        reason = f"is written as {written}, which this version cannot read; update it"
     else:
         reason = f'is not a file of {what}; its "schema" must be "{schema}"'
     raise ConfigError(what, str(path), reason)

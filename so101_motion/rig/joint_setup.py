@@ -154,10 +154,10 @@ def _find(bus: Bus, ids: Mapping[str, int], required: Collection[str], timeout: 
 def _end_interrupted(bus: Bus, path: Path | None) -> tuple[str, ...]:
     """End a calibration that a crash interrupted, before its data is used."""
     try:
-        said = None if path is None else journal.recover(bus, path)
+        note = None if path is None else journal.recover(bus, path)
     except CalibrationError as error:
         return (str(error),)
-    return (said,) if said else ()
+    return (note,) if note else ()
 
 
 def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tuple[str, ...]]:

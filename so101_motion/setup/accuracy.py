@@ -88,7 +88,7 @@ class JointAccuracy:
         """The problems found and what to do; empty when all is well."""
         if self.trouble:
             return self.trouble
-        return "; ".join(said for verdict, said in self._findings() if verdict != "ok")
+        return "; ".join(sentence for verdict, sentence in self._findings() if verdict != "ok")
 
     def _findings(self) -> list[tuple[Verdict, str]]:
         error = JAW_ERROR if self.joint == GRIPPER_JOINT else ERROR
@@ -213,10 +213,10 @@ class Measurements:
     def note_motion(self, i: int, states: list[JointState]) -> None:
         """Add the motion of arm joint ``i`` to its stop."""
         moving = [state for state in states if state.arm_moving]
-        told = [state for state in moving if state.qd_ref[i] != 0.0]
-        self._behind += [(float(s.q_ref[i] - s.q[i]), float(s.qd_ref[i])) for s in told]
-        if told:
-            self._settle = max(self._settle, moving[-1].t - told[-1].t)
+        moving_refs = [state for state in moving if state.qd_ref[i] != 0.0]
+        self._behind += [(float(s.q_ref[i] - s.q[i]), float(s.qd_ref[i])) for s in moving_refs]
+        if moving_refs:
+            self._settle = max(self._settle, moving[-1].t - moving_refs[-1].t)
 
     def note_stop(self, wanted: float, here: float, *, is_from_below: bool) -> None:
         """Add a stop: the wanted and the measured angle [rad]."""

@@ -75,8 +75,8 @@ def _software(seen: Findings) -> Iterator[Check]:
     if missing:
         yield fail("software", f"{', '.join(missing)} missing", "install so101-motion again")
     elif seen.software:
-        told = ", ".join(f"{name} {version}" for name, version in seen.software.items())
-        yield ok("software", told)
+        text = ", ".join(f"{name} {version}" for name, version in seen.software.items())
+        yield ok("software", text)
 
 
 def _port(seen: Findings) -> Iterator[Check]:
@@ -107,8 +107,8 @@ def _planner(seen: Findings) -> Iterator[Check]:
         fix = "install so101-motion again; if that does not help, report it"
         yield fail("planner", seen.planning_trouble, fix)
     elif seen.planning_time is not None:
-        told = f"a motion takes {1e3 * seen.planning_time:.0f} ms to plan"
-        yield ok("planner", told)
+        text = f"a motion takes {1e3 * seen.planning_time:.0f} ms to plan"
+        yield ok("planner", text)
 
 
 _PLUG_IN = "plug the adapter in, switch the arm's power supply on, or name the port with --port"
@@ -137,17 +137,17 @@ def _servos(seen: Findings) -> Iterator[Check]:
         )
     elif not wrong:
         models = ", ".join({facts.model for facts in seen.facts.values()})
-        told = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
-        yield ok("servos", told)
+        text = f"all six answer ({models})" if models else "all six answer"  # a machine tells less
+        yield ok("servos", text)
 
 
 def _firmware(seen: Findings) -> Iterator[Check]:
     versions = {joint: facts.firmware for joint, facts in seen.facts.items()}
     if len(set(versions.values())) > 1:
-        told = ", ".join(f"{joint} {version}" for joint, version in versions.items())
+        text = ", ".join(f"{joint} {version}" for joint, version in versions.items())
         yield warn(
             "firmware",
-            f"different versions: {told}",
+            f"different versions: {text}",
             "it does not hurt; the maker's program FD (Windows) brings them up to date",
         )
     elif versions:
@@ -163,8 +163,8 @@ def _supply(seen: Findings) -> Iterator[Check]:
         yield warn("supply", trouble.sentence, trouble.fix)
         return
     kind = next(iter(seen.facts.values())).nominal_volts
-    told = f"{volts[0]:.1f} V at the first servo, {volts[-1]:.1f} V at the last, {kind:g} V type"
-    yield ok("supply", told)
+    text = f"{volts[0]:.1f} V at the first servo, {volts[-1]:.1f} V at the last, {kind:g} V type"
+    yield ok("supply", text)
 
 
 def _temperature(seen: Findings) -> Iterator[Check]:
@@ -172,13 +172,13 @@ def _temperature(seen: Findings) -> Iterator[Check]:
     if not celsius:
         return
     joint, hottest = max(celsius.items(), key=lambda item: item[1])
-    told = f"{min(celsius.values())} to {hottest} degC, {joint} is the warmest"
+    text = f"{min(celsius.values())} to {hottest} degC, {joint} is the warmest"
     for trouble in seen.facts[joint].troubles:
         if trouble.kind == "temperature":
             verdict: Verdict = "fail" if trouble.level == "stop" else "warn"
-            yield Check(name="temperature", verdict=verdict, sentence=told, fix=trouble.fix)
+            yield Check(name="temperature", verdict=verdict, sentence=text, fix=trouble.fix)
             return
-    yield ok("temperature", told)
+    yield ok("temperature", text)
 
 
 def _faults(seen: Findings) -> Iterator[Check]:
@@ -191,8 +191,8 @@ def _faults(seen: Findings) -> Iterator[Check]:
     yield from found
     if seen.facts and not found:
         held = [joint for joint, facts in seen.facts.items() if facts.holds(reg.TORQUE_ENABLE)]
-        told = f"held: {', '.join(held)}" if 0 < len(held) < 6 else "held" if held else "limp"
-        yield ok("faults", f"none reported; the joints are {told}")
+        text = f"held: {', '.join(held)}" if 0 < len(held) < 6 else "held" if held else "limp"
+        yield ok("faults", f"none reported; the joints are {text}")
 
 
 def _bus_quality(seen: Findings) -> Iterator[Check]:
@@ -200,7 +200,7 @@ def _bus_quality(seen: Findings) -> Iterator[Check]:
     if heard is None:
         return
     spoiled = (heard.lost + heard.corrupt) / heard.asked
-    told = (
+    text = (
         f"{heard.asked} answers asked for, {heard.lost} lost, {heard.corrupt} garbled; all servos"
         f" in {1e3 * heard.median:.1f} ms, 99 % within {1e3 * heard.p99:.1f} ms"
     )
@@ -210,16 +210,16 @@ def _bus_quality(seen: Findings) -> Iterator[Check]:
         fix = "this computer is too busy, or its USB hub is slow: plug the adapter in directly"
         if is_slow and timer is not None:
             fix = f"its adapter holds bytes back for {1e3 * timer:.0f} ms: so101 install-udev"
-        yield fail("bus", f"{told}: too slow to move", fix)
+        yield fail("bus", f"{text}: too slow to move", fix)
     elif spoiled > LOSSY:
         yield Check(
             name="bus",
             verdict="fail" if spoiled > BROKEN else "warn",
-            sentence=told,
+            sentence=text,
             fix="look for a loose cable, a weak supply, or a servo whose id another has too",
         )
     else:
-        yield ok("bus", told)
+        yield ok("bus", text)
 
 
 def _calibration(seen: Findings) -> Iterator[Check]:
@@ -263,8 +263,8 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
             " not this arm's, so101 calibrate",
         )
     if not differing and not missing:
-        told = f"{stored.path}" + (", as the servos have it" if there else "")
-        yield ok("calibration", told)
+        text = f"{stored.path}" + (", as the servos have it" if there else "")
+        yield ok("calibration", text)
 
 
 def held(facts: ServoFacts) -> dict[str, int]:
@@ -301,21 +301,21 @@ def _speed(seen: Findings) -> Iterator[Check]:
     if seen.speed is None or seen.acceleration is None:
         return
     planned_deg = to_deg(seen.speed)
-    told = f"{planned_deg:.0f} deg/s and {to_deg(seen.acceleration):.0f} deg/s^2 are planned with"
+    text = f"{planned_deg:.0f} deg/s and {to_deg(seen.acceleration):.0f} deg/s^2 are planned with"
     weakest = min(seen.facts.values(), key=_free_speed, default=None)
     if weakest is None:
-        yield ok("speed", told)
+        yield ok("speed", text)
         return
     usable_deg = to_deg(_USABLE * _free_speed(weakest))
-    told += f"; these servos manage about {usable_deg:.0f} deg/s at {weakest.volts:.1f} V"
+    text += f"; these servos manage about {usable_deg:.0f} deg/s at {weakest.volts:.1f} V"
     fix = "use a stronger supply, or a lower speed_degs_per_sec"
     if usable_deg < planned_deg:
-        yield fail("speed", told, fix)
+        yield fail("speed", text, fix)
     elif usable_deg < SPEED_RANGE_DEG[1]:
         most = f"; more than {usable_deg:.0f} deg/s must not be asked of them"
-        yield warn("speed", told + most, fix)
+        yield warn("speed", text + most, fix)
     else:
-        yield ok("speed", told)
+        yield ok("speed", text)
 
 
 def _free_speed(facts: ServoFacts) -> float:

@@ -91,10 +91,10 @@ class Outline:
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
         jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
         by = f"one after the other, by {to_deg(SWING):.0f}° to and fro"
-        told = [f"{', '.join(moved)}: {by}"] if moved else []
-        told += ["the jaw opens and closes a little"] if jaw else []
+        parts = [f"{', '.join(moved)}: {by}"] if moved else []
+        parts += ["the jaw opens and closes a little"] if jaw else []
         speed_deg = to_deg(float(LIMITS.velocity[0]))
-        return f"{'; '.join(told)}. At most {speed_deg:.0f}°/s, about {self.duration:.0f} s."
+        return f"{'; '.join(parts)}. At most {speed_deg:.0f}°/s, about {self.duration:.0f} s."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,19 +148,19 @@ class MoveTest:
             self._motion.interrupt("stop")
 
     def move_and_measure(
-        self, outline: Outline, tell: Callable[[MoveTestProgress], None] = lambda _: None
+        self, outline: Outline, on_progress: Callable[[MoveTestProgress], None] = lambda _: None
     ) -> MoveReport:
         """Move each joint as outlined and measure it. Blocks; the arm moves.
 
         Args:
             outline: What ``outline`` returned; the arm still stands there.
-            tell: Hears how far the test is, on this thread.
+            on_progress: Hears how far the test is, on this thread.
 
         Returns:
             What was measured. Troubles of the arm are in it, not raised.
         """
         began_at, t_begin = datetime.now(UTC), self._clock.now()
-        run = _Run(self._arm, self._gripper, outline, tell)
+        run = _Run(self._arm, self._gripper, outline, on_progress)
         with self._clock.attend():
             self._motion = motion = self._arm.start_series(run.steps())
             if self._cancelled.is_set():  # before there was a motion
@@ -176,7 +176,7 @@ class MoveTest:
             seconds=self._clock.now() - t_begin,
             ended_by=ended_by,
         )
-        tell(MoveTestProgress(joint="", share=1.0, results=report.joints))
+        on_progress(MoveTestProgress(joint="", share=1.0, results=report.joints))
         return report
 
     def _swing(self, i: int, q: Array) -> Swing:
@@ -223,11 +223,11 @@ class _Run:
         arm: Arm,
         gripper: GripperLike | None,
         outline: Outline,
-        tell: Callable[[MoveTestProgress], None],
+        on_progress: Callable[[MoveTestProgress], None],
     ) -> None:
-        self._arm, self._gripper, self._outline, self._tell = arm, gripper, outline, tell
+        self._arm, self._gripper, self._outline, self._report = arm, gripper, outline, on_progress
         self._model = RobotModel.load()
-        self._joint = self._told = ""
+        self._joint = self._reported = ""
         self._taken: dict[str, Measurements] = {}
         self._trouble: dict[str, str] = dict(outline.obstacles)
         self._stop: _Stop | None = None
@@ -265,9 +265,9 @@ class _Run:
 
     def look(self, state: JointState) -> None:
         """Measure with a new state of the arm."""
-        if self._joint != self._told:
-            self._told = self._joint
-            self._tell(self._progress())
+        if self._joint != self._reported:
+            self._reported = self._joint
+            self._report(self._progress())
         stop = self._stop
         if stop is None:
             self._states.append(state)

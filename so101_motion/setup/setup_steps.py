@@ -141,17 +141,17 @@ def _numbered(known: SetupState) -> Check:
     if joint is None:
         left_out = [motor.joint for motor in setup.motors.values() if motor.state == "skipped"]
         if left_out:
-            told = f"left as they are: {', '.join(left_out)}"
-            return warn("motors", told, "set them up later")
+            text = f"left as they are: {', '.join(left_out)}"
+            return warn("motors", text, "set them up later")
         return ok("motors", "all six motors have their ids")
     servos = known.seen.servos
     if not setup.in_progress and servos is not None and _have_ids(servos):
         return ok("motors", "the motors have their ids already")
     motor = setup.motors[joint]
-    told = f"{6 - setup.step} of 6 motors are still to be set up, next {joint}"
+    text = f"{6 - setup.step} of 6 motors are still to be set up, next {joint}"
     if motor.state == "failed":
-        told = f"{joint}: {motor.sentence}"
-    return fail("motors", told, setup.next_step)
+        text = f"{joint}: {motor.sentence}"
+    return fail("motors", text, setup.next_step)
 
 
 def _have_ids(servos: Verification) -> bool:

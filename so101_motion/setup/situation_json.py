@@ -80,8 +80,8 @@ def _write(value: object, rows: Mapping[str, _Row]) -> dict[str, Any]:
     return {key: to_json(getattr(value, field)) for field, (key, to_json, _) in rows.items()}
 
 
-def _read(told: Json, rows: Mapping[str, _Row]) -> dict[str, Any]:
-    return {field: from_json(told.get(key)) for field, (key, _, from_json) in rows.items()}
+def _read(values: Json, rows: Mapping[str, _Row]) -> dict[str, Any]:
+    return {field: from_json(values.get(key)) for field, (key, _, from_json) in rows.items()}
 
 
 # Writing
@@ -90,7 +90,7 @@ def _read(told: Json, rows: Mapping[str, _Row]) -> dict[str, Any]:
 def readings(now: Situation) -> dict[str, Any]:
     """The readings under the sensor's keys; None values are not to be sent."""
     view, setup = now.view, now.setup
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "calibration_state": view.state.value,
         "instruction": view.instruction,
         "available_commands": [command.value for command in view.commands],
@@ -111,19 +111,19 @@ def readings(now: Situation) -> dict[str, Any]:
         "error": view.error,
     }
     if view.state in (State.RECORDING, State.COMPLETED):
-        told["recording_time_seconds"] = round(view.recording_time, 3)
-        told["position_samples"] = view.samples
+        values["recording_time_seconds"] = round(view.recording_time, 3)
+        values["position_samples"] = view.samples
     if now.notes:
-        told["notes"] = list(now.notes)
-    return told
+        values["notes"] = list(now.notes)
+    return values
 
 
 def _joint(joint: JointView) -> dict[str, Any]:
-    told = _write(joint, _JOINT)
+    values = _write(joint, _JOINT)
     if joint.verdict is not None:
-        told["verdict"] = joint.verdict.value
-        told["recorded_range_degs"] = round(joint.travel_deg, 1)
-    return told
+        values["verdict"] = joint.verdict.value
+        values["recorded_range_degs"] = round(joint.travel_deg, 1)
+    return values
 
 
 def about_servo(motor: MotorView) -> dict[str, Any]:
@@ -134,18 +134,18 @@ def about_servo(motor: MotorView) -> dict[str, Any]:
 # Reading
 
 
-def from_readings(told: Json, angles: Mapping[str, float]) -> Situation:
+def from_readings(values: Json, angles: Mapping[str, float]) -> Situation:
     """Read a situation from a sensor's readings.
 
     Args:
-        told: The readings.
+        values: The readings.
         angles: Where the joints are [rad].
 
     Raises:
         CalibrationError: They are no calibration sensor's.
     """
     try:
-        return _situation(told, angles)
+        return _situation(values, angles)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CalibrationError(
             None,
@@ -154,23 +154,23 @@ def from_readings(told: Json, angles: Mapping[str, float]) -> Situation:
         ) from error
 
 
-def _situation(told: Json, angles: Mapping[str, float]) -> Situation:
-    state = State(told["calibration_state"])
+def _situation(values: Json, angles: Mapping[str, float]) -> Situation:
+    state = State(values["calibration_state"])
     joints = {
-        joint: _joint_view(joint, told["joints"][joint])
+        joint: _joint_view(joint, values["joints"][joint])
         for joint in JOINTS
-        if joint in told["joints"]
+        if joint in values["joints"]
     }
-    motors, setup = told["motor_setup"]["motors"], told["motor_setup"]
+    motors, setup = values["motor_setup"]["motors"], values["motor_setup"]
     view = CalibrationView(
         state=state,
-        instruction=str(told["instruction"]),
+        instruction=str(values["instruction"]),
         joints={} if state is State.IDLE else joints,
-        commands=tuple(map(Command, told["available_commands"])),
-        error=told.get("error"),
+        commands=tuple(map(Command, values["available_commands"])),
+        error=values.get("error"),
         note=None,
-        recording_time=float(told.get("recording_time_seconds", 0.0)),
-        samples=round(told.get("position_samples", 0)),
+        recording_time=float(values.get("recording_time_seconds", 0.0)),
+        samples=round(values.get("position_samples", 0)),
     )
     return Situation(
         view=view,
@@ -184,14 +184,14 @@ def _situation(told: Json, angles: Mapping[str, float]) -> Situation:
         ),
         joints=joints,
         angles={joint: angle for joint, angle in angles.items() if joint in joints},
-        calibration_file=Path(str(told["calibration_file"])),
-        is_connected=told.get("connected") is True,
-        holds=told.get("torque_enabled"),
-        notes=tuple(map(str, told.get("notes", ()))),
+        calibration_file=Path(str(values["calibration_file"])),
+        is_connected=values.get("connected") is True,
+        holds=values.get("torque_enabled"),
+        notes=tuple(map(str, values.get("notes", ()))),
     )
 
 
-def _joint_view(joint: str, told: Json) -> JointView:
-    verdict = told.get("verdict")
+def _joint_view(joint: str, values: Json) -> JointView:
+    verdict = values.get("verdict")
     found = None if verdict is None else Verdict(verdict)
-    return JointView(joint=joint, verdict=found, **_read(told, _JOINT))
+    return JointView(joint=joint, verdict=found, **_read(values, _JOINT))

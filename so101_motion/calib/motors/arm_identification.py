@@ -267,7 +267,7 @@ def fits(seen: ServosOnBus, found: FoundFile) -> bool:
             (entry.range_min, reg.MIN_POSITION),
             (entry.range_max, reg.MAX_POSITION),
         )
-        if any(abs(said - facts.holds(register)) > _SAME for said, register in pairs):
+        if any(abs(held - facts.holds(register)) > _SAME for held, register in pairs):
             return False
     return True
 

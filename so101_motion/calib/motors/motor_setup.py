@@ -92,7 +92,7 @@ class MotorSetup:
         """
         motor = self._motor(joint)
         with self._attempt(joint, f"looking for the servo of {joint}") as tuner:
-            facts = find_alone(tuner, joint, hint=None, tell=self._tell_rate)
+            facts = find_alone(tuner, joint, hint=None, on_rate=self._show_rate)
             found = replace(motor.with_facts(facts, tuner.baud), state="found")
             found = replace(found, sentence=self._what_was_found(found), fix="")
             trouble = facts.supply_trouble
@@ -128,7 +128,7 @@ class MotorSetup:
             raise ConfigError("target_id", target_id, f"{joint} has the id {motor.target_id}")
         with self._attempt(joint, f"setting up the servo of {joint}") as tuner:
             hint = current_baud if current_baud in reg.BAUDS else motor.baud
-            facts = find_alone(tuner, joint, hint=hint, tell=self._tell_rate)
+            facts = find_alone(tuner, joint, hint=hint, on_rate=self._show_rate)
             self._admit(joint, facts.servo_id, current_id)
             require_alone(tuner, joint)
             self.checked = None
@@ -186,7 +186,7 @@ class MotorSetup:
     def scan(self) -> BusScan:
         """Find every servo on the bus, at every baud rate; takes two seconds."""
         with self._attempt(None, "scanning the bus") as tuner:
-            heard = find_all_rates(tuner, tell=self._tell_rate)
+            heard = find_all_rates(tuner, on_rate=self._show_rate)
             servos = []
             for rate in heard:
                 tuner.tune(rate.baud)
@@ -213,7 +213,7 @@ class MotorSetup:
     def _show(self, motor: MotorView) -> None:
         self._view = self._view.with_motor(motor)
 
-    def _tell_rate(self, baud: int) -> None:
+    def _show_rate(self, baud: int) -> None:
         self._view = replace(self._view, doing=f"listening at {baud} baud")
 
     @contextmanager

@@ -89,14 +89,14 @@ def listen(tuner: Tuner) -> RateAnswers:
 
 
 def find_first_rate(
-    tuner: Tuner, *, hint: int | None = None, tell: Callable[[int], None] = lambda baud: None
+    tuner: Tuner, *, hint: int | None = None, on_rate: Callable[[int], None] = lambda baud: None
 ) -> RateAnswers | None:
     """Find the first rate at which any servo answers; the tuner stays there.
 
     Args:
         tuner: The bus.
         hint: The rate to begin with; the port's own by default.
-        tell: Told each rate before it is listened at.
+        on_rate: Told each rate before it is listened at.
 
     Returns:
         None if nobody answers at any rate.
@@ -105,25 +105,25 @@ def find_first_rate(
     # The likeliest in between: a servo that was plugged in just now takes a moment to start, and a
     # single answer may have been lost.
     order = [rate for baud in rates for rate in (baud, tuner.home)]
-    for heard in sweep(tuner, order, tell):
+    for heard in sweep(tuner, order, on_rate):
         if not heard.is_silence:
             return heard
     return None
 
 
 def find_all_rates(
-    tuner: Tuner, *, tell: Callable[[int], None] = lambda baud: None
+    tuner: Tuner, *, on_rate: Callable[[int], None] = lambda baud: None
 ) -> list[RateAnswers]:
     """Find the servos at all rates; leaves rates without an answer out."""
     rates = dict.fromkeys((tuner.home, *LIKELIEST_FIRST))
-    return [heard for heard in sweep(tuner, rates, tell) if not heard.is_silence]
+    return [heard for heard in sweep(tuner, rates, on_rate) if not heard.is_silence]
 
 
 def sweep(
-    tuner: Tuner, rates: Iterable[int], tell: Callable[[int], None] = lambda baud: None
+    tuner: Tuner, rates: Iterable[int], on_rate: Callable[[int], None] = lambda baud: None
 ) -> Iterator[RateAnswers]:
     """Listen at each of ``rates`` [bit/s] in turn, as long as the caller goes on."""
     for baud in rates:
-        tell(baud)
+        on_rate(baud)
         tuner.tune(baud)
         yield listen(tuner)

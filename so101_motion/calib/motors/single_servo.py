@@ -27,7 +27,7 @@ _MORE = 3
 
 
 def find_alone(
-    tuner: Tuner, joint: str, *, hint: int | None, tell: Callable[[int], None]
+    tuner: Tuner, joint: str, *, hint: int | None, on_rate: Callable[[int], None]
 ) -> ServoFacts:
     """Find the one connected servo, whatever its id and rate; the tuner stays at its rate.
 
@@ -35,13 +35,13 @@ def find_alone(
         tuner: The bus.
         joint: Whose servo is wanted.
         hint: The rate to begin with [bit/s]; the port's own by default.
-        tell: Told each rate before it is listened at.
+        on_rate: Told each rate before it is listened at.
 
     Raises:
         MotorSetupError: There is none, or more than one, or it is of another kind.
         BusError: The port is gone, or the servo cannot be read.
     """
-    facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, tell=tell))
+    facts = _read_only_one(tuner, joint, find_first_rate(tuner, hint=hint, on_rate=on_rate))
     if not facts.is_sts3215:
         raise MotorSetupError(
             joint,

@@ -148,7 +148,7 @@ def recover(bus: Bus, calibration_file: Path) -> str | None:
     if journal is None:
         return None
     try:
-        said = _end(bus, calibration_file, journal)
+        note = _end(bus, calibration_file, journal)
     except PortUnavailable:
         raise
     except BusError as error:
@@ -158,7 +158,7 @@ def recover(bus: Bus, calibration_file: Path) -> str | None:
             f"if this servo is gone for good, remove {path_for(calibration_file)}",
         ) from error
     remove(calibration_file)
-    return said
+    return note
 
 
 def _end(bus: Bus, calibration_file: Path, journal: Journal) -> str:

@@ -205,24 +205,24 @@ class Session:
         access, sampler = self._lent(), self._sampler
         assert sampler is not None
         accepted, arcs = _in_order("accept", accept), sampler.seen.arcs
-        said = {
+        assessments = {
             joint: known.assess(arcs.get(joint)) for joint, known in self._progress.joints.items()
         }
         meant = [
             joint
             for joint in accepted
-            if joint in arcs and can_be_accepted(said[joint].verdict, arcs[joint].travel)
+            if joint in arcs and can_be_accepted(assessments[joint].verdict, arcs[joint].travel)
         ]
         left = {
             joint: assessment.sentence
-            for joint, assessment in said.items()
+            for joint, assessment in assessments.items()
             if not assessment.is_usable and joint not in meant
         }
         if left:
             raise _must_move_on(left)
         for joint, known in list(self._progress.joints.items()):
-            fit = known.fitted(arcs.get(joint), said[joint])
-            self._know(joint, fit=fit, assessment=replace(said[joint], is_usable=True))
+            fit = known.fitted(arcs.get(joint), assessments[joint])
+            self._know(joint, fit=fit, assessment=replace(assessments[joint], is_usable=True))
         self._set(recorded_for=access.clock.now() - self._progress.started_at)
 
     def _save(self) -> store.Stored:

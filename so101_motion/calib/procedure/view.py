@@ -57,10 +57,10 @@ class JointProgress:
             self.joint, arc, expected=self.expected, home=self.home, counts_down=self.counts_down
         )
 
-    def fitted(self, arc: TravelArc | None, said: Assessment) -> Fit:
+    def fitted(self, arc: TravelArc | None, assessment: Assessment) -> Fit:
         """Offset and limits for a travel of this joint that can be used."""
         assert self.home is not None
-        if arc is None or said.verdict is Verdict.FULL_TURN:
+        if arc is None or assessment.verdict is Verdict.FULL_TURN:
             return travel.full_turn(offset=self.held.homing_offset, home=self.home)
         return travel.fit(arc, offset=self.held.homing_offset, home=self.home)
 
@@ -190,8 +190,8 @@ def _show_joint(known: JointProgress, seen: Positions, *, is_recording: bool) ->
         ends = (arc.lower, arc.upper)
     if arc is not None and ticks is not None:
         ticks = arc.unrolled(ticks)
-    said = known.assess(arc) if is_recording else known.assessment
-    sentence = "" if said is None else said.sentence
+    assessment = known.assess(arc) if is_recording else known.assessment
+    sentence = "" if assessment is None else assessment.sentence
     return JointView(
         joint=known.joint,
         servo_id=SERVO_IDS[known.joint],
@@ -202,9 +202,9 @@ def _show_joint(known: JointProgress, seen: Positions, *, is_recording: bool) ->
         recorded_min=ends[0],
         recorded_max=ends[1],
         expected_deg=known.expected / TICKS_PER_DEG,
-        verdict=None if said is None else said.verdict,
+        verdict=None if assessment is None else assessment.verdict,
         sentence="its servo does not answer" if known.joint in seen.silent else sentence,
-        is_done=said is not None and said.is_usable,
+        is_done=assessment is not None and assessment.is_usable,
     )
 
 

@@ -114,8 +114,10 @@ def text(calibration: Calibration) -> bytes:
             "calibrate it first",
         )
     record.check(calibration)
-    said = {joint: {name: getattr(calibration[joint], name) for name in FIELDS} for joint in JOINTS}
-    return json.dumps(said, indent=4).encode() + b"\n"
+    content = {
+        joint: {name: getattr(calibration[joint], name) for name in FIELDS} for joint in JOINTS
+    }
+    return json.dumps(content, indent=4).encode() + b"\n"
 
 
 def export(calibration: Calibration, path: Path) -> None:

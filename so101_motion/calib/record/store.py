@@ -86,16 +86,16 @@ def read(path: Path) -> Stored:
     Raises:
         CalibrationError: There is none, or what it says cannot be true of this arm.
     """
-    said = json_file.read_bytes(path)
+    data = json_file.read_bytes(path)
     while True:
-        found = _understood(path, said)
-        before, said = said, json_file.read_bytes(path)
-        if said == before:  # so the zeros, read in between, are those of this record
+        found = _understood(path, data)
+        before, data = data, json_file.read_bytes(path)
+        if data == before:  # so the zeros, read in between, are those of this record
             return found
 
 
-def _understood(path: Path, said: bytes) -> Stored:
-    content = json_file.parse(said, str(path))
+def _understood(path: Path, data: bytes) -> Stored:
+    content = json_file.parse(data, str(path))
     try:
         if lerobot.is_of_lists(content):
             calibration, zeros, notes = lerobot.from_lists(content)
@@ -145,12 +145,12 @@ def _bring_back(path: Path) -> tuple[str, ...]:
         except CalibrationError:
             continue  # what somebody's mistake left there once is no reason to bring it back
         try:
-            said, zeros = history.contents(version.path)
+            data, zeros = history.contents(version.path)
             path.parent.mkdir(parents=True, exist_ok=True)
             with atomic.locked(path.parent):
                 if zeros is not None:
                     atomic.write(zero_path(path), zeros)
-                atomic.write(path, said)
+                atomic.write(path, data)
         except OSError as error:
             return (f"{path} is gone and cannot be brought back from {version.path}: {error}",)
         return (
@@ -167,8 +167,8 @@ def _keep(path: Path, zeros: bytes | None = None) -> tuple[str, ...]:
     ``zeros`` is what the file beside it is about to say; None for what it says.
     """
     try:
-        said, beside = history.contents(path)
-        history.keep(path, said, beside if zeros is None else zeros or None)
+        data, beside = history.contents(path)
+        history.keep(path, data, beside if zeros is None else zeros or None)
     except OSError as error:
         reason = error.strerror or error
         return (f"there is no second copy of {path}, because it cannot be written: {reason}",)
@@ -282,12 +282,12 @@ def _salvaged(path: Path) -> Stored:
 def _put(before: Stored, calibration: Calibration, zeros: Mapping[str, Zero]) -> Stored:
     """Replace the file's content in the steps listed at the top; the lock must be held."""
     path, beside = before.path, zero_path(before.path)
-    said = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
+    data = {joint: calibration[joint].to_json() for joint in JOINTS if joint in calibration}
     notes = before.notes + _set_aside(path)
     _write_or_remove(
         beside, zero_file.text((before.calibration, before.zeros), (calibration, zeros))
     )
-    atomic.write(path, json.dumps(said, indent=2).encode() + b"\n")
+    atomic.write(path, json.dumps(data, indent=2).encode() + b"\n")
     now = zero_file.text((calibration, zeros))
     notes += _keep(path, now)
     try:

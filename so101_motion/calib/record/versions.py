@@ -96,7 +96,7 @@ def listed(kept: Path) -> tuple[Version, ...]:
     return tuple(sorted(found, key=lambda version: -version.number))
 
 
-def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
+def keep(path: Path, data: bytes, zeros: bytes | None) -> None:
     """Keep the content of the file at ``path`` as a version, unless the last is the same.
 
     Raises:
@@ -106,7 +106,7 @@ def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
     kept.mkdir(parents=True, exist_ok=True)
     with atomic.locked(kept):
         before = listed(kept)
-        if before and contents(before[0].path) == (said, zeros):
+        if before and contents(before[0].path) == (data, zeros):
             return
         for left in kept.glob(".*.tmp"):
             left.unlink(missing_ok=True)  # of a writer that was killed
@@ -116,7 +116,7 @@ def keep(path: Path, said: bytes, zeros: bytes | None) -> None:
         copy = kept / f"{number:04d}_{datetime.now(UTC).strftime(_TIME)}.json"
         if zeros is not None:
             atomic.write(zero_path(copy), zeros)  # first: a version is there when its record is
-        atomic.write(copy, said)
+        atomic.write(copy, data)
         for old in before[KEPT - 1 :]:
             old.path.unlink(missing_ok=True)
             zero_path(old.path).unlink(missing_ok=True)

@@ -1,7 +1,7 @@
 """Explain the zeros in force to a person: in words, and in millimetres at the jaws.
 
 That an angle is four degrees off says little to most people; that the jaws are 40 mm beside where
-the arm reports them says all. The figures are the model's, over postures all over its range.
+the arm reports them says all. The figures are the model's, over configurations all over its range.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.kinematics.model import RobotModel
 
-_POSTURES = 200
+_CONFIGURATIONS = 200
 
 _STOPS_MIDDLE = {joint: sum(STOPS[joint]) / 2.0 for joint in SWEPT}
 
@@ -51,8 +51,10 @@ def explain(
         One for each joint, base to wrist, and one for all of them together.
     """
     joints = [joint for joint in ARM_JOINTS if joint in zeros and joint in calibration]
-    postures = np.random.default_rng(0).uniform(model.lower, model.upper, (_POSTURES, 5))
-    jaws = _Jaws(model, postures)
+    configurations = np.random.default_rng(0).uniform(
+        model.lower, model.upper, (_CONFIGURATIONS, 5)
+    )
+    jaws = _Jaws(model, configurations)
     each = [_of_joint(joint, zeros[joint], calibration[joint], jaws) for joint in joints]
     return (*each, _of_all({joint: zeros[joint] for joint in joints}, jaws))
 
@@ -70,18 +72,18 @@ def explain_stored(stored: Stored) -> tuple[ZeroReport, ...]:
 class _Jaws:
     """Computes how far the jaws move when joint angles change."""
 
-    def __init__(self, model: RobotModel, postures: np.ndarray) -> None:
-        self._model, self._postures = model, postures
-        self._before = self._at(postures)
+    def __init__(self, model: RobotModel, configurations: np.ndarray) -> None:
+        self._model, self._configurations = model, configurations
+        self._before = self._at(configurations)
 
     def moved_mm(self, angles: Mapping[str, float]) -> tuple[float, float]:
         """The mean and the most, when ``angles`` [rad] are added to the joints'."""
         added = np.array([angles.get(joint, 0.0) for joint in ARM_JOINTS])
-        distances = np.linalg.norm(self._at(self._postures + added) - self._before, axis=1)
+        distances = np.linalg.norm(self._at(self._configurations + added) - self._before, axis=1)
         return to_mm(float(distances.mean())), to_mm(float(distances.max()))
 
-    def _at(self, postures: np.ndarray) -> np.ndarray:
-        return np.array([self._model.frame(q, "jaw_tip").p for q in postures])
+    def _at(self, configurations: np.ndarray) -> np.ndarray:
+        return np.array([self._model.frame(q, "jaw_tip").p for q in configurations])
 
 
 def _of_joint(joint: str, zero: Zero, entry: JointCalibration, jaws: _Jaws) -> ZeroReport:

@@ -128,17 +128,17 @@ def _rounds(given: object) -> int | None:
 
 
 def _written(waypoint: Waypoint) -> dict[str, object]:
-    said: dict[str, object] = {
+    content: dict[str, object] = {
         "name": waypoint.name,
         "q_deg": user_storage.joints_to_deg(waypoint.q),
     }
     if waypoint.aperture is not None:
-        said["aperture_percent"] = round(100.0 * waypoint.aperture, 2)
+        content["aperture_percent"] = round(100.0 * waypoint.aperture, 2)
     if waypoint.pause > 0.0:
-        said["pause_s"] = waypoint.pause
+        content["pause_s"] = waypoint.pause
     if waypoint.passes:
-        said["pass"] = True
-    return said
+        content["pass"] = True
+    return content
 
 
 def _waypoint(number: int, content: object) -> Waypoint:

@@ -77,7 +77,7 @@ class ProgramRun:
         self.plan: Plan | None = None
         self._where = Where()
         self._under_way: tuple[ProgramLeg, float] | None = None  # and when it began
-        self._told: PlanningError | None = None  # says itself which waypoint it is about
+        self._error: PlanningError | None = None  # says itself which waypoint it is about
         self._arm, self._gripper, self._clock = arm, gripper, clock
         self._rehearsal = rehearsal
         self._motion = arm.start_series(self._steps())
@@ -136,7 +136,7 @@ class ProgramRun:
         try:
             return plan_leg(self._arm, self.program, leg.indices, state.q_ref, state.q_jaw_ref)
         except PlanningError as error:
-            self._told = error
+            self._error = error
             raise
 
     def _stay(self, index: int, motion: Motion) -> None:
@@ -154,7 +154,7 @@ class ProgramRun:
         if error is None:
             self._where = Where(round=self._where.round, index=len(self.program))
             self.future.set_result(None)
-        elif error is self._told or isinstance(error, Interrupted):
+        elif error is self._error or isinstance(error, Interrupted):
             self.future.set_exception(error)
         elif isinstance(error, So101Error):
             self.future.set_exception(error_about(error, self.program.called(self.where.index)))

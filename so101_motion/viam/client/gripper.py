@@ -26,7 +26,7 @@ class MachineGripper(MotionRunner):
     Args:
         link: To the machine.
         find: The gripper's client; raises ``MachineUnavailable`` or ``ConfigError`` without one.
-        told: What it said last.
+        newest_report: What it said last.
         look: Brings that up to date.
     """
 
@@ -34,11 +34,11 @@ class MachineGripper(MotionRunner):
         self,
         link: Link,
         find: Callable[[], Gripper],
-        told: Callable[[], GripperReport],
+        newest_report: Callable[[], GripperReport],
         look: Callable[[], Awaitable[None]],
     ) -> None:
         super().__init__(link, look)
-        self._find, self._newest_report = find, told
+        self._find, self._newest_report = find, newest_report
 
     @property
     def q_jaw(self) -> float:

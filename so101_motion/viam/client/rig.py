@@ -206,11 +206,11 @@ class MachineRig(Machine):
         assert arm is not None  # the watch has found it
         begin = self.clock.now()
         async with asyncio.timeout(PATIENCE):
-            told, self._jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper))
+            answered, self._jaw = await asyncio.gather(ask_arm(arm), ask_gripper(gripper))
         t = 0.5 * (begin + self.clock.now())
         if self._state is None or t > self._state.t:
-            self._status = told.status
-            self._state = next_state(self._state, told, self._jaw, t)
+            self._status = answered.status
+            self._state = next_state(self._state, answered, self._jaw, t)
 
     async def _refresh(self) -> None:
         self._link.client()

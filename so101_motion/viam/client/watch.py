@@ -72,9 +72,9 @@ async def ask_arm(arm: Arm) -> ArmReport:
         status = await arm.get_status()
     except GRPCError:  # many modules have none
         status = {}
-    told = status.get("joint_positions_deg")
-    if isinstance(told, Mapping) and all(joint in told for joint in ARM_JOINTS):
-        values = [told[joint] for joint in ARM_JOINTS]
+    answered = status.get("joint_positions_deg")
+    if isinstance(answered, Mapping) and all(joint in answered for joint in ARM_JOINTS):
+        values = [answered[joint] for joint in ARM_JOINTS]
         q = convert.from_joint_values(values, what="joint_positions_deg")
         return ArmReport(q=q, mode=_mode(status), status=status)
     positions = await arm.get_joint_positions()
@@ -98,12 +98,12 @@ async def ask_gripper(gripper: Gripper | None) -> GripperReport:
     if gripper is None:
         return GripperReport()
     try:
-        told = await gripper.do_command({"command": "get_position"})
-        percent = told.get("position_percentage", 0.0)
+        answered = await gripper.do_command({"command": "get_position"})
+        percent = answered.get("position_percentage", 0.0)
         return GripperReport(
             aperture=0.01 * percent if isinstance(percent, (int, float)) else 0.0,
             is_moving=await gripper.is_moving(),
-            is_holding=told.get("is_holding_something") is True,
+            is_holding=answered.get("is_holding_something") is True,
         )
     except GRPCError:
         return GripperReport()
