@@ -17,5 +17,5 @@ def planning_process():
 @pytest.fixture(autouse=True)
 def every_test_begins_with_new_arms():
     """A simulated arm stands where the last one of its name was left."""
-    SimulatedArm._left.clear()
-    SimulatedGripper._left.clear()
+    SimulatedArm.left_at.clear()
+    SimulatedGripper.left_at.clear()

@@ -70,8 +70,8 @@ def read_health(rig: RigLike) -> Health:
     elif isinstance(rig, Rig):
         servos, silence = (), "Simulated: there are no servos to measure."
     else:
-        told = getattr(rig, "status", {}).get("health")
-        servos = tuple(_from_status(told)) if isinstance(told, Mapping) else ()
+        reported = getattr(rig, "status", {}).get("health")
+        servos = tuple(_from_status(reported)) if isinstance(reported, Mapping) else ()
         if not servos:
             silence = "The machine's arm reports no servo health."
     return Health(
@@ -88,10 +88,10 @@ def _tone(bad: bool, odd: bool) -> Tone:
     return Tone.BAD if bad else Tone.WARM if odd else Tone.PLAIN
 
 
-def _from_status(told: Mapping[str, Any]) -> list[JointHealth]:
+def _from_status(reported: Mapping[str, Any]) -> list[JointHealth]:
     """The servos in a machine's status; leaves out entries that cannot be read."""
     found = []
-    for joint, figures in told.items():
+    for joint, figures in reported.items():
         try:
             servo = JointHealth(
                 joint=str(joint),

@@ -56,11 +56,11 @@ NEAR_LIMIT = 0.03
 """Share of the range at either end where a bar turns red; chosen: 6 degrees of the pan joint."""
 
 
-def sentence(said: Sentence) -> str:
+def sentence(sentence: Sentence) -> str:
     """One sentence, coloured by its tone."""
     return (
         '<div style="padding:.35em .7em .5em;min-height:3.7em;box-sizing:border-box;'
-        f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[said.tone]}">{escape(said.text)}</div>'
+        f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )
 
 
@@ -85,13 +85,13 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
     )
 
 
-def banner(said: Sentence) -> str:
+def banner(sentence: Sentence) -> str:
     """A sentence in a conspicuous box."""
-    color = _TONES[said.tone]
+    color = _TONES[sentence.tone]
     return (
         f'<div style="margin:.5em .6em;padding:.5em .7em;border-left:.3em solid {color};'
         "background:#8882;border-radius:.2em;font-size:.9em;line-height:1.35;"
-        f'overflow-wrap:anywhere">{escape(said.text)}</div>'
+        f'overflow-wrap:anywhere">{escape(sentence.text)}</div>'
     )
 
 

@@ -74,12 +74,12 @@ class PoseList:
         pose = self._book.save(self.name, q)
         self._changed(pose.name, texts.saved(pose.name))
 
-    def _changed(self, chosen: str | None, said: Sentence) -> None:
+    def _changed(self, chosen: str | None, sentence: Sentence) -> None:
         self.poses = self._book.own()
         first = self.poses[0].name if self.poses else None
         self.chosen = first if chosen is None else chosen
         self.name = self.chosen or ""
-        self._page.tell(said)
+        self._page.tell(sentence)
 
     def _chosen(self) -> str:
         if self.chosen is None:

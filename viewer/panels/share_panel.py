@@ -45,7 +45,7 @@ class SharePart(Part):
         self._tracking = page.tracking
         self._ran: tuple[PlanView, Run] | None = None
         self._orders: list[_PendingFile] = []
-        self._said: Sentence | None = None
+        self._status: Sentence | None = None
         gui = context.gui
         with context.tabs.add_tab("Share", viser.Icon.SHARE):
             self._sentence = gui.add_html("")
@@ -63,7 +63,7 @@ class SharePart(Part):
             self._ran = page.plan_view, page.tracking.run
         self._plan, self._tracking = page.plan_view, page.tracking
         if news:
-            self._said = None
+            self._status = None
         done = [order for order in self._orders if order.file.done()]
         for order in done:
             self._orders.remove(order)
@@ -75,14 +75,14 @@ class SharePart(Part):
         has_plan = self._plan is not None
         self._download.disabled = not has_plan
         self._what.visible = self._ran is not None
-        self._sentence.content = markup.sentence(self._said or (READY if has_plan else NOTHING))
+        self._sentence.content = markup.sentence(self._status or (READY if has_plan else NOTHING))
 
     def _order(self, client: viser.ClientHandle) -> None:
         subject = self._subject()
         if subject is None:
             return
         kind = kind_called(self._kind.value)
-        self._said = Sentence(text="Making the file …")
+        self._status = Sentence(text="Making the file …")
         self._orders.append(
             _PendingFile(
                 client=client,
@@ -94,11 +94,11 @@ class SharePart(Part):
     def _hand_over(self, order: _PendingFile) -> None:
         error = order.file.exception()
         if error is not None:
-            self._said = texts.ended(error)
+            self._status = texts.ended(error)
             return
         data = order.file.result()
         order.client.send_file_download(order.name, data, save_immediately=True)
-        self._said = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
+        self._status = Sentence(text=f"{order.name}, {_size(len(data))}.", tone=Tone.GOOD)
 
     def _subject(self) -> SharedMotion | None:
         rig, run, view = self._context.rig, None, self._plan

@@ -31,12 +31,12 @@ class BannerContent:
 
     Attributes:
         title: Which arm, where nothing else says it.
-        said: The sentence; None when all is well.
+        sentence: The sentence; None when all is well.
         can_hold: Whether pressing Hold is the way out.
     """
 
     title: str | None = None
-    said: Sentence | None = None
+    sentence: Sentence | None = None
     can_hold: bool = False
 
 
@@ -44,10 +44,10 @@ def waiting(title: str, error: Exception | None = None) -> BannerContent:
     """The banner before the first arm is found."""
     if error is None:
         return BannerContent(
-            title=title, said=Sentence(text="Looking for the arm …", tone=Tone.WARM)
+            title=title, sentence=Sentence(text="Looking for the arm …", tone=Tone.WARM)
         )
     text = f"{capital(str(error))} Still looking."
-    return BannerContent(title=title, said=Sentence(text=text, tone=Tone.BAD))
+    return BannerContent(title=title, sentence=Sentence(text=text, tone=Tone.BAD))
 
 
 def notice(connection: ArmConnection, state: JointState, since: datetime) -> BannerContent:
@@ -57,16 +57,16 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Ban
             f"Lost the {connection.to} at {since:%H:%M:%S}. {capital(connection.problem)} Showing"
             " its last position. It reconnects by itself; nothing will move."
         )
-        return BannerContent(said=Sentence(text=text, tone=Tone.BAD))
+        return BannerContent(sentence=Sentence(text=text, tone=Tone.BAD))
     if state.mode is Mode.FAULT:
         text = f"Fault: {capital(state.fault or 'no reason given')} Fix this, then press Hold."
-        return BannerContent(said=Sentence(text=text, tone=Tone.BAD), can_hold=True)
+        return BannerContent(sentence=Sentence(text=text, tone=Tone.BAD), can_hold=True)
     if state.mode is Mode.LIMP:
         text = "The arm is limp. Press Hold to keep it where it is."
-        return BannerContent(said=Sentence(text=text, tone=Tone.WARM), can_hold=True)
+        return BannerContent(sentence=Sentence(text=text, tone=Tone.WARM), can_hold=True)
     if state.mode is Mode.GUIDING:
         text = "You can move the arm by hand. Press Hold to keep it where it is."
-        return BannerContent(said=Sentence(text=text, tone=Tone.WARM), can_hold=True)
+        return BannerContent(sentence=Sentence(text=text, tone=Tone.WARM), can_hold=True)
     return BannerContent()
 
 
@@ -74,7 +74,7 @@ class SourceBanner:
     """The banner's widgets: a line at the top right, and Hold under it."""
 
     def __init__(self, gui: viser.GuiApi) -> None:
-        self._said = gui.add_html("", order=-10.0, visible=False)
+        self._sentence = gui.add_html("", order=-10.0, visible=False)
         self.hold = gui.add_button(
             "Hold",
             order=-9.0,
@@ -86,8 +86,10 @@ class SourceBanner:
     def show(self, notice: BannerContent) -> None:
         """Show ``notice``."""
         head = "" if notice.title is None else markup.headline(notice.title, "")
-        self._said.content = "" if notice.said is None else head + markup.banner(notice.said)
-        self._said.visible = notice.said is not None
+        self._sentence.content = (
+            "" if notice.sentence is None else head + markup.banner(notice.sentence)
+        )
+        self._sentence.visible = notice.sentence is not None
         self.hold.visible = notice.can_hold
 
 

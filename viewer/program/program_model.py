@@ -241,7 +241,7 @@ class ProgramModel:
         self._collect_run()
         run = self._run
         seen = (
-            self._said(),
+            self._status(),
             self._arm.state.mode,
             run and run.where,
             self._rehearsal,
@@ -262,7 +262,7 @@ class ProgramModel:
             chosen=self._chosen,
             name=self._name,
             saved=self._saved,
-            sentence=self._said(),
+            sentence=self._status(),
             rehearsal=self._rehearsal,
             run=self._run,
             guided=self._guiding.is_on,
@@ -274,7 +274,7 @@ class ProgramModel:
 
     # How
 
-    def _said(self) -> Sentence:
+    def _status(self) -> Sentence:
         if self._run is not None:
             return words.running(self._run)
         if self._guiding.is_on:

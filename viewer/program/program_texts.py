@@ -98,12 +98,12 @@ def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
 
 def line(waypoint: Waypoint) -> str:
     """What happens at a waypoint besides the motion to it."""
-    told = ["passed"] if waypoint.passes else []
+    parts = ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
-        told.append(f"gripper {100.0 * waypoint.aperture:.0f} %")
+        parts.append(f"gripper {100.0 * waypoint.aperture:.0f} %")
     if waypoint.pause > 0.0:
-        told.append(f"{waypoint.pause:g} s")
-    return ", ".join(told)
+        parts.append(f"{waypoint.pause:g} s")
+    return ", ".join(parts)
 
 
 def _of(program: Program) -> str:

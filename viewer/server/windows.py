@@ -165,10 +165,10 @@ def _made_for(client: viser.ClientHandle, number: int) -> _Window:
 
 
 def _show(window: _Window, standing: WindowStatus) -> None:
-    said = words(standing)
+    text = words(standing)
     with window.client.atomic():
-        window.line.content = "" if said is None else markup.banner(said)
-        window.line.visible = said is not None
+        window.line.content = "" if text is None else markup.banner(text)
+        window.line.visible = text is not None
         window.ask.visible = standing.role is Role.WATCHING
         window.answer.visible = standing.role is Role.ASKED
 

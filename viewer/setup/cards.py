@@ -80,7 +80,7 @@ def instruction(title: str, text: str) -> str:
     )
 
 
-def said(check: Check) -> str:
+def check_text(check: Check) -> str:
     """The result of a check and what to do."""
     mark, colour = _VERDICTS[check.verdict]
     return _marked(mark, colour, check.sentence, check.fix)
@@ -196,11 +196,11 @@ def troubles(found: Verification) -> list[tuple[str, str]]:
     for check in found.motors.values():
         if check.error:
             alike.setdefault((check.status, check.fix), []).append(check)
-    told = []
+    problems = []
     for (_status, fix), (first, *others) in alike.items():
         ids = ", ".join(str(check.servo_id) for check in others)
-        told.append((f"{first.error}; the same with {ids}" if ids else first.error, fix))
-    return told
+        problems.append((f"{first.error}; the same with {ids}" if ids else first.error, fix))
+    return problems
 
 
 def grid(found: Verification) -> str:

@@ -30,7 +30,7 @@ class ChainPage(StepPage):
         gui.add_html(cards.instruction(CHAIN.title, CHAIN.instruction))
         self._verify = gui.add_button("Verify all six", icon=viser.Icon.LIST_CHECK, color="green")
         self._grid = gui.add_html("")
-        self._said = gui.add_html("")
+        self._status = gui.add_html("")
         self._setup.context.on_press(self._verify, self._look)
 
     def enter(self) -> None:
@@ -53,11 +53,11 @@ class ChainPage(StepPage):
         self._verify.label = "Verify all six" if found is None else "Verify again"
         self._verify.disabled = bool(self._setup.doing) or self._is_calibrating
         self._grid.content = "" if found is None else cards.grid(found)
-        is_told = found is not None and any(check.error for check in found.motors.values())
-        is_open = found is None or is_told or bool(self._setup.doing)
-        self._said.content = "" if is_open else cards.said(self.check())
+        is_shown_above = found is not None and any(check.error for check in found.motors.values())
+        is_open = found is None or is_shown_above or bool(self._setup.doing)
+        self._status.content = "" if is_open else cards.check_text(self.check())
         if self._is_calibrating:
-            self._said.content = cards.note("The calibration is under way: press Next.")
+            self._status.content = cards.note("The calibration is under way: press Next.")
         if found is not None:
             wrong = tuple(joint for joint, check in found.motors.items() if check.status != "ok")
             lit, colour = (wrong, ORANGE) if wrong else (tuple(found.motors), GREEN)

@@ -89,14 +89,14 @@ class ConfigurePage(StepPage):
             return
         saved = self._setup.saved
         tested = self._setup.tested
-        said = cards.instruction(CONFIGURE.title, "")
-        said += "" if tested is None else cards.said(tested)
+        html = cards.instruction(CONFIGURE.title, "")
+        html += "" if tested is None else cards.check_text(tested)
         if target.is_remote:
-            said += cards.instruction(
+            html += cards.instruction(
                 "", f"The machine has it in force already. Its calibration is in {saved}: give its"
                 " arm and gripper this calibration_file, if they have not."
             )  # fmt: skip
-        self._about.content = said
+        self._about.content = html
         about = "For a Viam machine: paste this into Configure, then JSON."
         self._snippet.content = markup.to_copy(about, self._text) if self._text else ""
         self._keep.visible = bool(self._text)
@@ -110,12 +110,12 @@ class ConfigurePage(StepPage):
             return
         self._open.visible = not self._url and not target.is_remote
         self._open.disabled = bool(self._setup.doing)
-        said = cards.instruction("Move it now", "")
+        html = cards.instruction("Move it now", "")
         if self._url:
-            said += calibration_cards.link(
+            html += calibration_cards.link(
                 self._url, "The preview of the arm, on a page of its own"
             )
-        self._ways.content = said + cards.note(f"Later, from a terminal: {_command(target)}")
+        self._ways.content = html + cards.note(f"Later, from a terminal: {_command(target)}")
 
     def _as_it_was(self) -> str:
         return "what was saved stays, and the arm is left as it is"

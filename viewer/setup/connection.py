@@ -130,7 +130,7 @@ class ConnectionPage(StepPage):
         self._picks = [gui.add_button("", visible=False, color="gray") for _ in range(_MOST_PORTS)]
         for place, button in enumerate(self._picks):
             self._setup.context.on_press(button, partial(self._pick, place))
-        self._said = gui.add_html("")
+        self._status = gui.add_html("")
 
     def enter(self) -> None:
         """Start looking at the ports."""
@@ -168,7 +168,7 @@ class ConnectionPage(StepPage):
                 self._cards[place].content = cards.port(candidate, is_chosen=candidate is chosen)
                 self._picks[place].label = f"Use {candidate.name}"
         is_bare = chosen is not None and not chosen.report.servo_ids
-        self._said.content = cards.said(self.check()) + cards.note(_BARE if is_bare else "")
+        self._status.content = cards.check_text(self.check()) + cards.note(_BARE if is_bare else "")
 
     def check(self) -> Check:
         """Whether there is a usable port."""

@@ -200,14 +200,14 @@ class FinalTestPage(StepPage):
             return cards.instruction(TEST.title, "") + cards.going_on(doing)
         if trial.report is not None:
             return cards.instruction(TEST.title, "")
-        said = cards.instruction("This will move:", trial.outline.sentence)
-        said += "".join(
+        html = cards.instruction("This will move:", trial.outline.sentence)
+        html += "".join(
             cards.note(f"{joint} is left out: {reason}")
             for joint, reason in trial.outline.obstacles
         )
         if trial.trouble is not None:
-            said += cards.failed(str(trial.trouble))
-        return said + cards.note(_CLEAR)
+            html += cards.failed(str(trial.trouble))
+        return html + cards.note(_CLEAR)
 
     def _about_hold(self) -> str:
         """Why the arm does not hold, and what to do."""

@@ -101,10 +101,10 @@ class MachineCalibrator(BaseCalibrator):
 
     def _angles(self) -> dict[str, float]:
         try:
-            told = self._ask({"command": "get_current_positions"})
+            answer = self._ask({"command": "get_current_positions"})
         except So101Error:  # no servo answers, which the readings tell as well
             return {}
-        return {joint: float(one["radians"]) for joint, one in told["positions"].items()}
+        return {joint: float(one["radians"]) for joint, one in answer["positions"].items()}
 
     def _do(self, command: Json) -> Json:
         try:
@@ -151,7 +151,7 @@ class MachineMotors:
 
     def verify(self) -> Verification:
         """Check the six motors of the finished chain."""
-        told = self._ask({"command": "motor_setup_verify"})
+        answer = self._ask({"command": "motor_setup_verify"})
         motors = {
             joint: MotorCheck(
                 joint=joint,
@@ -160,13 +160,13 @@ class MachineMotors:
                 error=str(one.get("error", "")),
                 fix=str(one.get("fix", "")),
             )
-            for joint, one in told["motors"].items()
+            for joint, one in answer["motors"].items()
         }
         return Verification(
             motors={joint: motors[joint] for joint in JOINTS if joint in motors},
-            unexpected_ids=tuple(round(i) for i in told.get("unexpected_ids", ())),
-            notes=tuple(map(str, told.get("notes", ()))),
-            sentence=str(told["status"]),
+            unexpected_ids=tuple(round(i) for i in answer.get("unexpected_ids", ())),
+            notes=tuple(map(str, answer.get("notes", ()))),
+            sentence=str(answer["status"]),
         )
 
     def recall(self, joints: Collection[str]) -> None:

@@ -222,7 +222,7 @@ class SetupPart(Part):
         about = f"{wizard.where}, once the arm is connected again" if waits else wizard.where
         self._head.content = markup.headline(wizard.workflow.title, about)
         self._steps.content = cards.step_list(wizard.rows(self.setup.known))
-        self._torque.content = cards.torque(self.setup.torque.told)
+        self._torque.content = cards.torque(self.setup.torque.shown)
         reason = self._reason()
         self._next.label = "Finish" if wizard.is_last else "Next"
         self._next.disabled = reason is not None

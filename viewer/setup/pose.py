@@ -59,7 +59,7 @@ class PosePage(CalibrationPage):
         self._mend = gui.add_button(
             "Put the motors back", icon=viser.Icon.ARROW_BACK_UP, visible=False
         )
-        self._said = gui.add_html("")
+        self._status = gui.add_html("")
         on_press = self._setup.context.on_press
         on_press(self._let_go, self._start)
         on_press(self._take, self._wait_for_stillness)
@@ -106,25 +106,25 @@ class PosePage(CalibrationPage):
             return
         q = np.array([HOMING_POSE[joint] for joint in ARM_JOINTS])
         picture.ghost(q, HOMING_POSE[GRIPPER_JOINT])
-        told = summary.hints(now.joints, seen)
-        picture.light(tuple(hint.joint for hint in told if hint.tone == "warm"))
+        hints = summary.hints(now.joints, seen)
+        picture.light(tuple(hint.joint for hint in hints if hint.tone == "warm"))
         note = summary.picture_note(seen, now.joints)
-        is_all_guessed = all(hint.tone == "dim" for hint in told)
-        table = "" if is_all_guessed else calibration_cards.hints(told)
+        is_all_guessed = all(hint.tone == "dim" for hint in hints)
+        table = "" if is_all_guessed else calibration_cards.hints(hints)
         self._hints.content = table + cards.note(note)
 
     def _say(self) -> None:
         now = self._now
         assert now is not None
         view = now.view
-        said = cards.note(view.note or "")
+        html = cards.note(view.note or "")
         if self._stillness is not None:
             left = STILL - self._still
-            told = f"hold still: {left:.1f} s more" if self._still else "hold still: it moves"
-            said += cards.going_on(told)
+            text = f"hold still: {left:.1f} s more" if self._still else "hold still: it moves"
+            html += cards.going_on(text)
         elif view.error and not self._setup.trouble:
-            said += cards.failed(view.error)
-        self._said.content = said
+            html += cards.failed(view.error)
+        self._status.content = html
 
     # What the buttons do
 

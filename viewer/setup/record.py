@@ -36,7 +36,7 @@ class RecordPage(CalibrationPage):
         """Make the widgets."""
         self._todo = gui.add_html("")
         self._bars = gui.add_html("")
-        self._said = gui.add_html("")
+        self._status = gui.add_html("")
         self._start = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, visible=False)
         self._limited = gui.add_html("", visible=False)
         self._accept = gui.add_checkbox("Accept it", False, visible=False)
@@ -75,7 +75,7 @@ class RecordPage(CalibrationPage):
         bars = calibration_cards.travels(summary.travels(joints)) if has_bars else ""
         note = summary.picture_note(seen, joints) if is_on else ""
         self._bars.content = bars + cards.note(note)
-        self._said.content = self._about_trouble(now.view.error, missing)
+        self._status.content = self._about_trouble(now.view.error, missing)
         self._start.visible, self._finish.visible = state is State.HOMED, is_on
         self._start.disabled = busy
         self._show_accept(missing if is_on else ())

@@ -25,7 +25,7 @@ _BESIDE = (
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Told:
+class _Outcome:
     """What the page says of the saved calibration."""
 
     stored: Stored
@@ -39,7 +39,7 @@ class SavePage(CalibrationPage):
     def __init__(self, setup: SetupContext) -> None:
         super().__init__(setup, SAVE)
         self._lines: tuple[summary.SummaryLine, ...] = ()
-        self._told: _Told | None = None
+        self._outcome: _Outcome | None = None
         self._is_undone = False
 
     def build(self, gui: viser.GuiApi) -> None:
@@ -49,7 +49,7 @@ class SavePage(CalibrationPage):
         self._save = gui.add_button(
             "Save", icon=viser.Icon.DEVICE_FLOPPY, color="green", visible=False
         )
-        self._said = gui.add_html("")
+        self._text = gui.add_html("")
         self._undo = gui.add_button(
             "Undo: back to the calibration before",
             icon=viser.Icon.ARROW_BACK_UP,
@@ -63,7 +63,7 @@ class SavePage(CalibrationPage):
         """Read what was recorded, or what an earlier setup saved."""
         setup = self._setup
         if setup.saved is None:
-            self._told, self._is_undone = None, False
+            self._outcome, self._is_undone = None, False
             if setup.target is not None:
                 setup.saved = setup.target.calibrator.situation.saved
 
@@ -78,33 +78,33 @@ class SavePage(CalibrationPage):
             self._lines = summary.lines(now.joints, self._setup.before)
         saved = self._setup.saved
         self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
-        is_in_force = self._told is not None and not self._is_undone
+        is_in_force = self._outcome is not None and not self._is_undone
         self._table.content = (
             calibration_cards.summary(self._lines) if is_open or is_in_force else ""
         )
         self._save.visible, self._save.disabled = is_open, busy
         self._save.label = "Try to save again" if is_open and self._setup.trouble else "Save"
         self._undo.visible = (
-            self._told is not None and bool(self._setup.before) and not self._is_undone
+            self._outcome is not None and bool(self._setup.before) and not self._is_undone
         )
         self._undo.disabled = busy
         if is_open:
             kept = _BESIDE if self._setup.before else ""
-            self._said.content = cards.note(
+            self._text.content = cards.note(
                 f"It will be stored in the motors and in {now.calibration_file}.{kept}"
             )
         else:
-            self._said.content = self._about_saved()
+            self._text.content = self._about_saved()
 
     def _about_saved(self) -> str:
-        told = self._told
-        if told is None:
+        outcome = self._outcome
+        if outcome is None:
             return ""
         title = "The calibration before is back:" if self._is_undone else "Saved:"
-        said = calibration_cards.saved(title, str(told.stored.path), told.stored.notes)
-        if told.trouble:
-            said += cards.failed(told.trouble)
-        return said + "".join(cards.note(capital(text)) for text in told.zero_reports)
+        html = calibration_cards.saved(title, str(outcome.stored.path), outcome.stored.notes)
+        if outcome.trouble:
+            html += cards.failed(outcome.trouble)
+        return html + "".join(cards.note(capital(text)) for text in outcome.zero_reports)
 
     # What the buttons do
 
@@ -112,19 +112,21 @@ class SavePage(CalibrationPage):
         is_first = not self._setup.before
         self._do(
             "storing it in the motors and in the file",
-            lambda target: _told(target.calibrator.step(Command.SAVE), is_first=is_first),
+            lambda target: _outcome(target.calibrator.step(Command.SAVE), is_first=is_first),
             self._take,
         )
 
     def _restore(self) -> None:
-        self._do("going back", lambda target: _told(target.calibrator.restore()), self._take_back)
+        self._do(
+            "going back", lambda target: _outcome(target.calibrator.restore()), self._take_back
+        )
 
-    def _take(self, told: _Told, *, is_undone: bool = False) -> None:
-        self._told, self._is_undone = told, is_undone
-        self._setup.saved = told.stored.path
+    def _take(self, outcome: _Outcome, *, is_undone: bool = False) -> None:
+        self._outcome, self._is_undone = outcome, is_undone
+        self._setup.saved = outcome.stored.path
 
-    def _take_back(self, told: _Told) -> None:
-        self._take(told, is_undone=True)
+    def _take_back(self, outcome: _Outcome) -> None:
+        self._take(outcome, is_undone=True)
 
 
 def _instruction(is_open: bool, is_saved: bool) -> str:
@@ -135,10 +137,10 @@ def _instruction(is_open: bool, is_saved: bool) -> str:
     return "There is nothing to save yet: go back to the homing pose."
 
 
-def _told(ended: StepResult, *, is_first: bool = False) -> _Told:
+def _outcome(ended: StepResult, *, is_first: bool = False) -> _Outcome:
     assert ended.stored is not None  # it was saved
     zero_reports = _meanings(ended.stored, is_first=is_first)
-    return _Told(stored=ended.stored, trouble=ended.trouble or "", zero_reports=zero_reports)
+    return _Outcome(stored=ended.stored, trouble=ended.trouble or "", zero_reports=zero_reports)
 
 
 def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
@@ -148,6 +150,6 @@ def _meanings(stored: Stored, *, is_first: bool) -> tuple[str, ...]:
     """
     if not stored.zeros:
         return ()  # a machine does not tell
-    told = zero_report.explain_stored(stored)
-    guessed = [meaning.sentence for meaning in told[:-1] if meaning.by == "middle"]
-    return (*guessed,) if is_first else (*guessed, told[-1].sentence)
+    explained = zero_report.explain_stored(stored)
+    guessed = [meaning.sentence for meaning in explained[:-1] if meaning.by == "middle"]
+    return (*guessed,) if is_first else (*guessed, explained[-1].sentence)

@@ -34,12 +34,12 @@ class StopPanel(Part):
 
     def refresh(self) -> bool:
         """Return whether the torque has changed."""
-        before, self._shown = self._shown, self._setup.torque.told
+        before, self._shown = self._shown, self._setup.torque.shown
         return self._shown != before
 
     def show(self) -> None:
         """Show the torque."""
-        self._torque.content = cards.torque(self._setup.torque.told)
+        self._torque.content = cards.torque(self._setup.torque.shown)
 
     def _stop(self) -> None:
         self._drop()

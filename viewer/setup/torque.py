@@ -48,7 +48,7 @@ class TorqueWatch:
     """
 
     def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
-        self.told = torque(None)
+        self.shown = torque(None)
         self._now = now
         self._doubted: float | None = None  # since when what is told has not been seen
 
@@ -63,14 +63,14 @@ class TorqueWatch:
             is_blind: Whether the motors are being looked for, so that nothing can be told.
         """
         seen = torque(target)
-        is_new = target is not None and self.told == torque(None)
-        is_news = is_new or target is None or (self.told.is_on is None and seen.is_on is not None)
-        if seen == self.told or (is_blind and not is_news):
+        is_new = target is not None and self.shown == torque(None)
+        is_news = is_new or target is None or (self.shown.is_on is None and seen.is_on is not None)
+        if seen == self.shown or (is_blind and not is_news):
             self._doubted = None
             return False
         if self._doubted is None:
             self._doubted = self._now()
         if not is_news and self._now() - self._doubted < SETTLED:
             return False
-        self.told, self._doubted = seen, None
+        self.shown, self._doubted = seen, None
         return True

@@ -164,8 +164,8 @@ class WorldModel:
         """Set whether the selected obstacle is a keep-out zone."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Obstacle) and keep_out != thing.keep_out:
-            said = "The arm keeps out of this zone." if keep_out else "An obstacle again."
-            self._put(replace(thing, keep_out=keep_out), said)
+            text = "The arm keeps out of this zone." if keep_out else "An obstacle again."
+            self._put(replace(thing, keep_out=keep_out), text)
 
     def set_mass(self, mass: float) -> None:
         """Set the mass of the selected held thing [kg]."""
@@ -175,8 +175,8 @@ class WorldModel:
 
     def set_floor(self, floor_z: float | None) -> None:
         """Set the floor's height [m], or remove the floor with None."""
-        said = "No floor: the arm may go below its base." if floor_z is None else "Floor set."
-        self._change(replace(self.scene, floor_z=floor_z), said)
+        text = "No floor: the arm may go below its base." if floor_z is None else "Floor set."
+        self._change(replace(self.scene, floor_z=floor_z), text)
 
     def hold(self, T_base_tool: SE3) -> None:
         """Attach the selected obstacle to the gripper, where it is now."""
@@ -260,15 +260,15 @@ class WorldModel:
     def _place(self, thing: Thing, pose: SE3) -> None:
         self._put(scene_edits.moved(thing, pose), "Moved.")
 
-    def _put(self, changed: Thing, said: str) -> None:
+    def _put(self, changed: Thing, text: str) -> None:
         """Replace the selected thing by ``changed``."""
-        self._change(scene_edits.with_thing(self.scene, changed), said)
+        self._change(scene_edits.with_thing(self.scene, changed), text)
 
-    def _change(self, scene: Scene, said: str) -> None:
+    def _change(self, scene: Scene, text: str) -> None:
         if not self.dragging:
             self._past = [*self._past[1 - _MOST_PAST :], self.scene]
         self.scene = scene
-        self.sentence = Sentence(text=said)
+        self.sentence = Sentence(text=text)
 
 
 class OverlapCheck:
@@ -312,10 +312,10 @@ def in_each_other(pair: tuple[str, str]) -> Sentence:
 
 def _scene(name: str, content: bytes) -> Scene:
     try:
-        said = json.loads(content)
+        text = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise ConfigError("file", name, f"is not JSON: {error}") from error
-    return scene_from(said, folder=None)  # a browser must not have files of ours read
+    return scene_from(text, folder=None)  # a browser must not have files of ours read
 
 
 def _mesh(name: str, kind: str, content: bytes) -> Mesh:

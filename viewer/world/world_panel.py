@@ -257,10 +257,10 @@ class WorldPart(Part):
         """Draw the scene and update the tab; viser sends only what differs."""
         world = self.world
         self._view.show(world.scene, self._T_tool, chosen=world.selected)
-        said = world.sentence
-        if self._inside is not None and said.tone is not Tone.BAD:
-            said = in_each_other(self._inside)
-        self._sentence.content = markup.sentence(said)
+        sentence = world.sentence
+        if self._inside is not None and sentence.tone is not Tone.BAD:
+            sentence = in_each_other(self._inside)
+        self._sentence.content = markup.sentence(sentence)
         self._show_list()
         floor_z = world.scene.floor_z
         self._floor.show(floor_z is not None)

@@ -35,7 +35,7 @@ class SimulatedArm(ArmResource):
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated")
     READ = staticmethod(SimulatedArmConfig.from_attributes)
 
-    _left: ClassVar[dict[str, Array]] = {}
+    left_at: ClassVar[dict[str, Array]] = {}
     """Where arms that were closed stood, by name, shape (5,), [rad]: a new configuration closes an
     arm and builds it anew, and a real one stays where it is meanwhile."""
 
@@ -56,7 +56,7 @@ class SimulatedArm(ArmResource):
             speed=wanted.speed,
             acceleration=wanted.acceleration,
             scene=scene_of(wanted),
-            q_start=cls._left.pop(name, None),
+            q_start=cls.left_at.pop(name, None),
             clock=MonotonicClock() if wanted.simulate_time else ManualClock(),
         )
         ceiling = JointCaps(speed=wanted.max_speed, acceleration=wanted.max_acceleration)
@@ -67,7 +67,7 @@ class SimulatedArm(ArmResource):
     async def close(self) -> None:
         """Stop and release everything; remembers where the arm stands for its name."""
         await super().close()
-        self._left[self.short_name] = self._arm.state.q_ref
+        self.left_at[self.short_name] = self._arm.state.q_ref
 
     async def _get_motion_params(self) -> dict[str, Any]:
         return {"speed_degs_per_sec": in_deg(self._arm.speed)}

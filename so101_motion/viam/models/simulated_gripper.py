@@ -34,7 +34,7 @@ class SimulatedGripper(GripperResource):
     MODEL: ClassVar = Model.from_string("devrel:so101:simulated-gripper")
     READ = staticmethod(SimulatedGripperConfig.from_attributes)
 
-    _left: ClassVar[dict[str, float]] = {}
+    left_at: ClassVar[dict[str, float]] = {}
     """Where the jaws that were closed stood, by name [rad]; as for the simulated arm."""
 
     def __init__(self, name: str, rig: Rig, config: SimulatedGripperConfig) -> None:
@@ -54,7 +54,7 @@ class SimulatedGripper(GripperResource):
         cls, name: str, wanted: SimulatedGripperConfig, dependencies: Dependencies
     ) -> SimulatedGripper:
         """Make the component; it starts where the last one of this name was."""
-        q_jaw = cls._left.pop(name, JAW_CLOSED)
+        q_jaw = cls.left_at.pop(name, JAW_CLOSED)
         return cls(name, open_simulated_gripper(q_jaw_start=q_jaw), wanted)
 
     # Moving
@@ -82,7 +82,7 @@ class SimulatedGripper(GripperResource):
     async def close(self) -> None:
         """Stop and release everything; remembers the jaw's angle for its name."""
         await super().close()
-        self._left[self.short_name] = self._gripper.q_jaw
+        self.left_at[self.short_name] = self._gripper.q_jaw
 
     # What it is doing
 

@@ -20,16 +20,16 @@ class PretendedPage:
         self.target = self
         self.q = np.full(5, 0.2)
         self.aimed: list[Array] = []
-        self.said: list[str] = []
+        self.sentence: list[str] = []
 
     def set_target_joints(self, q: Array) -> None:
         self.aimed.append(q)
 
     def tell(self, sentence: Sentence) -> None:
-        self.said.append(sentence.text)
+        self.sentence.append(sentence.text)
 
     def report(self, error: Exception) -> None:
-        self.said.append(str(error))
+        self.sentence.append(str(error))
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_a_pose_can_be_renamed_and_deleted(shelf: PoseList, page: PretendedPage)
     shelf.delete()
     assert names(shelf) == []
     assert shelf.chosen is None
-    assert page.said[-1] == "Deleted <b>other</b>."
+    assert page.sentence[-1] == "Deleted <b>other</b>."
 
 
 def test_without_a_pose_there_is_nothing_to_use(shelf: PoseList) -> None:
@@ -88,4 +88,4 @@ def test_a_broken_file_is_told_and_the_page_opens_all_the_same(
     (tmp_path / "poses.json").write_text("{")
     shelf = PoseList(SavedPoses(tmp_path / "poses.json"), page)  # type: ignore[arg-type]
     assert shelf.poses == ()
-    assert "is not JSON" in page.said[0]
+    assert "is not JSON" in page.sentence[0]
