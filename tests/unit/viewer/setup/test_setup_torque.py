@@ -37,23 +37,23 @@ def test_a_look_at_the_motors_does_not_make_the_torque_flicker() -> None:
     assert not watch.look(limp, is_blind=False)
     now[0] += 10.0
     assert not watch.look(lost, is_blind=False)
-    assert watch.told == torque(limp)
+    assert watch.shown == torque(limp)
     now[0] += SETTLED
     assert watch.look(lost, is_blind=False)
-    assert watch.told == torque(lost)
+    assert watch.shown == torque(lost)
 
 
 def test_a_new_bench_is_told_at_once_even_while_its_motors_are_looked_for() -> None:
     watch = TorqueWatch(lambda: 0.0)
     assert watch.look(bench(holds=None), is_blind=True)
-    assert watch.told == torque(bench(holds=None))
+    assert watch.shown == torque(bench(holds=None))
 
 
 def test_a_bench_that_was_put_away_is_told_at_once() -> None:
     watch = TorqueWatch(lambda: 0.0)
     watch.look(bench(), is_blind=False)
     assert watch.look(None, is_blind=False)
-    assert watch.told == torque(None)
+    assert watch.shown == torque(None)
 
 
 def test_motors_that_answer_are_told_although_answers_are_lost_again_and_again() -> None:
@@ -62,11 +62,11 @@ def test_motors_that_answer_are_told_although_answers_are_lost_again_and_again()
     silent, held, limp = bench(holds=None), bench(holds=True), bench(holds=False)
     assert watch.look(silent, is_blind=False)
     assert watch.look(held, is_blind=True)
-    assert watch.told == torque(held)
+    assert watch.shown == torque(held)
     told = set()
     for k in range(40):  # the joints are let go of, and every other answer is lost
         now[0] += 0.3 * SETTLED
         watch.look(silent if k % 2 else limp, is_blind=False)
-        told.add(watch.told.text)
-    assert watch.told == torque(limp)
+        told.add(watch.shown.text)
+    assert watch.shown == torque(limp)
     assert torque(silent).text not in told
