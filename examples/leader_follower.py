@@ -1,4 +1,4 @@
-"""One arm follows another, led by hand or, when both are simulated, by a program.
+"""One arm follows another, guided by hand or, when both are simulated, by a program.
 
     python examples/leader_follower.py
     python examples/leader_follower.py --leader /dev/ttyACM0 --follower /dev/ttyACM1
@@ -94,7 +94,7 @@ def apart(leader: so101.Rig, follower: so101.Rig) -> float:
 def main() -> None:
     """Lead and follow."""
     parser = argparse.ArgumentParser(description="One arm follows another.")
-    parser.add_argument("--leader", metavar="PORT", help="an arm that is led by hand")
+    parser.add_argument("--leader", metavar="PORT", help="an arm that is guided by hand")
     parser.add_argument("--follower", metavar="PORT", help="an arm that WILL move")
     asked = parser.parse_args()
     if bool(asked.leader) != bool(asked.follower):

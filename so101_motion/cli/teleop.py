@@ -1,4 +1,4 @@
-"""``so101 teleop``: one arm follows another that is led by hand."""
+"""``so101 teleop``: one arm follows another that is guided by hand."""
 
 from __future__ import annotations
 

@@ -167,7 +167,7 @@ class Executor:
 
     @property
     def is_resting(self) -> bool:
-        """Whether the arm neither moves nor is led by hand, as of the newest snapshot."""
+        """Whether the arm neither moves nor is guided by hand, as of the newest snapshot."""
         return not self.state.arm_moving and self.state.mode is not Mode.GUIDING
 
     def execute(self, trajectory: Trajectory, *, channel: Channel = Channel.ARM) -> Future[None]:

@@ -1,7 +1,7 @@
 """The interface of everything that can be played: one setpoint for each tick.
 
 The executor plays every source in the same manner. Four fit: a trajectory that is known beforehand
-(``PlannedMotion``), points that arrive while they are played (``Stream``), a tool led by hand
+(``PlannedMotion``), points that arrive while they are played (``Stream``), a jog
 (``Jog``), and joints that follow targets (``Following``).
 """
 

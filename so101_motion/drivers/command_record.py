@@ -24,7 +24,7 @@ class SentCommand:
         q_jaw_cmd: Where the jaw was sent [rad].
         goals: What the servos were sent [tick], by servo id; a servo that is missing got no goal.
             Empty for an arm without servos.
-        is_guided: Whether a hand leads the arm. Its goals then follow the hand, and ``q_cmd`` is
+        is_guided: Whether a hand guides the arm. Its goals then follow the hand, and ``q_cmd`` is
             only what was commanded before.
         is_seed: Whether the goals were written to be there when torque comes on.
     """

@@ -11,12 +11,12 @@ command that was sent and when, and keeps these promises for each joint:
    is held to 30 deg/s, because that is what its setpoints say; and whatever says nothing is held to
    ``speed``. ``speed`` and ``acceleration`` are the hard caps, which the servos keep as well.
 2. *A command begins where its joint is.* The first one after torque was off, after a fault or after
-   a hand has led the arm must be where the joint is known to be. So must one that breaks promise 1
+   a hand has guided the arm must be where the joint is known to be. So must one that breaks promise 1
    because a joint that did not follow is told to stay where it is; it comes without a velocity.
 3. *What is added to a command stays below its own bound*, ``largest_offset``, and changes by no
    more than ``OFFSET_SPEED``; what makes up for the lag at speed, v^2 / 2a, changes by
    no more than ``LEAD_SPEED``.
-4. *The goals of an arm that a hand leads* follow the hand no faster than ``speed``.
+4. *The goals of an arm that a hand guides* follow the hand no faster than ``speed``.
 
 A command that breaks 1 or 2 is a mistake of this program or the work of a wrong reading, so it is
 not brought into bounds but refused: nothing is sent, the joint stays at the last command, and
@@ -186,7 +186,7 @@ class GoalLimiter:
         return list(self._goal)
 
     def yielded(self, goals: Sequence[float], now: float) -> list[float]:
-        """The goals [rad] of the first joints while a hand leads them: no faster than ``speed``.
+        """The goals [rad] of the first joints while a hand guides them: no faster than ``speed``.
 
         ``SLACK`` is spent once and comes back with time that no joint needed, so over any span the
         goals travel at most ``speed * (span + SLACK)``.
