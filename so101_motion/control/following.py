@@ -1,4 +1,4 @@
-"""Follow targets that are given while the joints move: the one way to send targets to an arm.
+"""Follow targets that arrive while the joints move.
 
 Whoever leads calls ``aim`` as often as wanted, from any thread. In every control cycle the I/O
 thread asks for the next setpoint, which is one period of the fastest motion to the newest target

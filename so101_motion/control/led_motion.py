@@ -1,4 +1,4 @@
-"""What all motions share that somebody leads while they are played: how they are closed and end."""
+"""The common base of jogs and followings: how they are closed, and how they end."""
 
 from __future__ import annotations
 

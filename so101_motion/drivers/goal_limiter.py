@@ -11,8 +11,8 @@ command that was sent and when, and keeps these promises for each joint:
    is held to 30 deg/s, because that is what its setpoints say; and whatever says nothing is held to
    ``speed``. ``speed`` and ``acceleration`` are the hard caps, which the servos keep as well.
 2. *A command begins where its joint is.* The first one after torque was off, after a fault or after
-   a hand has guided the arm must be where the joint is known to be. So must one that breaks promise 1
-   because a joint that did not follow is told to stay where it is; it comes without a velocity.
+   a hand has guided the arm must be where the joint is known to be. So must one that breaks promise
+   1 because a joint that did not follow is told to stay where it is; it comes without a velocity.
 3. *What is added to a command stays below its own bound*, ``largest_offset``, and changes by no
    more than ``OFFSET_SPEED``; what makes up for the lag at speed, v^2 / 2a, changes by
    no more than ``LEAD_SPEED``.
