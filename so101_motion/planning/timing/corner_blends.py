@@ -27,7 +27,7 @@ def roomy_corners(
     """How far a joint may leave a polyline (m, 5) at its corners, (m - 2,) [rad]; 0 for a stop.
 
     ``tolerance`` is the largest and ``narrowest`` the smallest that is tried [rad]; ``is_free`` is
-    asked about configurations (n, 5) on the rounded corner.
+    asked about single configurations (5,) on the rounded corner.
     """
     tolerances = np.full(len(waypoints) - 2, tolerance)
     tight = list(range(len(tolerances)))
