@@ -42,8 +42,12 @@ _EVERY = 0.2  # [s], how often a person is told how it is
 @click.option("--scale", type=PerJoint(), help="Factor from leader to follower; minus turns.")
 @click.option("--mirror", is_flag=True, help="For arms that face each other: pan and roll turn.")
 @click.option("--offsets", type=PerJoint(), help="Five angles to add for the follower [deg].")
-@click.option("--guard", is_flag=True, help="Keep the follower clear of itself and the table.")
-@click.option("--scene", "scene_file", type=IN_FILE, help="With --guard: what is around it.")
+@click.option(
+    "--guard/--no-guard",
+    default=True,
+    help="Keep the follower clear of itself and the table.  [default: on]",
+)
+@click.option("--scene", "scene_file", type=IN_FILE, help="What is around it, for the guard.")
 @click.option("--speed", type=float, metavar="DEG/S", help="Cap while mirroring.  [default: 180]")
 @click.option("--acceleration", type=float, metavar="DEG/S2", help="Likewise.  [default: 500]")
 @click.option(
@@ -103,7 +107,7 @@ def teleop(
     if leader == follower != "sim":
         raise click.UsageError("--leader and --follower must be two arms")
     if scene_file is not None and not guard:
-        raise click.UsageError("--scene belongs to --guard")
+        raise click.UsageError("--scene is for the guard; leave out --no-guard")
     scene = None if scene_file is None else read_scene(scene_file)
     if record is not None and record.suffix.lower() == ".mcap":
         mcap_writer(record)  # now, not when a hand is on the arm

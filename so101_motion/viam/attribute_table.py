@@ -105,6 +105,10 @@ _SURROUNDINGS = (
     ),
     Attribute("visualize_ee_frame", "draw the tool frame", kind="flag", default=False),
     Attribute(
+        "collision_guard", "whether moves that do not wait keep clear of the arm itself and what"
+        " is around", kind="flag", default=True, ours=True,
+    ),
+    Attribute(
         "mesh_decimation_ratios", "checked, without effect", kind="numbers", range=(0.0, 1.0),
         count=5, form="list", idle="the meshes here are light as they are",
     ),

@@ -86,6 +86,7 @@ class ArmConfig:
     max_acceleration: float  # likewise [rad/s^2]
     motion: str | None  # the service that plans MoveToPosition; None when we plan it
     visualize_ee_frame: bool
+    guarded: bool  # whether moves that do not wait keep clear of the arm and its surroundings
     use_urdf: bool
     floor_z: float  # [m]
     obstacles: tuple[Mapping[str, object], ...]  # as in a scene file
@@ -114,6 +115,7 @@ class ArmConfig:
             "floor_z": given.value("floor_z_mm"),
             "position_tolerance": given.value("position_tolerance_mm"),
             "approach_tolerance": given.value("orientation_tolerance_deg"),
+            "guarded": given.value("collision_guard"),
             "unused": given.idle,
         }
         for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):

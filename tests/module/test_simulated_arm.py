@@ -312,11 +312,39 @@ async def test_cancelling_an_old_call_leaves_the_newer_motion_alone(client):
 async def test_without_waiting_the_call_returns_at_once_and_the_arm_goes_on(client):
     await in_time(client, client.move_to_joint_positions(joints(*HOME)))
     await client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
-    assert await client.is_moving()
-    await advance(client, 5.0)
-
+    await come_to_rest(client)
     assert await positions(client) == pytest.approx(ELSEWHERE, abs=0.01)
-    assert not await client.is_moving()
+
+
+async def come_to_rest(client):
+    assert await client.is_moving()
+    while await client.is_moving():
+        await advance(client, 0.05)
+
+
+INTO_THE_TABLE = (0, 60, 0, 40, 0)
+
+
+async def test_a_target_in_the_table_is_not_reached(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    await client.move_to_joint_positions(joints(*INTO_THE_TABLE), extra={"wait": False})
+    await come_to_rest(client)
+    assert (await client.get_end_position()).z > 0.0
+
+    extra = {"interpolate": False}
+    into = client.move_through_joint_positions([joints(*INTO_THE_TABLE)], extra=extra)
+    with pytest.raises(GRPCError, match="close to the floor"):
+        await in_time(client, into)
+    assert (await client.get_end_position()).z > 0.0
+
+
+async def test_without_the_guard_a_target_in_the_table_is_reached():
+    arm = new_arm(simulate_time=False, collision_guard=False)
+    async with arm_client(arm) as client:
+        await client.move_to_joint_positions(joints(*INTO_THE_TABLE), extra={"wait": False})
+        await come_to_rest(client)
+        assert (await client.get_end_position()).z < 0.0
+    await arm.close()
 
 
 async def test_a_stream_of_teleoperated_targets_is_followed_without_stopping(client):

@@ -77,8 +77,8 @@ ATTRIBUTES = (
         range=(1.0, 90.0), default=30.0, ours=True,
     ),
     Attribute(
-        "collision_guard", "keep the follower clear of itself and what its configuration says is"
-        " around", kind="flag", default=False, ours=True,
+        "collision_guard", "whether the follower keeps clear of itself and what its configuration"
+        " says is around", kind="flag", default=True, ours=True,
     ),
     Attribute(
         "max_consecutive_errors", "checked, without effect", range=(0.0, 1e9), default=0.0,
@@ -102,6 +102,7 @@ class TeleopConfig:
     mirror: Mirror  # which angles of the follower belong to the leader's
     pace: Pace  # how fast the follower goes
     guarded: bool  # whether the follower keeps clear of itself and its surroundings
+    asks_for_guard: bool  # whether that was given, and is not just the default
     dependencies: tuple[str, ...]  # the names it needs, in the published module's order
 
     @classmethod
@@ -123,6 +124,7 @@ class TeleopConfig:
             mirror=read_mirror(attributes),
             pace=read_pace(attributes),
             guarded=given.value("collision_guard"),
+            asks_for_guard=given.given("collision_guard"),
             dependencies=tuple(name for name in (leader, follower, *grippers) if name),
         )
 

@@ -87,6 +87,7 @@ class ArmSettings:
     Attributes:
         motion: The motion service that plans MoveToPosition; None when we plan it.
         visualize_ee_frame: Whether the tool frame is drawn.
+        guarded: Whether moves that do not wait keep clear of the arm and what is around it.
         use_urdf: Whether kinematics are served as URDF instead of SVA.
         position_tolerance: Largest position error that counts as arrived [m]; None for ours.
         approach_tolerance: Largest error of the approach direction [rad]; None for ours.
@@ -94,6 +95,7 @@ class ArmSettings:
 
     motion: MotionService | None
     visualize_ee_frame: bool
+    guarded: bool
     use_urdf: bool
     position_tolerance: float | None
     approach_tolerance: float | None
@@ -108,6 +110,7 @@ class ArmSettings:
         return cls(
             motion=motion_service(wanted.motion, dependencies),
             visualize_ee_frame=wanted.visualize_ee_frame,
+            guarded=wanted.guarded,
             use_urdf=wanted.use_urdf,
             position_tolerance=wanted.position_tolerance,
             approach_tolerance=wanted.approach_tolerance,
@@ -144,7 +147,8 @@ class ArmResource(Configured, Arm):
         self.short_name = name.rpartition(":")[2]
         self.here[self.short_name] = self
         self._arm = rig.arm
-        self.settings = settings
+        self.settings, arm = settings, rig.arm
+        self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
         self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = OptionWarnings(self.logger)
         self.paths = PathCommands(self)
@@ -226,7 +230,7 @@ class ArmResource(Configured, Arm):
         """Move the joints along a planned path; returns on arrival.
 
         With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
-        angles from whatever it is doing: the form for a stream of targets.
+        angles from whatever it is doing, short of contact: the form for a stream of targets.
         """
         await self.ready()
         with grpc_statuses():
@@ -234,7 +238,7 @@ class ArmResource(Configured, Arm):
             if convert.flag(extra or {}, "wait", True):
                 await self.arrived(self._arm.start_move(JointGoal(q=q_goal)))
             else:
-                left_alone(self._arm.start_retarget(q_goal), self.logger)
+                left_alone(self._retarget(q_goal), self.logger)
 
     async def move_through_joint_positions(
         self,
@@ -262,7 +266,7 @@ class ArmResource(Configured, Arm):
                 goal = PathGoal(waypoints=waypoints)
                 motion = self._arm.start_move(goal, limits=limits)
             else:
-                motion = self._arm.start_retarget(waypoints[-1], limits=limits)
+                motion = self._retarget(waypoints[-1], limits=limits)
             if waits:
                 await self.arrived(motion)
             else:

@@ -197,7 +197,7 @@ class So101Teleop(Configured, Generic):
             leader = RemoteLeader(leading, lets_go=config.lets_go)
         if isinstance(following, LocalArm):
             follower = LocalFollower(following, guarded=config.guarded)
-        elif config.guarded:
+        elif config.guarded and config.asks_for_guard:
             raise ConfigError(
                 "collision_guard", True, "needs a follower of this module; leave it out"
             )

@@ -29,7 +29,7 @@ def test_the_published_attributes_mean_what_they_meant():
 def test_the_defaults():
     found = config(rate_hz=0.0, max_consecutive_errors=0.0, leader_gripper="")
     assert found.rate == 100.0
-    assert (found.lets_go, found.auto_start, found.guarded) == (True, False, False)
+    assert (found.lets_go, found.auto_start, found.guarded) == (True, False, True)
     assert found.mirror.of(np.arange(5.0)) == pytest.approx(np.arange(5.0))
     assert np.degrees(found.pace.full.velocity) == pytest.approx(180.0)
     assert np.degrees(found.pace.approach.velocity) == pytest.approx(30.0)
