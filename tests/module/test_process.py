@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pytest_asyncio
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
 from harness.emulated_port import emulated_port
@@ -81,6 +82,16 @@ async def begin_sweep(arm, seconds=0.0):
     return move
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def process():
+    """A module for the tests that leave it as it was."""
+    async with running_module() as (module, _, _):
+        yield module
+
+
+shared = pytest.mark.asyncio(loop_scope="module")
+
+
 async def test_a_session_from_the_handshake_to_the_end():
     async with running_module() as (module, models, _):
         assert models == {
@@ -121,32 +132,32 @@ async def test_a_session_from_the_handshake_to_the_end():
         await gone(worker)
 
 
-async def test_configurations_that_cannot_be_used_are_refused_before_anything_is_built():
-    async with running_module() as (module, _, _):
-        for api, model, attributes, says in [
-            (ARM, SIMULATED, {"sped": 1.0}, 'did you mean "speed_degs_per_sec"?'),
-            (ARM, SIMULATED, {"speed_degs_per_sec": 1000.0}, "from 3 to 180"),
-            (GRIPPER, SIMULATED_GRIPPER, {"gripper_type": "leeder"}, 'did you mean "leader"?'),
-        ]:
-            for ask in (module.validate, module.add):
-                with pytest.raises(GRPCError) as caught:
-                    await ask(api, model, attributes)
-                assert caught.value.status is Status.INVALID_ARGUMENT
-                assert says in caught.value.message, caught.value.message
-                assert "GRPCError" not in caught.value.message
-                assert "line_num" not in caught.value.message
+@shared
+async def test_configurations_that_cannot_be_used_are_refused_before_anything_is_built(process):
+    for api, model, attributes, says in [
+        (ARM, SIMULATED, {"sped": 1.0}, 'did you mean "speed_degs_per_sec"?'),
+        (ARM, SIMULATED, {"speed_degs_per_sec": 1000.0}, "from 3 to 180"),
+        (GRIPPER, SIMULATED_GRIPPER, {"gripper_type": "leeder"}, 'did you mean "leader"?'),
+    ]:
+        for ask in (process.validate, process.add):
+            with pytest.raises(GRPCError) as caught:
+                await ask(api, model, attributes)
+            assert caught.value.status is Status.INVALID_ARGUMENT
+            assert says in caught.value.message, caught.value.message
+            assert "GRPCError" not in caught.value.message
+            assert "line_num" not in caught.value.message
 
 
-async def test_what_it_logs_reaches_the_parent():
-    async with running_module() as (module, _, _):
-        await module.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "arm")
-        await module.add(ARM, SIMULATED, {}, "other")
+@shared
+async def test_what_it_logs_reaches_the_parent(process):
+    await process.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "arm")
+    await process.add(ARM, SIMULATED, {}, "other")
 
-        def lines():
-            return [text for _, text in module.parent.lines if "mesh_decimation_ratios" in text]
+    def lines():
+        return [text for _, text in process.parent.lines if "mesh_decimation_ratios" in text]
 
-        await until(lines)
-        assert len(lines()) == 1
+    await until(lines)
+    assert len(lines()) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
@@ -334,20 +345,20 @@ async def test_without_a_socket_it_says_how_it_is_meant():
     assert b"usage: python -m so101_motion SOCKET" in complaint
 
 
-async def test_where_a_component_is_is_asked_on_the_modules_socket():
+@shared
+async def test_where_a_component_is_is_asked_on_the_modules_socket(process):
     """viam-server's client of a motion service sends the machine's GetPose there."""
-    async with running_module() as (module, _, _):
-        machine = RobotServiceStub(module.channel)
-        request = GetPoseRequest(component_name="arm", destination_frame="world")
-        answer = await machine.GetPose(request)
-        assert (answer.pose.reference_frame, answer.pose.pose.x) == ("world", 391.4)
-        with pytest.raises(GRPCError, match="frame moon not found"):
-            await machine.GetPose(GetPoseRequest(component_name="moon"))
+    machine = RobotServiceStub(process.channel)
+    request = GetPoseRequest(component_name="arm", destination_frame="world")
+    answer = await machine.GetPose(request)
+    assert (answer.pose.reference_frame, answer.pose.pose.x) == ("world", 391.4)
+    with pytest.raises(GRPCError, match="frame moon not found"):
+        await machine.GetPose(GetPoseRequest(component_name="moon"))
 
 
-async def test_a_refused_configuration_is_a_sentence():
-    async with running_module() as (module, _, _):
-        with pytest.raises(GRPCError) as caught:
-            await module.validate(ARM, SIMULATED, {"sped_degs_per_sec": 60})
-        assert caught.value.status is Status.INVALID_ARGUMENT
-        assert caught.value.message.startswith('"sped_degs_per_sec" = 60')
+@shared
+async def test_a_refused_configuration_is_a_sentence(process):
+    with pytest.raises(GRPCError) as caught:
+        await process.validate(ARM, SIMULATED, {"sped_degs_per_sec": 60})
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert caught.value.message.startswith('"sped_degs_per_sec" = 60')

@@ -29,7 +29,7 @@ FAR = [80.0, -45.0, 45.0, 60.0, 0.0]
 BRISK = {"speed_degs_per_sec": 20.0, "acceleration_degs_per_sec_per_sec": 500.0}
 
 ABANDONED = 50
-STOPS = 1000
+STOPS = 200
 
 
 @pytest.fixture
