@@ -110,6 +110,7 @@ def visit(browser: Browser) -> Iterator[Visit]:
         context.add_init_script(FEW_PICTURES)
         contexts.append(context)
         guest = Guest(page=context.new_page(), problems=[], asked=[])
+        guest.page.set_default_timeout(90_000)  # a busy machine draws late
         guest.page.on("pageerror", lambda error: guest.problems.append(str(error)))
         guest.page.on("request", lambda request: guest.asked.append(request.url))
         return guest

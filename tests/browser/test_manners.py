@@ -58,7 +58,7 @@ def test_a_window_without_control_changes_nothing_and_is_told_so(
     field.press("Enter")
     second.until(lambda: second.target_mm() == before)
     assert guest.target_mm() == before
-    assert guest.button("Execute").is_enabled()
+    guest.until(lambda: guest.button("Execute").is_enabled())
     second.press("Execute")
     second.until(lambda: second.says("Nothing was changed."))
     assert at_rest(rig)
@@ -86,7 +86,7 @@ def test_control_goes_over_only_when_it_is_let_go(guest: Guest, second: Guest) -
     second.until(lambda: second.button("Execute").is_enabled())
     guest.press("home")  # refused: the plan stays
     guest.until(lambda: guest.says("Nothing was changed."))
-    assert guest.button("Execute").is_enabled()
+    guest.until(lambda: guest.button("Execute").is_enabled())
     second.leave()  # nobody has control then, and nobody has to be asked
     guest.until(lambda: not guest.says("has control. You see everything"))
     guest.press("home")
@@ -151,7 +151,7 @@ def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None
         guest.page.keyboard.press(key)
     guest.page.wait_for_timeout(300)
     assert at_rest(rig)
-    assert guest.button("Execute").is_enabled()
+    guest.until(lambda: guest.button("Execute").is_enabled())
 
 
 def test_escape_stops_even_while_a_field_has_the_focus(

@@ -89,7 +89,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("it gets 15.5 V but is made for at most")
         hand.expect("Switch the power off now")
         assert not hand.can("Write id 6 to this motor")
-        assert hand.can("Look again")
+        hand.until(lambda: hand.can("Look again"), "Look again")
         kit.world.power(12.0)
         set_up(hand, kit, "gripper")
         hand.expect("Unplug the motor of gripper and write its name on it")
@@ -105,7 +105,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("connect only the motor of wrist_roll")
         hand.press("Abort the setup")
         hand.expect("Aborted: nothing was moved")
-        assert hand.can("Motor Setup Only")
+        hand.until(lambda: hand.can("Motor Setup Only"), "Motor Setup Only")
         hand.press("Motor Setup Only")
         hand.press("Next")
         hand.expect("connect only the motor of wrist_roll")
@@ -217,12 +217,12 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         assert kit.offsets != held
         hand.press("Back")
         hand.expect("The calibration is under way: press Next")
-        assert hand.can("Next")
+        hand.until(lambda: hand.can("Next"), "Next")
         assert not hand.can("Verify again")
         hand.press("Abort the setup")
         hand.expect("the motors hold what they held before")
         assert kit.offsets == held
-        assert hand.can("Full Setup")
+        hand.until(lambda: hand.can("Full Setup"), "Full Setup")
 
 
 def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def plan(guest: Guest) -> None:
 def test_without_a_plan_there_is_nothing_to_download(opened: Guest) -> None:
     opened.page.get_by_role("tab", name="Share").click(timeout=90_000)  # the first picture is slow
     opened.until(lambda: opened.says("Nothing to share yet"))
-    assert opened.button("Download").is_disabled()
+    opened.until(lambda: opened.button("Download").is_disabled())
     opened.page.get_by_role("tab", name="Move").click()
 
 

@@ -93,7 +93,7 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest = visit(SMALL)
     guest.page.goto(cable.preview.url)
     guest.until(lambda: guest.says("Still looking"))
-    assert guest.says(f"Arm on {cable.port}")
+    guest.until(lambda: guest.says(f"Arm on {cable.port}"))
     assert guest.button("Plan").count() == 0
 
     cable.type("end unplug")
@@ -106,13 +106,13 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
 
     cable.type("unplug")
     guest.until(lambda: guest.says("Lost the arm on"))
-    assert guest.color_of(BASE) != in_color
-    assert guest.button("Plan").is_disabled()
+    guest.until(lambda: guest.color_of(BASE) != in_color)
+    guest.until(lambda: guest.button("Plan").is_disabled())
 
     cable.type("end unplug")
     guest.until(lambda: guest.says("Fix this, then press Hold."))
     guest.until(lambda: guest.color_of(BASE) == in_color)
-    assert guest.button("Plan").is_disabled()
+    guest.until(lambda: guest.button("Plan").is_disabled())
     guest.press("Hold")
     guest.until(lambda: guest.says("Idle, holding"))
     guest.until(lambda: not guest.says("press Hold"))
@@ -137,9 +137,9 @@ def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:
             in_color = guest.color_of(BASE)
             machine.cut()
             guest.until(lambda: guest.says("Lost the machine"))
-            assert guest.color_of(BASE) != in_color
+            guest.until(lambda: guest.color_of(BASE) != in_color)
             machine.mend()
             guest.until(lambda: not guest.says("Lost the machine"))
             guest.until(lambda: guest.says("Idle, holding"))
-            assert guest.color_of(BASE) == in_color
+            guest.until(lambda: guest.color_of(BASE) == in_color)
             guest.leave()
