@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from harness.emulated_joints import MAPS
 from referee import CommandCaps, match_of
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor, Tolerances
-from so101_motion.drivers.bus.ticks import JointMap
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.feetech import feetech_arm
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
@@ -29,7 +29,6 @@ PATIENCE = 0.1
 """How long an answer is waited for, on the wall clock [s]: above what a busy machine mostly takes
 to run the emulator's thread; every answer that does get lost costs a test as much."""
 
-MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 STOP_LIMITS = MotionLimits.uniform(velocity=math.pi, acceleration=8.7, jerk=200.0)
 
 

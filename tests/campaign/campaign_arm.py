@@ -11,6 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 from harness.direct_port import Socket
+from harness.emulated_joints import MAPS
 from harness.retarget import retarget
 from referee import STOP_JERK, CommandCaps, Referee
 
@@ -19,10 +20,8 @@ from so101_motion.control.cartesian_jog import Jog
 from so101_motion.control.executor import Channel, Executor, Tolerances
 from so101_motion.control.following import Following
 from so101_motion.control.streamed_trajectory import Stream, TimedPoint
-from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent
-from so101_motion.drivers.emulator.hardware import SO101
 from so101_motion.drivers.feetech import feetech_arm
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.collision.collision import CollisionModel
@@ -31,16 +30,6 @@ from so101_motion.planning.differential.servo import Servo
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
-
-MAPS = {
-    each.name: JointMap(
-        servo_id=i,
-        lower_ticks=Ticks(max(math.ceil(2048 + each.lower * 4096 / math.tau), 0)),
-        upper_ticks=Ticks(min(math.floor(2048 + each.upper * 4096 / math.tau), 4095)),
-    )
-    for i, each in enumerate(SO101, start=1)
-}
-"""The emulated joints from stop to stop."""
 
 DT = 0.01
 LIMITS = MotionLimits.uniform(velocity=0.87, acceleration=1.75, jerk=50.0)

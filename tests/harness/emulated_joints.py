@@ -1,0 +1,15 @@
+"""The servos of the emulated joints, from stop to stop, as a calibration would have them."""
+
+import math
+
+from so101_motion.drivers.bus.ticks import JointMap, Ticks
+from so101_motion.drivers.emulator.hardware import SO101
+
+MAPS = {
+    each.name: JointMap(
+        servo_id=i,
+        lower_ticks=Ticks(max(math.ceil(2048 + each.lower * 4096 / math.tau), 0)),
+        upper_ticks=Ticks(min(math.floor(2048 + each.upper * 4096 / math.tau), 4095)),
+    )
+    for i, each in enumerate(SO101, start=1)
+}
