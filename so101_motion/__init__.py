@@ -8,8 +8,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from so101_motion.arm.jaw_following import JawFollowing as JawFollowing
     from so101_motion.common.errors import So101Error as So101Error
     from so101_motion.common.geometry import SE3 as SE3
+    from so101_motion.common.state import JointState as JointState
+    from so101_motion.control.following import Following as Following
+    from so101_motion.planning.collision.collision import CollisionModel as CollisionModel
     from so101_motion.planning.collision.scene import Attached as Attached
     from so101_motion.planning.collision.scene import Box as Box
     from so101_motion.planning.collision.scene import Capsule as Capsule
@@ -29,10 +33,15 @@ if TYPE_CHECKING:
     from so101_motion.planning.goals import PoseCloud as PoseCloud
     from so101_motion.planning.goals import PoseGoal as PoseGoal
     from so101_motion.planning.goals import ToolPathGoal as ToolPathGoal
+    from so101_motion.planning.kinematics.model import RobotModel as RobotModel
+    from so101_motion.planning.request import Plan as Plan
+    from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
     from so101_motion.rig.hardware_rig import Rig as Rig
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
     from so101_motion.rig.hardware_rig import open_simulated as open_simulated
+    from so101_motion.rig.hardware_rig import open_so101 as open_so101
     from so101_motion.rig.servo_driver import ServoSettings as ServoSettings
+    from so101_motion.tasks.teleop.local_arms import middles_of as middles_of
 
 __version__ = "0.1.0"
 
@@ -44,23 +53,32 @@ _HOMES = {
     "Attached": "planning.collision.scene",
     "Box": "planning.collision.scene",
     "Capsule": "planning.collision.scene",
+    "CollisionModel": "planning.collision.collision",
+    "Following": "control.following",
     "GoalMetric": "planning.goals",
+    "JawFollowing": "arm.jaw_following",
     "JointGoal": "planning.goals",
+    "JointState": "common.state",
     "LeaveContactGoal": "planning.goals",
     "LineGoal": "planning.goals",
     "LineTo": "planning.goals",
     "Mesh": "planning.collision.scene",
+    "MotionLimits": "planning.timing.limits",
     "Obstacle": "planning.collision.scene",
     "PathGoal": "planning.goals",
+    "Plan": "planning.request",
     "PointCloud": "planning.collision.scene",
     "PoseCloud": "planning.goals",
     "PoseGoal": "planning.goals",
     "Rig": "rig.hardware_rig",
+    "RobotModel": "planning.kinematics.model",
     "Scene": "planning.collision.scene",
     "ServoSettings": "rig.servo_driver",
     "Sphere": "planning.collision.scene",
     "ToolPathGoal": "planning.goals",
+    "middles_of": "tasks.teleop.local_arms",
     "open_hardware": "rig.hardware_rig",
+    "open_so101": "rig.hardware_rig",
     "open_simulated": "rig.hardware_rig",
 }
 

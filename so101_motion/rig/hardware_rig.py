@@ -18,10 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.calib.record import lerobot
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import NotReady
+from so101_motion.common.errors import ConfigError, NotReady
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.bus_lease import BusLease
@@ -247,6 +249,31 @@ def open_hardware(
         BusError: The port cannot be opened, or a servo that is asked for does not answer.
     """
     return _open(settings, clock, reply_timeout, waits=True)
+
+
+def open_so101(
+    port: str, calibration_id: str | None = None, *, clock: Clock | None = None
+) -> HardwareRig:
+    """Open a whole SO-101, arm and gripper, on a serial port; opening moves nothing.
+
+    Args:
+        port: The serial port.
+        calibration_id: What LeRobot calls the arm (``--robot.id``), to use LeRobot's calibration
+            file of it; None to use what the servos themselves remember.
+        clock: As for ``open_hardware``, which also says what is raised.
+
+    Raises:
+        ConfigError: LeRobot has no calibration of that name.
+    """
+    file = None if calibration_id is None else lerobot.path_for(calibration_id)
+    if file is not None and not file.is_file():
+        raise ConfigError(
+            "calibration_id", calibration_id, f"is no calibration of LeRobot; there is no {file}"
+        )
+    settings = ServoSettings(
+        port=port, servo_ids=SERVO_IDS, gripper_id=GRIPPER_ID, calibration_file=file
+    )
+    return open_hardware(settings, clock=clock)
 
 
 def open_without_waiting(settings: ServoSettings) -> HardwareRig:

@@ -15,10 +15,13 @@ from so101_motion.common.errors import (
     ServoAlarm,
 )
 from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.control.executor import Channel
 from so101_motion.drivers.emulator import registers as emu
 from so101_motion.drivers.emulator.hand import Hand, parse_script
 from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import open_so101
+from so101_motion.tasks.teleop.local_arms import middles_of
 
 
 @pytest.fixture
@@ -436,3 +439,29 @@ def test_who_wants_another_rate_than_the_port_has_is_refused(bench):
     bench.open(gripper_id=None)
     with pytest.raises(ConfigError, match=r"control_rate_hz.*100 Hz already"):
         bench.open(servo_ids=None, rate=200.0)
+
+
+def test_an_arm_is_opened_by_the_name_that_lerobot_gave_it(bench, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path))
+    with pytest.raises(ConfigError, match="mine"):
+        open_so101(str(bench.port), "mine", clock=bench.clock)
+    file = tmp_path / "robots" / "so_follower" / "mine.json"
+    file.parent.mkdir(parents=True)
+    joints = (*ARM_JOINTS, GRIPPER_JOINT)
+    file.write_text(
+        json.dumps(
+            {
+                joint: {
+                    "id": i,
+                    "drive_mode": 0,
+                    "homing_offset": 0,
+                    "range_min": 1100 if i == 1 else 900,
+                    "range_max": 3000,
+                }
+                for i, joint in enumerate(joints, start=1)
+            }
+        )
+    )
+    with open_so101(str(bench.port), "mine", clock=bench.clock) as rig:
+        assert rig.servos.calibration["shoulder_pan"].range_min == 1100
+        assert middles_of(rig).shape == (5,)

@@ -12,7 +12,8 @@ measured, in degrees from the middle of the joint's recorded travel (LeRobot wit
 ``use_degrees=True``), the gripper in per cent. An action is what the leader asked of the follower:
 with arms that mirror or scale, in the follower's angles. ``frame_index`` counts from 0 without
 holes and ``timestamp`` is ``frame_index / fps``, as LeRobot wants it. Columns of ours follow: the
-leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``.
+leader's own angles, goals and loads of both, such as ``leader.shoulder_pan.load``, and ``state``:
+rows in which the follower does not mirror are no actions.
 
 Rows come from an I/O thread, which must not wait for a disk. A thread of its own writes them.
 """
@@ -59,12 +60,15 @@ class RecordedSample:
         leader: How the leader stands.
         action: What it asks of the follower: joint angles [rad] and aperture, shape (6,).
         follower: How the follower stands.
+        state: What it does, as ``Status.phase`` says: only while it mirrors is what the leader asks
+            an action.
     """
 
     t: float
     leader: SideState
     action: Array
     follower: SideState
+    state: str
 
 
 class Recorder:
@@ -157,6 +161,7 @@ class _Csv:
         self._out.writerow(
             ["timestamp", "frame_index", "episode_index"]
             + [f"{group}.{joint}.{what}" for group, what in groups for joint in JOINTS]
+            + ["state"]
         )
 
     def write(self, index: int, row: RecordedSample) -> None:
@@ -167,6 +172,7 @@ class _Csv:
             [f"{index / self._fps:.6f}", index, 0]
             + [f"{value:.4f}" for x in positions for value in self._in_lerobots_units(x)]
             + [f"{value:.3f}" for group in loads for value in group or [math.nan] * len(JOINTS)]
+            + [row.state]
         )
 
     def _in_lerobots_units(self, x: Array) -> list[float]:

@@ -276,7 +276,13 @@ class Teleop:
         leader, follower = self._leader.state, self._follower.state
         action = np.append(self._mirror.of(leader.x[:5]), leader.x[5])
         recorder.take(
-            RecordedSample(t=self._clock.now(), leader=leader, action=action, follower=follower)
+            RecordedSample(
+                t=self._clock.now(),
+                leader=leader,
+                action=action,
+                follower=follower,
+                state=self._pilot.gate.phase.value,
+            )
         )
 
     # How

@@ -21,6 +21,7 @@ def row(t, lead=0.0):
         leader=SideState(x=leader, x_goal=leader, loads=LOADS),
         action=leader,
         follower=SideState(x=follower, x_goal=leader, loads=()),
+        state="mirroring",
     )
 
 
@@ -56,6 +57,7 @@ def test_csv_speaks_lerobots_language(tmp_path):
     assert float(second["action.shoulder_pan.pos"]) == pytest.approx(11.0 - 4.0)
     assert (first["timestamp"], second["timestamp"]) == ("0.000000", "0.010000")
     assert first["episode_index"] == "0"
+    assert first["state"] == "mirroring"
     assert float(first["leader.shoulder_lift.load"]) == -0.2
     assert first["follower.shoulder_lift.load"] == "nan", "it does not tell"
 
