@@ -34,6 +34,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_stream
 	$(BIN)/python -m benchmarks.bench_stop
 	$(BIN)/python -m benchmarks.bench_teleop
+	$(BIN)/python -m benchmarks.bench_following
 	$(BIN)/python -m benchmarks.bench_page
 
 # Attacks every reader, and mixes requests and faults at random; SEED=... repeats a run.

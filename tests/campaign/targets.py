@@ -14,6 +14,7 @@ import numpy as np
 from harness.emulated_rig import hardware_bench
 
 from so101_motion.common.errors import So101Error
+from so101_motion.control.following import APPROACH
 from so101_motion.planning.collision.collision import CollisionModel
 
 READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
@@ -103,8 +104,15 @@ class Leader:
         return [q + [self._rng.gauss(0.0, 0.1) for _ in range(5)]]
 
 
-def attack(folder, *, seed, count, limits=None):
-    """Send ``count`` targets or a few more; what came of them."""
+def attack(folder, *, seed, count, fast=False):
+    """Send ``count`` targets or a few more; what came of them.
+
+    Args:
+        folder: Where the port is put.
+        seed: Of everything.
+        count: How many.
+        fast: Whether at the highest caps that can be configured, and without an approach.
+    """
     outcome = Outcome()
     with hardware_bench(folder) as bench:
         rig = bench.open()
@@ -112,7 +120,10 @@ def attack(folder, *, seed, count, limits=None):
         bench.finish(bench.go(rig, *np.degrees(READY)))
         arm, collision = rig.arm, CollisionModel(rig.arm.model)
         leader = Leader(seed, *arm.range)
-        following = arm.open_following(limits=limits)
+        if fast:
+            arm.set_speed(math.pi)
+            arm.set_acceleration(math.radians(500.0))
+        following = arm.open_following(approach=arm.limits if fast else APPROACH)
         begin, q_before = bench.clock.now(), READY
         while sum(outcome.targets.values()) < count and not outcome.broken:
             kind, cycles, targets = leader.bout()

@@ -38,9 +38,9 @@ BENT = 0.3
 FAST = 0.01
 """From how long a path to rest on servos are taken to be inexact [m] of travel; chosen."""
 
-INEXACT = 0.003
+INEXACT = 0.006
 """By how much more than its margin such a path keeps clear [m]. Servos that are stopped from speed
-swing past the end of the ramp: emulated ones by up to 3 mm of the jaw."""
+swing past the end of the ramp: the jaw of an emulated arm came 4.5 mm nearer to a table."""
 
 MOST = 8
 """Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
