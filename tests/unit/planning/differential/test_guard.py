@@ -1,0 +1,78 @@
+"""What a led arm has room for, near the table."""
+
+import numpy as np
+import pytest
+
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.differential.guard import FAST, GAP, Guard, room_of
+from so101_motion.planning.kinematics.model import RobotModel
+
+ACCELERATION = np.full(5, 10.5)
+READY = np.radians([0.0, -45.0, 45.0, 60.0, 0.0])
+LOW = np.radians([0.0, 34.0, -14.0, 36.5, 0.0])  # the jaw some millimetres above the table
+DOWN = np.radians([0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def collision():
+    return CollisionModel(RobotModel.load())
+
+
+@pytest.fixture
+def guard(collision):
+    return Guard(collision, lambda: 0.3, acceleration=ACCELERATION)
+
+
+def way(q, step, n=10):
+    return q + np.linspace(0.0, 1.0, n)[:, None] * step
+
+
+def test_far_from_everything_a_target_is_within_reach_and_so_is_the_way(guard):
+    target = READY + np.radians(5.0)
+    assert guard.within_reach(READY, target) is target
+    assert guard.against == ()
+    assert guard.admits(way(READY, target - READY))
+
+
+def test_a_target_in_the_table_is_drawn_back_to_above_it_and_the_rest_is_kept(guard, collision):
+    q = LOW - 3.0 * DOWN
+    wanted = q + np.radians([20.0, 30.0, 0.0, 0.0, 10.0])
+    drawn = guard.within_reach(q, wanted)
+    assert [guard.words(each) for each in guard.against] == ["the gripper close to the floor"]
+    assert drawn[0] == pytest.approx(wanted[0], abs=0.02), "it slides"
+    assert drawn[4] == pytest.approx(wanted[4], abs=0.02)
+    step = 0.02 * (drawn - q) / np.abs(drawn - q).max()
+    assert collision.distances(q + step, 0.3).min() > collision.margin
+    assert not guard.admits(way(q, wanted - q))
+
+
+def test_a_short_way_may_go_nearer_than_a_long_one(guard, collision):
+    q = LOW.copy()
+    while collision.distances(q, 0.3).min() > collision.margin + 0.005:
+        q += 0.1 * DOWN
+    slow, fast = np.array([0.002, 0.0, 0.0, 0.0, 0.0]), np.array([0.3, 0.0, 0.0, 0.0, 0.0])
+    guard.look(q)
+    assert guard.admits(way(q, slow))
+    assert fast @ collision.reach > FAST
+    guard.look(q)
+    assert not guard.admits(way(q, fast + 0.05 * DOWN))
+
+
+def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
+    wide = CollisionModel(RobotModel.load(), Scene(margin=0.02))
+    guard = Guard(wide, lambda: 0.3, acceleration=ACCELERATION)
+    q = LOW
+    assert not wide.is_free(q, 0.3)
+    assert room_of(guard.look(q)[0]) < GAP
+    assert guard.admits(way(q, -1.0 * DOWN))
+    guard.look(q)
+    assert not guard.admits(way(q, 1.0 * DOWN))
+
+
+def test_a_path_is_shown_often_enough_that_it_cannot_bend_by_more_than_is_allowed_for(
+    guard, collision
+):
+    bend = float(ACCELERATION @ collision.reach) * guard.look_every**2 / 8.0
+    assert bend <= 0.5 * guard.margin
+    assert Guard(collision, lambda: 0.3).look_every == np.inf
