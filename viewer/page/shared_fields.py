@@ -39,7 +39,10 @@ class SharedField:
         self._command(value)
 
     def show(self, value: Any) -> None:
-        """Set ``value`` unless it was set already."""
+        """Set ``value`` unless it was set already; None hides the widget."""
+        self._widget.visible = value is not None
+        if value is None:
+            return
         shown = self._shown(value)
         if shown != self._known:
             self._known = shown

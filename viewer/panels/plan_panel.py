@@ -114,8 +114,8 @@ class PlanPanel:
         self._context.on_press(self._execute, self._page.execute)
         self._progress = gui.add_progress_bar(0.0, color="green")
         self._facts = gui.add_html("", visible=False)
-        self._sweep = gui.add_checkbox("Swept motion", True, visible=False)
-        self._sweeps = SharedField(self._sweep, self._page.show_sweep, self._context, shown=bool)
+        sweep = gui.add_checkbox("Swept motion", True, visible=False)
+        self._sweeps = SharedField(sweep, self._page.show_sweep, self._context, shown=bool)
 
     def _add_cap(
         self,
@@ -154,11 +154,9 @@ class PlanPanel:
         if screen.tracking is not None and screen.tracking is not self._tracking:
             self._tracking = screen.tracking
             self._plots.show_tracking(screen.tracking)
-        for widget in (self._preview, self._play, self._facts, self._sweep):
-            widget.visible = screen.plan_is_current
-        if screen.plan_is_current:
-            self._preview_time.show(screen.preview_time)
-        self._sweeps.show(screen.sweeps)
+        has_plan = self._play.visible = self._facts.visible = screen.plan_is_current
+        self._preview_time.show(screen.preview_time if has_plan else None)
+        self._sweeps.show(screen.sweeps if has_plan else None)
 
     def _show_target(self, screen: Screen) -> None:
         self._target_mm.show(to_mm(screen.target.p_base))

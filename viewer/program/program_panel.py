@@ -10,7 +10,6 @@ import viser
 
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program import Waypoint
 from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS
 from so101_motion.tasks.program.rehearsal import PASSING
 
@@ -66,27 +65,28 @@ class ProgramPart(Part):
         model = self.model
         self._list = gui.add_dropdown("Waypoint", (_NONE,), visible=False)
         self._chosen = self._field(self._list, lambda name: model.choose(_index(name)), str)
-        self._name_text = gui.add_text("Name", "", visible=False)
-        self._name = self._field(self._name_text, model.rename, str)
-        self._pass_box = gui.add_checkbox(
+        name = gui.add_text("Name", "", visible=False)
+        self._name = self._field(name, model.rename, str)
+        passes = gui.add_checkbox(
             "Pass through",
             False,
             hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
             visible=False,
         )
-        self._pass = self._field(self._pass_box, model.set_passes, bool)
-        self._pause_box = gui.add_number(
+        self._pass = self._field(passes, model.set_passes, bool)
+        pause = gui.add_number(
             "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
         )
-        self._pause = self._field(self._pause_box, model.set_pause, lambda s: round(s, 1))
-        self._jaw_box = gui.add_checkbox("Set gripper", False, visible=False)
-        self._jaw = self._field(
-            self._jaw_box, lambda on: model.set_aperture(1.0 if on else None), bool
-        )
-        self._opening_slider = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
+        self._pause = self._field(pause, model.set_pause, lambda s: round(s, 1))
+        jaw = gui.add_checkbox("Set gripper", False, visible=False)
+        self._jaw = self._field(jaw, lambda on: model.set_aperture(1.0 if on else None), bool)
+        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
         self._opening = self._field(
-            self._opening_slider, lambda percent: model.set_aperture(percent / 100.0), round
+            opening, lambda percent: model.set_aperture(percent / 100.0), round
         )
+        self._of_waypoint = (
+            self._chosen, self._name, self._pass, self._pause, self._jaw, self._opening
+        )  # fmt: skip
         self._order = gui.add_button_group("Order", ("up", "down", "delete"), visible=False)
         self._on_choice(
             self._order,
@@ -152,9 +152,7 @@ class ProgramPart(Part):
         self._waypoints.content = markup.steps(rows, chosen=screen.chosen, active=active)
         self._guide.disabled = not screen.can_guide
         self._show_waypoint(screen)
-        self._rounds_box.visible = program.rounds is not None
-        if program.rounds is not None:
-            self._rounds.show(program.rounds)
+        self._rounds.show(program.rounds)
         self._endless.show(program.rounds is None)
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
@@ -169,29 +167,23 @@ class ProgramPart(Part):
 
     def _show_waypoint(self, screen: ProgramScreen) -> None:
         waypoints = screen.program.waypoints
-        chosen = None if screen.chosen is None else waypoints[screen.chosen]
-        edits = chosen is not None and screen.can_edit
-        for widget in (self._list, self._name_text, self._pass_box, self._order):
-            widget.visible = edits
-        stops = edits and chosen is not None and not chosen.passes
-        self._pause_box.visible = self._jaw_box.visible = stops
-        self._opening_slider.visible = edits and _moves_jaw(chosen)
-        if chosen is None or screen.chosen is None:
+        index = screen.chosen if screen.can_edit else None
+        self._order.visible = index is not None
+        if index is None:
+            for field in self._of_waypoint:
+                field.show(None)
             return
         labels = tuple(f"{k}  {each.name}" for k, each in enumerate(waypoints, 1))
         if self._list.options != labels:
             self._list.options = labels
-        self._chosen.show(labels[screen.chosen])
+        chosen = waypoints[index]
+        stops, aperture = not chosen.passes, chosen.aperture
+        self._chosen.show(labels[index])
         self._name.show(chosen.name)
         self._pass.show(chosen.passes)
-        self._pause.show(chosen.pause)
-        self._jaw.show(chosen.aperture is not None)
-        if chosen.aperture is not None:
-            self._opening.show(100.0 * chosen.aperture)
-
-
-def _moves_jaw(waypoint: Waypoint | None) -> bool:
-    return waypoint is not None and waypoint.aperture is not None
+        self._pause.show(chosen.pause if stops else None)
+        self._jaw.show(aperture is not None if stops else None)
+        self._opening.show(None if aperture is None else 100.0 * aperture)
 
 
 def _index(label: str) -> int:

@@ -95,7 +95,7 @@ class FinalTestPage(StepPage):
         """Make the widgets."""
         self._todo = gui.add_html("")
         self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
-        self._agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
+        agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
         self._start = gui.add_button(
             "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
         )
@@ -119,7 +119,7 @@ class FinalTestPage(StepPage):
         context.on_press(self._again, self._plan)
         context.on_choice(self._seen, self._answer)
         context.on_asked(self._keep, self._hand_over)
-        self._agreed = SharedField(self._agree, self._agree_to, context, shown=bool)
+        self._agreed = SharedField(agree, self._agree_to, context, shown=bool)
 
     def enter(self) -> None:
         """Plan the test motions, if the arm holds."""
@@ -158,8 +158,8 @@ class FinalTestPage(StepPage):
         self._hold.visible = state is not None and not holds
         self._hold.disabled = busy
         can_begin = holds and not runs and outline is not None and report is None
-        self._agree.visible = self._start.visible = can_begin
-        self._agreed.show(self._is_agreed)
+        self._start.visible = can_begin
+        self._agreed.show(self._is_agreed if can_begin else None)
         self._start.disabled = not self._is_agreed or busy
         self._stop.visible = self._bar.visible = runs
         progress = None if trial is None else trial.progress

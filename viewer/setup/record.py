@@ -39,14 +39,14 @@ class RecordPage(CalibrationPage):
         self._status = gui.add_html("")
         self._start = gui.add_button("Record", icon=viser.Icon.PLAYER_RECORD, visible=False)
         self._limited = gui.add_html("", visible=False)
-        self._accept = gui.add_checkbox("Accept it", False, visible=False)
+        accept = gui.add_checkbox("Accept it", False, visible=False)
         self._finish = gui.add_button(
             "Finish the recording", icon=viser.Icon.CHECK, color="green", visible=False
         )
         on_press = self._setup.context.on_press
         on_press(self._start, self._record)
         on_press(self._finish, self._stop)
-        self._accepts = SharedField(self._accept, self._take_as_is, self._setup.context, shown=bool)
+        self._accepts = SharedField(accept, self._take_as_is, self._setup.context, shown=bool)
 
     def enter(self) -> None:
         """Start recording."""
@@ -95,12 +95,12 @@ class RecordPage(CalibrationPage):
         offered = summary.acceptable(now.joints) if now is not None and missing else ()
         if offered != self._accepted:
             self._accepted = ()  # what was agreed to is not what is asked now
-        self._limited.visible = self._accept.visible = bool(offered)
+        self._limited.visible = bool(offered)
         self._limited.content = cards.note(
             f"Does something on your arm keep {' and '.join(offered)} from going farther? Then"
             " accept what was recorded as it is."
         )
-        self._accepts.show(bool(self._accepted))
+        self._accepts.show(bool(self._accepted) if offered else None)
 
     def can_go_on(self) -> str | None:
         """The joints that are not done."""

@@ -108,13 +108,15 @@ class WorldPart(Part):
         )
         context.on_choice(self._acts, self._act)
         gui.add_divider()
-        floor = gui.add_checkbox("Floor", initial_value=True)
         self._floor = self._field(
-            floor, lambda on: world.set_floor(self._floor_z if on else None), shown=bool
+            gui.add_checkbox("Floor", initial_value=True),
+            lambda on: world.set_floor(self._floor_z if on else None),
+            shown=bool,
         )
-        self._floor_height = gui.add_number("Floor height (mm)", 0.0, step=0.1)
         self._floor_z_mm = self._field(
-            self._floor_height, lambda z_mm: world.set_floor(to_m(z_mm)), shown=tenth
+            gui.add_number("Floor height (mm)", 0.0, step=0.1),
+            lambda z_mm: world.set_floor(to_m(z_mm)),
+            shown=tenth,
         )
         self._floor_z = FLOOR_Z
         gui.add_divider()
@@ -122,36 +124,25 @@ class WorldPart(Part):
 
     def _add_thing(self, gui: viser.GuiApi) -> None:
         world = self.world
-        self._name_text = gui.add_text("Name", "")
-        self._name = self._field(self._name_text, world.rename, shown=str)
-        self._size_box = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
-        self._radius_number = gui.add_number("Radius (mm)", 1.0, step=1.0)
-        self._length_number = gui.add_number("Length (mm)", 1.0, step=1.0)
-        self._position_box = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
-        self._turn_box = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
-        for box in (self._size_box, self._position_box, self._turn_box):
-            box.precision = 1
-        self._size = self._field(
-            self._size_box, lambda v: world.resize(size=to_m(np.array(v))), shown=tenths
-        )
-        self._radius = self._field(
-            self._radius_number, lambda v: world.resize(radius=to_m(v)), shown=tenth
-        )
-        self._length = self._field(
-            self._length_number, lambda v: world.resize(length=to_m(v)), shown=tenth
-        )
+        self._name = self._field(gui.add_text("Name", ""), world.rename, shown=str)
+        size = gui.add_vector3("Size (mm)", (1.0, 1.0, 1.0), step=1.0)
+        self._size = self._field(size, lambda v: world.resize(size=to_m(np.array(v))), shown=tenths)
+        radius = gui.add_number("Radius (mm)", 1.0, step=1.0)
+        self._radius = self._field(radius, lambda v: world.resize(radius=to_m(v)), shown=tenth)
+        length = gui.add_number("Length (mm)", 1.0, step=1.0)
+        self._length = self._field(length, lambda v: world.resize(length=to_m(v)), shown=tenth)
+        self._at = gui.add_vector3("Position (mm)", (0.0, 0.0, 0.0), step=1.0)
         self._position = self._field(
-            self._position_box, lambda v: world.move_to(to_m(np.array(v))), shown=tenths
+            self._at, lambda v: world.move_to(to_m(np.array(v))), shown=tenths
         )
-        self._turn = self._field(
-            self._turn_box, lambda v: world.turn_to(to_rad(np.array(v))), shown=tenths
-        )
-        self._mass_number = gui.add_number("Mass (g)", 0.0, step=1.0)
-        self._mass = self._field(
-            self._mass_number, lambda grams: world.set_mass(grams / 1000.0), shown=tenth
-        )
-        self._zone_box = gui.add_checkbox("Keep-out zone", initial_value=False)
-        self._zone = self._field(self._zone_box, world.set_keep_out, shown=bool)
+        turn = gui.add_vector3("Turn (°)", (0.0, 0.0, 0.0), step=1.0)
+        self._turn = self._field(turn, lambda v: world.turn_to(to_rad(np.array(v))), shown=tenths)
+        for box in (size, self._at, turn):
+            box.precision = 1
+        mass = gui.add_number("Mass (g)", 0.0, step=1.0)
+        self._mass = self._field(mass, lambda grams: world.set_mass(grams / 1000.0), shown=tenth)
+        zone = gui.add_checkbox("Keep-out zone", initial_value=False)
+        self._zone = self._field(zone, world.set_keep_out, shown=bool)
 
     def _add_files(self, gui: viser.GuiApi) -> None:
         self._files = gui.add_button_group(
@@ -172,7 +163,7 @@ class WorldPart(Part):
         self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
 
     def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> SharedField:
-        return SharedField(widget, (command), self._context, shown=shown)
+        return SharedField(widget, command, self._context, shown=shown)
 
     # Commands
 
@@ -264,16 +255,11 @@ class WorldPart(Part):
         self._show_list()
         floor_z = world.scene.floor_z
         self._floor.show(floor_z is not None)
-        self._floor_height.visible = floor_z is not None
-        if floor_z is not None:
-            self._floor_z = floor_z
-            self._floor_z_mm.show(to_mm(floor_z))
+        self._floor_z = self._floor_z if floor_z is None else floor_z
+        self._floor_z_mm.show(None if floor_z is None else to_mm(floor_z))
         self._for_viam.visible = self._told_viam is world.scene
-        thing = world.thing
-        self._show_widgets(thing)
         self._tell_of_handles()
-        if thing is not None:
-            self._show_thing(thing)
+        self._show_thing(world.thing)
 
     def _tell_of_handles(self) -> None:
         if self.world.selected != self._handled:
@@ -287,49 +273,30 @@ class WorldPart(Part):
             self._list.options = (nothing, *names)
         self._selected.show(self.world.selected or nothing)
 
-    def _show_widgets(self, thing: Thing | None) -> None:
-        """Show only the widgets that fit the selected thing."""
-        shape = None if thing is None else thing.shape
-        for widget, shown in (
-            (self._name_text, thing is not None),
-            (self._size_box, isinstance(shape, Box)),
-            (self._radius_number, isinstance(shape, Sphere | Capsule)),
-            (self._length_number, isinstance(shape, Capsule)),
-            (self._position_box, thing is not None),
-            (self._turn_box, thing is not None and not isinstance(shape, Sphere)),
-            (self._mass_number, isinstance(thing, Attached)),
-            (self._zone_box, isinstance(thing, Obstacle)),
-            (self._gizmo, thing is not None),
-        ):
-            widget.visible = shown
+    def _show_thing(self, thing: Thing | None) -> None:
+        """Show the selected thing, by the widgets that fit it."""
+        shape, is_held = None if thing is None else thing.shape, isinstance(thing, Attached)
+        pose = None if thing is None else pose_of(thing)
+        turns = pose is not None and not isinstance(shape, Sphere)
+        self._name.show(None if thing is None else thing.name)
+        self._size.show(to_mm(shape.size) if isinstance(shape, Box) else None)
+        self._radius.show(to_mm(shape.radius) if isinstance(shape, Sphere | Capsule) else None)
+        self._length.show(to_mm(shape.length) if isinstance(shape, Capsule) else None)
+        self._at.label = "Position in gripper (mm)" if is_held else "Position (mm)"
+        self._position.show(None if pose is None else to_mm(pose.p))
+        self._turn.show(to_deg(pose.rpy) if pose is not None and turns else None)
+        self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
+        self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
         acts = _acts(thing, can_undo=self.world.can_undo)
         self._acts.visible = bool(acts)
         if acts and acts != self._acts.options:
             self._acts.options = acts
-
-    def _show_thing(self, thing: Thing) -> None:
-        shape, pose = thing.shape, pose_of(thing)
-        self._name.show(thing.name)
-        if isinstance(shape, Box):
-            self._size.show(to_mm(shape.size))
-        if isinstance(shape, Sphere | Capsule):
-            self._radius.show(to_mm(shape.radius))
-        if isinstance(shape, Capsule):
-            self._length.show(to_mm(shape.length))
-        self._position.show(to_mm(pose.p))
-        self._turn.show(to_deg(pose.rpy))
-        if isinstance(thing, Attached):
-            self._mass.show(1000.0 * thing.mass)
-            pose = self._T_tool @ pose
-        else:
-            self._zone.show(thing.keep_out)
-        self._position_box.label = (
-            "Position in gripper (mm)" if isinstance(thing, Attached) else "Position (mm)"
-        )
-        self._gizmo.disable_rotations = isinstance(shape, Sphere)
-        if not self.world.dragging and not _same(pose, self._gizmo_at):
-            self._gizmo_at = pose
-            self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
+        self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
+        if pose is not None and not self.world.dragging:
+            pose = self._T_tool @ pose if is_held else pose
+            if not _same(pose, self._gizmo_at):
+                self._gizmo_at = pose
+                self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
 
 
 def _acts(thing: Thing | None, *, can_undo: bool) -> tuple[str, ...]:
