@@ -231,7 +231,7 @@ def test_commands_go_to_any_resource_and_refusals_come_back_in_its_words(rig):
     assert caught.value.status == "INVALID_ARGUMENT"
     with pytest.raises(ConfigError, match="did you mean"):
         rig.do_command("grippr", {"get": True})
-    with pytest.raises(ConfigError, match="no sensor"):
+    with pytest.raises(ConfigError, match="not a sensor"):
         rig.readings("arm")
 
 

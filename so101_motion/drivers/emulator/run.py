@@ -100,13 +100,13 @@ def run_emulator(
         ConfigError: The options name something that does not exist.
     """
     with Emulator(options, gravity=gravity) as emulator:
-        announce(emulator.port)
-        if options.pacing.realtime:
-            use_realtime_priority()  # like the port's thread, which must not wait for this one
-        timetable, typing = _Timetable(emulator), _Typing(commands)
-        for fault in options.faults:
-            timetable.add(fault)
         try:
+            announce(emulator.port)
+            if options.pacing.realtime:
+                use_realtime_priority()  # like the port's thread, which must not wait for this one
+            timetable, typing = _Timetable(emulator), _Typing(commands)
+            for fault in options.faults:
+                timetable.add(fault)
             while not stop.is_set():
                 for line in typing.wait(timetable.wait(), stop):
                     _obey(line, emulator, timetable, announce)

@@ -236,11 +236,11 @@ def test_stop_ends_an_endless_run(tab: Tab) -> None:
 
 
 def test_guiding_by_hand_ends_by_itself(tab: Tab) -> None:
+    begin = tab.rig.clock.now()  # it is seen some time later
     tab.model.guide()
     tab.until(lambda: tab.model.screen().guided)
     assert "It holds again in" in tab.said
     assert not tab.model.screen().can_plan
-    begin = tab.rig.clock.now()
     tab.until(lambda: not tab.model.screen().guided)
     assert tab.rig.clock.now() - begin > GUIDED_FOR - 1.0
     assert tab.rig.arm.state.mode is Mode.HOLDING
