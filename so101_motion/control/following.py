@@ -15,7 +15,8 @@ seems free, so the joints slow down before they have to brake, and slide along w
 
 *The pace.* A first target may be far away. Until no joint is further than ``gate`` from it, the
 pace is that of the approach; from there it takes ``EASE`` to come up to the full one. It is the
-same after a rest, and when something has held the joints back further than that.
+same after a rest. Joints that something holds back further than that go as slowly along it, and
+catch up at a pace that rises.
 
 *No target.* When targets cease for ``stale_after``, or ``hold`` is called, the joints slow to rest
 and wait; the following goes on.
@@ -50,6 +51,10 @@ for teleoperation."""
 
 EASE = 0.5
 """How long the pace takes from that of the approach to the full one [s]; chosen."""
+
+CATCH_UP = 1.0
+"""How long the pace takes to the full one once nothing holds the joints back any more [s]; chosen:
+whoever leads them goes on meanwhile, and need not wait for them."""
 
 STALE_AFTER = 0.1
 """For how long a target holds that nobody repeats [s]; chosen: three of a source at 30 Hz."""
@@ -95,13 +100,13 @@ class Approach:
     """
 
     def __init__(self, full: MotionLimits, slow: MotionLimits | None, gate: float = GATE) -> None:
-        self._full, self._gate, self._t_near = full, gate, -math.inf
+        self._full, self._gate, self._t_near, self._t_held = full, gate, -math.inf, math.inf
         self._slow = None if slow is None else slow.scaled_to(full.velocity, full.acceleration)
         self.is_under_way = slow is not None
 
     def begin(self) -> None:
         """Approach anew."""
-        self.is_under_way = self._slow is not None
+        self.is_under_way, self._t_held = self._slow is not None, math.inf
 
     def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
         """The caps that count now.
@@ -109,17 +114,18 @@ class Approach:
         Args:
             t: Now [s].
             off: How far each joint is from its target, shape (n,), [rad].
-            is_held: Whether something holds the joints back; one that does so for longer than the
-                gate makes the way there an approach again.
+            is_held: Whether something holds the joints back; further than the gate, their pace is
+                that of the approach, and rises to the full one within ``CATCH_UP`` afterwards.
         """
         if self._slow is None:
             return self._full
         if float(np.max(np.abs(off))) > self._gate:
-            self.is_under_way |= is_held
+            if is_held and (not self.is_under_way or self._t_held < math.inf):
+                self.is_under_way, self._t_held = True, t
         elif self.is_under_way:
-            self.is_under_way, self._t_near = False, t
+            self.is_under_way, self._t_near, self._t_held = False, t, math.inf
         if self.is_under_way:
-            return self._slow
+            return self._slow.eased_to(self._full, (t - self._t_held) / CATCH_UP)
         return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
 
 

@@ -8,7 +8,7 @@ from harness.retarget import retarget
 
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.control.following import EASE, GATE, STALE_AFTER, Approach, Following
+from so101_motion.control.following import CATCH_UP, EASE, GATE, STALE_AFTER, Approach, Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -266,6 +266,10 @@ def test_the_pace_of_an_approach_turns_into_the_full_one_without_a_step():
     assert approach.caps(9.0, np.full(5, 2.0 * GATE)) is CAPS
     approach.caps(9.1, np.full(5, 2.0 * GATE), is_held=True)
     assert approach.is_under_way, "what was held back comes slowly again"
+    off = np.full(5, 2.0 * GATE)
+    paces = [approach.caps(9.1 + t, off).velocity[0] for t in np.linspace(0.0, CATCH_UP, 6)]
+    assert paces[0] == SLOW.velocity[0]
+    assert np.diff(paces) == pytest.approx((CAPS.velocity[0] - SLOW.velocity[0]) / 5.0)
     assert not Approach(CAPS, None).is_under_way
 
 
