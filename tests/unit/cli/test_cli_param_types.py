@@ -65,7 +65,7 @@ def so101(line: str) -> Result:
         ("guide replay --sim --yes there.json --tolerance nan", "not a usable number"),
         ("teleop --leader sim --follower sim --yes --record x.xlsx", ".csv or .mcap"),
         ("teleop --leader sim --follower sim --yes --record none/x.csv", "no folder 'none'"),
-        ("teleop --leader sim --follower sim --yes --scene there.json", "belongs to --guard"),
+        ("teleop --leader sim --follower sim --yes --no-guard --scene there.json", "for the guard"),
         ("teleop --leader sim --follower sim --yes --fps 0", "0.1 to 1000"),
         ("calibrate --events none/x", "No such file"),
         ("setup --within -1", "x>=0"),
