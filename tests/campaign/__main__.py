@@ -129,15 +129,15 @@ def attack_files(seed, seconds, count):
 
 ENDLESS = 10**9
 PARTS = {
-    "readers": (0.25, attack_readers, ENDLESS),
-    "torn answers": (0.2, spoil_answers, ENDLESS),
-    "good answers": (0.05, count_good_answers, ENDLESS),
-    "interleavings": (0.15, interleave(False), ENDLESS),
-    "faults": (0.15, interleave(True), ENDLESS),
-    "sessions": (0.2, play_sessions, ENDLESS),
-    "files": (0.0, attack_files, 100),
+    "readers": (0.25, attack_readers, ENDLESS, 1_000_000),
+    "torn answers": (0.2, spoil_answers, ENDLESS, 1_000_000),
+    "good answers": (0.05, count_good_answers, ENDLESS, 1_000_000),
+    "interleavings": (0.15, interleave(False), ENDLESS, 10_000),
+    "faults": (0.15, interleave(True), ENDLESS, 7_200),
+    "sessions": (0.2, play_sessions, ENDLESS, 200),
+    "files": (0.0, attack_files, 100, 300),
 }
-"""Share of the time, what runs, and how many if it is not said."""
+"""Share of the time, what runs, and how many: if it is not said, and for ``--full``."""
 
 
 def added(one, other):
@@ -171,6 +171,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, help="how long, all parts together")
     parser.add_argument("--count", type=int, help="how many instead, of one part")
+    parser.add_argument("--full", action="store_true", help="all counts in full; two hours")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--only", choices=PARTS, action="append", help="which parts")
     parser.add_argument("--fresh", action="store_true", help="forget earlier pieces")
@@ -178,13 +179,15 @@ def main():
     asked = parser.parse_args()
     logging.disable(logging.CRITICAL)
     chosen = asked.only or list(PARTS)
-    minutes = asked.minutes or (10.0 if asked.count is None else 1e6)
+    is_counted = asked.full or asked.count is not None
+    minutes = asked.minutes or (1e6 if is_counted else 10.0)
     unit = 60.0 * minutes / max(sum(PARTS[name][0] for name in chosen), 1e-9)
     failed = 0
     for name in chosen:
-        share, attack_it, usual = PARTS[name]
+        share, attack_it, usual, full = PARTS[name]
+        count = asked.count or (full if asked.full else usual)
         begin = time.monotonic()
-        figures = attack_it(asked.seed, unit * share, asked.count or usual)
+        figures = attack_it(asked.seed, unit * share, count)
         figures |= {"seeds": [asked.seed], "minutes": round((time.monotonic() - begin) / 60.0, 1)}
         keep(name, figures, asked.results, fresh=asked.fresh)
         plain = {key: value for key, value in figures.items() if isinstance(value, int | float)}
