@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.emulated_pendulum import emulate
 from benchmarks.fit_servo import by_group, draw
 from benchmarks.servo_model import Array, Parameters, Recordings, load, simulate
-from so101_motion.drivers.emulator.hardware import DATASHEET_12V
+from so101_motion.drivers.servo_types import ServoType
 
 _REST = 40  # samples for which a goal must have stood still
 _STILL = 0.003  # [rad], two ticks: scatter of a position at rest
@@ -93,6 +93,16 @@ def _holds(recordings: Recordings, i: int) -> list[tuple[int, int]]:
     return [(int(a), int(b) + 1) for a, b in zip(begins, ends, strict=True) if b - a >= _REST]
 
 
+_DATASHEET = ServoType(
+    name="STS3215-C018", volts=12.0, torque_per_volt=2.94 / 12.0, back_emf=12.0 / 5.05,
+    resistance=12.0 / 2.7, armature=0.028, viscous=0.03, coulomb=0.05, load_external=0.0,
+    load_motor=0.0, still_external=0.0, still_motor=0.0, stribeck_speed=1.0, speed_limit=float("inf"),
+    goal_delay=0.0, loop_delay=0.0, duty_shape=1.0, max_voltage_raw=140,
+)  # fmt: skip
+"""As the datasheet has it (30 kg.cm, 2.7 A, 45 rpm without load), with the friction of the official
+robot description and no delays."""
+
+
 def main() -> None:
     """Simulate and compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -103,7 +113,7 @@ def main() -> None:
     asked = parser.parse_args()
     recordings = load(asked.recordings)
     if asked.datasheet:
-        position = emulate(recordings, DATASHEET_12V)
+        position = emulate(recordings, _DATASHEET)
     elif asked.emulator:
         position = emulate(recordings)
     else:

@@ -14,9 +14,10 @@ import numpy as np
 from benchmarks.servo_model import GRAVITY, RAD_PER_TICK, Array, Parameters, Recordings
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Supply
-from so101_motion.drivers.emulator.hardware import STS3215_12V, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import Joint
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.world import World
+from so101_motion.drivers.servo_types import STS3215_12V, ServoType
 
 _CENTRE = 2048
 _UNLIMITED = 1e6  # [tick/s^2]: the recorded set-points show no limit of acceleration

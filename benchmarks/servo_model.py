@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from so101_motion.drivers.emulator.hardware import MAX_DUTY, STS3215_12V, TICKS_PER_RAD
+from so101_motion.drivers.emulator.hardware import MAX_DUTY, TICKS_PER_RAD
+from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V
 
 Array = NDArray[np.float64]
 
@@ -32,9 +33,6 @@ RAD_PER_TICK = 1.0 / TICKS_PER_RAD
 GRAVITY = 9.80665  # [m/s^2]
 FIRMWARE_GAIN = 1.0 / (4.0 * 1000.0 * RAD_PER_TICK)
 """Duty per radian of error and unit of the P register: ``P / 4`` thousandths of a duty a tick."""
-
-START_DUTY = 0.016
-"""Added in the direction of any demand: register 24 as delivered."""
 
 _SPIKE = -np.pi  # what the recorder wrote when a reading had failed [rad]
 _RING = 16  # control periods that a delayed duty is remembered for

@@ -11,7 +11,7 @@ from so101_motion.common.units import to_rad
 class Compliance:
     """How stiff the arm is in manual mode.
 
-    The defaults are the published module's. Its P gain went into the servos' EEPROM; ours does not,
+    Dead band and gain are the published module's; the resistance is chosen: 0.2 N m at 12 V. Its P gain went into the servos' EEPROM; ours does not,
     it is made by moving the goals.
 
     Attributes:
@@ -24,4 +24,4 @@ class Compliance:
 
     dead_band: float = to_rad(0.5)
     p_gain: float = 8.0
-    resistance: float = 0.05
+    resistance: float = 0.03

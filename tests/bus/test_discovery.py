@@ -14,10 +14,10 @@ from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.emulator.hardware import STS3215_7V4
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup import discovery
 from so101_motion.setup.port_report import Frame
 

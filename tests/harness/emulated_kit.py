@@ -14,8 +14,9 @@ from harness.fake_parent import until
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hand import STIFFNESS, Hand, parse_script
-from so101_motion.drivers.emulator.hardware import DATASHEET_12V, JOINTS, SO101
+from so101_motion.drivers.emulator.hardware import JOINTS, SO101
 from so101_motion.drivers.emulator.pty_port import Pacing
+from so101_motion.drivers.servo_types import STS3215_12V
 from so101_motion.planning.kinematics.model import RobotModel
 
 NEW = dict.fromkeys(range(1, 7), 1)
@@ -23,7 +24,7 @@ NEW = dict.fromkeys(range(1, 7), 1)
 
 SPEED = math.radians(150.0)  # of the hand; a person is slower
 REST = 0.3  # [s] that it stays at a stop
-PRESS = 2.0 * DATASHEET_12V.break_away  # [N m] against a stop
+PRESS = 2.0 * STS3215_12V.break_away  # [N m] against a stop
 
 
 class Kit:

@@ -21,6 +21,7 @@ from viam.components.gripper.service import GripperRPCService
 from viam.proto.app.robot import ComponentConfig
 from viam.resource.manager import ResourceManager
 
+from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
@@ -30,6 +31,7 @@ from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.torque import Payload
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.viam.models.hardware_arm import HardwareArm
@@ -46,8 +48,21 @@ MIDDLES_DEG = (4.1, -1.45, -5.8, -0.6, 3.2)
 """Where the emulated joints' travel has its middle, which a calibration takes for zero [deg]."""
 
 
+def loaded(mass):
+    """The arm with ``mass`` [kg] between its jaws."""
+    model = RobotModel.load()
+    payload = Payload.of(LoadConfig(mass=mass), model)
+    return model if payload is None else model.with_payload(payload.mass, payload.com)
+
+
 class HardwareBench:
     """Emulated servos on a port, and the rigs on it.
+
+    Args:
+        folder: For the port.
+        reply_timeout: See below.
+        held_kg: What the jaws hold, unknown to the rigs.
+        options: What else is emulated.
 
     Attributes:
         clock: What time it is for the servos and the rigs.
@@ -56,10 +71,10 @@ class HardwareBench:
         reply_timeout: How long an answer is waited for, on the wall clock [s].
     """
 
-    def __init__(self, folder, *, reply_timeout=PATIENCE, **options):
+    def __init__(self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, **options):
         self.clock, self.reply_timeout = ManualClock(), reply_timeout
         self.port = folder / "arm"
-        weight = RobotModel.load().gravity_torque
+        weight = loaded(held_kg).gravity_torque
         self.emulator = Emulator(
             EmulatorOptions(link=self.port, **options), now=self.clock.now, gravity=weight
         )

@@ -15,7 +15,8 @@ import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.emulator.hand import STIFFNESS
-from so101_motion.drivers.emulator.hardware import DATASHEET_12V, JOINTS, SO101
+from so101_motion.drivers.emulator.hardware import JOINTS, SO101
+from so101_motion.drivers.servo_types import STS3215_12V
 
 SPEED = math.radians(120.0)
 """How fast it leads a joint [rad/s]; chosen, a person is slower."""
@@ -24,7 +25,7 @@ REST = 0.3
 """For how long it stays at a stop [s]; chosen."""
 
 _PRESS = (
-    2.0 * DATASHEET_12V.break_away
+    2.0 * STS3215_12V.break_away
 )  # [N m], chosen: enough to get there, too little to push the stop in
 
 

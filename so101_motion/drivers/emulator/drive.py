@@ -17,11 +17,12 @@ from dataclasses import dataclass
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.electric import Motor
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.mechanics import Shaft
 from so101_motion.drivers.emulator.motion import DT, Gains, GoalDelay, Loop, Profile, duty_table
 from so101_motion.drivers.emulator.protection import Condition, Guard, Limits
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN
+from so101_motion.drivers.servo_types import ServoType
 
 _SPEED_WINDOW = 0.020  # [s], the servo's own speed is an encoder difference over it
 _SPEED_QUANTUM = 50  # [tick/s], one tick in that window
@@ -62,6 +63,7 @@ class Drive:
         load: Torque of the world on the output, positive towards higher ticks [N m].
         volts: On the cable [V].
         duty: What drives the motor now, -0.97..0.97.
+        demand: What the loop asked for last, within what the protections allow [1/1000].
         speed: As the servo measures it [tick/s].
         moving: Its moving flag.
         quiet: Whether stepping would change nothing.
@@ -153,7 +155,7 @@ class Drive:
         self.wake()
 
     def _forget(self) -> None:
-        self.duty = 0.0
+        self.duty, self.demand = 0.0, 0
         self._duties = [0.0] * len(self._duties)
         self._goals.clear()
         self.profile.seed(self.position)
@@ -177,6 +179,7 @@ class Drive:
                 demand = max(min(demand, cap), -cap)
             self._duties.insert(0, math.copysign(self._shape[abs(demand)], demand))
             self.duty = self._duties.pop() * self._settings.drive_sign
+            self.demand = demand
             self.shaft.step(self.duty * self.volts, bridge=True, load=self.load)
             return
         self._forget()

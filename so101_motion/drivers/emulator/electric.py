@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
+from so101_motion.drivers.servo_types import ServoType
 
 ROOM_C = 25.0
 """Ambient temperature unless somebody says otherwise [degC]."""
 
-HEATING = 2.8
-"""Temperature rise by lost power [K/W]. A published endurance test holds 1.47 N m at 48 degC."""
+HEATING = 13.8
+"""Temperature rise by lost power [K/W]. A published endurance test holds 1.47 N m at 48 degC, which
+takes the fitted servo 1.7 W."""
 
 WARMING_TIME = 150.0
 """Time constant of the temperature [s]; chosen so that a gripper that squeezes hard reaches 50 degC

@@ -23,11 +23,12 @@ from so101_motion.drivers.emulator.calibration_scripts import SPEED, holding_scr
 from so101_motion.drivers.emulator.electric import Supply
 from so101_motion.drivers.emulator.faults import FaultEvent, WireFaults
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.emulator.hardware import DATASHEET_12V, SO101, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import SO101, Joint
 from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.spread import differing_servos
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
+from so101_motion.drivers.servo_types import STS3215_12V, ServoType
 
 ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
 """A finished arm: ids 1 to 6 from the base to the gripper."""
@@ -59,7 +60,7 @@ class EmulatorOptions:
     link: Path | None = None
     ids: Mapping[int, int] = field(default_factory=lambda: dict(ALL_IDS))
     joints: tuple[Joint, ...] = SO101
-    kind: ServoType = DATASHEET_12V
+    kind: ServoType = STS3215_12V
     spread: float = 0.0
     seed: int = 0
     volts: float | None = None

@@ -14,7 +14,7 @@ Integration is semi-implicit at 1 ms, so neither damping nor dry friction can ma
 friction holds a resting shaft against any torque smaller than itself, exactly: a joint that hangs
 still keeps hanging still, bit for bit, and the emulator may stop computing it.
 
-Source: Rhoban's bam, model M5, for the form of the friction; ``hardware.py`` for the figures.
+Source: Rhoban's bam, model M5, for the form of the friction; ``servo_types.py`` for the figures.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from __future__ import annotations
 import functools
 import math
 
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD
 from so101_motion.drivers.emulator.motion import DT
+from so101_motion.drivers.servo_types import ServoType
 
 STOP_STIFFNESS = 150.0
 """Of a mechanical stop [N m/rad]; chosen, a stalled servo presses it in by about a degree."""

@@ -98,7 +98,7 @@ def show_measurements(memory: Memory, drive: Drive, *, scatter: int = 0) -> None
     put(reg.TORQUE_ENABLE, drive.torque)
     put(reg.PRESENT_POSITION, position)
     put(reg.PRESENT_VELOCITY, drive.speed)
-    put(reg.PRESENT_LOAD, drive.duty * drive.settings.drive_sign * 1000.0)
+    put(reg.PRESENT_LOAD, drive.demand)
     put(reg.PRESENT_VOLTAGE, drive.volts * 10.0)
     put(reg.PRESENT_TEMPERATURE, int(drive.motor.temperature))
     put(reg.STATUS, drive.guard.flags)

@@ -24,7 +24,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.drive import Drive
 from so101_motion.drivers.emulator.electric import BROWN_OUT
-from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint, ServoType
+from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.register_values import (
     clamped_goal,
@@ -33,6 +33,7 @@ from so101_motion.drivers.emulator.register_values import (
     show_measurements,
 )
 from so101_motion.drivers.emulator.registers import TICKS_PER_TURN, Register
+from so101_motion.drivers.servo_types import ServoType
 
 BOOT_TIME = 0.8
 """From reset to the first answer [s] (the bootloader waits for an update first)."""

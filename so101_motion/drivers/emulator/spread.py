@@ -6,7 +6,8 @@ import random
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from so101_motion.drivers.emulator.hardware import Joint, ServoType
+from so101_motion.drivers.emulator.hardware import Joint
+from so101_motion.drivers.servo_types import ServoType
 
 _ZERO_TICKS = 100.0
 """How far a zero is off with a spread of 1 [tick]; chosen, a spread of 0.2 makes it 1.8 deg."""

@@ -59,9 +59,9 @@ from so101_motion.drivers.goal_limiter import GoalLimiter
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
 
-SETTLE_POSITION = to_rad(0.25)
-"""How near to its goal a joint must come to have arrived [rad]: not quite three ticks, twice the
-trim's dead band, so that with the tick's own width the joint truly is within 0.3 deg."""
+SETTLE_POSITION = to_rad(0.33)
+"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks, which is what
+the trim leaves alone, so that with the tick's own width the joint truly is within 0.4 deg."""
 
 SETTLE_VELOCITY = to_rad(3.0)
 """How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
@@ -378,7 +378,8 @@ class FeetechArm:
                 self._out_of_range.arrive(bus, self._at.q)
             fresh = {self._index[servo_id] for servo_id in found} - self._out_of_range.left
             self._aim.trim.measure(self._at.q, self._at.qd, fresh, now)
-        self._health_readings.take(now, found)
+        for servo_id, volts in self._health_readings.take(now, found).items():
+            self._aim.supplied(self._index[servo_id], volts)
         change = self._presence.judge(found, now)
         if change.fallen or self._presence.all_silent:
             self._aim.is_set = False

@@ -1,6 +1,6 @@
 """From where the six joints are wanted to the goals of their servos.
 
-A goal is not the place where a joint is wanted. It lies beyond, by what the joint's weight makes
+A goal is not the place where a joint is wanted. It lies beyond, by what weight and friction make
 its servo give way (``gravity_compensation.py``) and by what the servo would lag behind at speed
 (``lag_compensation.py``), and it is a whole number of ticks within the servo's limits. How far the
 command may move and how much may be added to it is bounded in one place, the last before the bus:
@@ -15,12 +15,31 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
+from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
-from so101_motion.drivers.feetech.lag_compensation import BRAKING, braking, stopping_distance
+from so101_motion.drivers.feetech.lag_compensation import (
+    BRAKING,
+    DELAY,
+    braking,
+    stopping_distance,
+)
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import GoalLimiter
+
+_AHEAD = 0.06
+"""How much later a goal is felt than it is sent [s]: delay and lag together, at a P gain of 32."""
+
+_SMOOTHING = 0.1
+"""Share of a new reading of the supply that counts; ten come a second."""
+
+
+_RECENT = 0.05
+"""Two commands that are further apart tell no acceleration [s]."""
+
+_HARDEST = to_rad(600.0)
+"""No acceleration of a command is larger [rad/s^2]; a tick that came late makes it look so."""
 
 
 class Aim:
@@ -48,14 +67,20 @@ class Aim:
         self._overloaded: set[int] = set()
         self._maps = maps
         self._qd: Sequence[float] | None = None
-        self._braking = [BRAKING] * 6
+        self._qdd: Sequence[float] = (0.0,) * 6
+        self._t = 0.0
+        self._braking = list(BRAKING)
 
     def found(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up and was found like this."""
         self.held[i] = servo.goal_ticks if servo.torque else None
         self._overloaded.discard(i)
-        self.trim.set_gain(i, servo.p_gain)
-        self._braking[i] = braking(servo.max_acceleration)
+        self.trim.set_servo(i, servo.kind, servo.p_gain)
+        self._braking[i] = braking(i, servo.max_acceleration)
+
+    def supplied(self, i: int, volts: float) -> None:
+        """What supply joint ``i``'s servo reports [V]."""
+        self.trim.models[i].volts += _SMOOTHING * (volts - self.trim.models[i].volts)
 
     def heard(self, i: int, faults: int) -> None:
         """What the status byte of joint ``i``'s servo was.
@@ -108,15 +133,17 @@ class Aim:
         """
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
-        self._qd = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
-        self.trim.command(q, now)
+        known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
+        self._qdd = self._acceleration(known, now - self._t)
+        self._qd, self._t = known, now
+        self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
 
     def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
         """What to send to whom, by servo; ``absent`` ones are left out."""
         offset, lead = self.trim.offset, [0.0] * 6
         if self._qd is not None:
             for i, qd in enumerate(self._qd):
-                lead[i] = stopping_distance(qd, self._braking[i])
+                lead[i] = self._lead(i, qd, self._qdd[i])
         for i in self._overloaded:
             offset[i] = lead[i] = 0.0
         goals = self._limiter.goals(offset, self.trim.largest, lead, now)
@@ -127,6 +154,27 @@ class Aim:
     ) -> dict[int, Ticks]:
         """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
+
+    def _acceleration(self, qd: Sequence[float] | None, dt: float) -> Sequence[float]:
+        """How the speeds have changed since the last command [rad/s^2]; 0 if nobody knows."""
+        if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
+            return (0.0,) * 6
+        return [
+            min(max((v - before) / dt, -_HARDEST), _HARDEST)
+            for v, before in zip(qd, self._qd, strict=True)
+        ]
+
+    def _lead(self, i: int, qd: float, qdd: float) -> float:
+        """What makes up for the lag of joint ``i`` at this speed and acceleration [rad]."""
+        if not (qd or qdd):
+            return 0.0
+        model = self.trim.models[i]
+        setpoint_speed = qd + qdd * (DELAY + model.lag)
+        return (
+            stopping_distance(setpoint_speed, self._braking[i])
+            + self.trim.lag(i, qd, qdd)
+            + qd * (DELAY + model.kind.goal_delay)
+        )
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
         return {

@@ -1,23 +1,24 @@
-"""Making joints come to rest where they were sent, in spite of their weight.
+"""Making joints come to rest where they were sent, in spite of weight and friction.
 
-A servo's position loop is a spring: ``p_gain / 4`` thousandths of full drive for each tick of
-error. With the arm's weight on it a joint stands 2 deg (P gain 32) to 5 deg (P gain 16) short of
-its goal, and says it has arrived. ``Trim`` makes the goals that much wrong in advance, in two
-parts:
+``Trim`` makes the goals wrong in advance by as much as the servos will give way, in two parts:
 
-*What the weight explains*, feed-forward: the torque that holds the commanded pose, divided by the
-stiffness of the spring. It is there while the arm moves, so the path is followed and not only its
-end. It is as good as the model: what the jaw carries, the supply's true voltage and friction are
-not in it.
+*What is known*, feed-forward: the torque that holds the commanded pose, and the friction on the way
+there, turned into a distance by ``servo_model.py``. It is there while the arm moves, so the path is
+followed and not only its end. Friction works against the motion, and when a joint turns round it
+does not change sides at once but over ``ENGAGING`` of its way; a trembling command therefore does
+not rattle the goals. When the command comes to rest, friction stays on the side it was.
 
 *What is left*, a slow integral: while command and joint stand still, the measured error is added
-up. While one of them moves, the integral waits, because the error is then mostly the servo's lag.
+up. It first turns friction over to the side it is needed on, quickly, for as long as nothing
+moves; the rest is load that the model does not know, and is kept for the motions that follow.
+While command or joint moves the integral waits, because the error is then mostly the servo's lag.
 
 What keeps the integral from doing harm: an error too large for the arm's weight is no droop but a
 joint that is held fast or still on its way, and is left alone; the integral is bounded by the share
-of the motor's drive it can cause. Errors of about a tick are left alone too, and every time a joint
-has crossed its goal, larger ones: with play and friction it would hunt from one side of its goal to
-the other for ever. The jaw has no trim: its error is the grip.
+of the motor's drive it can cause. Errors of a tick or two are left alone too, and half a second
+after the command has come to rest all that is within the tolerance: with play and friction a joint
+would hunt from one side of its goal to the other for ever. The jaw has no trim: its error is the
+grip.
 """
 
 from __future__ import annotations
@@ -29,45 +30,62 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.servo_types import ServoType
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] that holds the arm still at joint angles ``q`` [rad], shapes (6,), jaw included."""
 
-GAIN = 5.0
-"""Integral gain [1/s]: an error shrinks to a tenth in half a second. Chosen; the servo's own
-response is ten times faster."""
+GAIN = 8.0
+"""Integral gain [1/s]: an error shrinks to a tenth in 0.3 s. Chosen; the servo's own response, its
+delay included, is twice as fast."""
 
-DEAD_BANDS = tuple(ticks * RAD_PER_TICK for ticks in (1.5, 2.5, 2.5, 2.5, 7.0))
-"""Errors up to this are left alone [rad], by how often the joint has crossed its goal. Chosen: the
-emulated joint jumps by 5 to 7 ticks when it breaks loose, so it gets three more tries to come to
-rest within 2.5 ticks, which is inside the settle tolerance, and then has to be content."""
+GAIN_MOVING = 2.0
+"""The same while the command moves [1/s], for joints that bear weight: a load that is not known
+bears on them too. The error of the others is lag, which is over when they rest. Chosen."""
+
+BEARING = 0.3
+"""A joint with less of the arm's weight learns less while it moves [N m]; chosen."""
+
+MOVING_ERROR = to_rad(4.0)
+"""A joint further off than this while it moves is held up [rad]; chosen."""
+
+TURNING = to_rad(10.0)
+"""How fast friction is turned over to the other side at rest [rad/s]. Chosen: done in 0.2 s under
+the arm's weight, and not 4 ticks too far when the joint breaks loose."""
+
+ENGAGING = to_rad(0.3)
+"""Half the way on which friction changes sides when a joint turns round [rad]. Chosen: four times
+the tremor of a hand that teleoperates."""
+
+DEAD_BAND = 2.5 * RAD_PER_TICK
+"""Errors up to this are left alone [rad]; chosen."""
+
+LATE_DEAD_BAND = 3.5 * RAD_PER_TICK
+"""The same once ``LATE`` is over [rad]: within the settle tolerance."""
+
+LATE = 0.45
+"""How long after the command has come to rest small errors are worth a motion [s]; chosen."""
 
 LARGEST_DRIVE = 0.25
-"""Share of full drive that the integral may ask for. Chosen: 100 g in the jaws of the stretched arm
-take 0.14 at the shoulder, and a supply of 10 V instead of 12 V a fifth of what the weight takes."""
+"""Share of full drive that the integral may ask for. Chosen: 300 g in the jaws of the stretched
+arm take 0.22 at the shoulder, their friction included."""
 
 LARGEST_SAG = 0.5
-"""Share of full drive beyond which an error cannot be the arm's weight: 100 g in the jaws of the
-stretched arm take 0.43 at the shoulder."""
+"""Share of full drive beyond which an error cannot be the arm's weight: with 300 g in the jaws of
+the stretched arm its shoulder takes 0.46 to be lifted."""
 
 LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
 """Share of full drive that both parts together may ask for."""
 
-STALL_TORQUE = 2.94
-"""Torque at full drive [N m]: 30 kg.cm at 12 V, the datasheet of the STS3215-C018. The 7.4 V type
-has two thirds of it; the integral makes up for that."""
+INERTIA = 0.01
+"""Of the links that a joint moves, on top of rotor and gears [kg m^2]; chosen, an average."""
 
-_STILL = 0.1
-"""How long the command must have stood still [s]: a healthy servo's lag. Chosen."""
+_STILL = 0.06
+"""How long the command must have stood still [s]: twice a healthy servo's delay. Chosen."""
 
 _AT_REST = to_rad(4.0)
 """A joint faster than this is on its way [rad/s]; chosen, above the scatter of a resting one."""
-
-
-def yielding(p_gain: int) -> float:
-    """How far a joint gives way under full drive at a P gain, were it a spring to the end [rad]."""
-    return 4000.0 / max(p_gain, 1) * RAD_PER_TICK
-
 
 _JAW = 5
 
@@ -79,46 +97,85 @@ class Trim:
         gravity: The torque that holds a pose.
 
     Attributes:
-        yielding: How far each joint gives way under full drive [rad].
+        models: What is known of each servo.
     """
 
     def __init__(self, gravity: Gravity) -> None:
         self._gravity = gravity
-        self.yielding = [yielding(32)] * 6
-        self._explained = [0.0] * 6
+        self.models = [ServoModel() for _ in range(6)]
+        self._weight = [0.0] * 6  # [N m]
+        self._way = [0.0] * 6  # which way friction is overcome, -1 to 1
+        self._torque = [0.0] * 6  # what weight and friction take [N m]
+        self._known = [0.0] * 6  # and what that adds to the goal [rad]
         self._rest = [0.0] * 6
         self._goal: list[float] = []
-        self._side = [0.0] * 6  # where each joint was when it was last seen off its goal
-        self._crossed = [0] * 6  # its goal, how often
         self._since = self._last = 0.0
+
+    def set_servo(self, i: int, kind: ServoType, p_gain: int) -> None:
+        """Joint ``i`` has a servo of this type and P gain."""
+        self.models[i] = ServoModel(kind, p_gain)
+
+    @property
+    def yielding(self) -> list[float]:
+        """How far each joint gives way under full drive [rad]."""
+        return [model.yielding for model in self.models]
 
     def explain(self, q: Sequence[float]) -> list[float]:
         """What the weight at joint angles ``q`` [rad] must add to the six goals [rad]."""
-        torque: list[float] = self._gravity(np.array(q)).tolist()
-        shares = [min(max(t / STALL_TORQUE, -LARGEST_SAG), LARGEST_SAG) for t in torque[:_JAW]]
-        return [share * give for share, give in zip(shares, self.yielding, strict=False)] + [0.0]
+        weights: list[float] = self._gravity(np.array(q)).tolist()
+        return [
+            _within(model.distance(weight), LARGEST_SAG * model.yielding)
+            for model, weight in zip(self.models[:_JAW], weights, strict=False)
+        ] + [0.0]
 
     @property
     def rest(self) -> list[float]:
-        """What of ``offset`` the weight does not explain [rad]."""
+        """What of ``offset`` neither weight nor friction explain [rad]."""
         return list(self._rest)
 
     @property
     def largest(self) -> list[float]:
         """How much ``offset`` may be at most [rad]."""
-        return [LARGEST_OFFSET * give for give in self.yielding[:_JAW]] + [0.0]
+        return [LARGEST_OFFSET * model.yielding for model in self.models[:_JAW]] + [0.0]
 
     @property
     def offset(self) -> list[float]:
         """What to add to the six commanded positions [rad]."""
-        return [
-            explained + rest for explained, rest in zip(self._explained, self._rest, strict=True)
-        ]
+        return [known + rest for known, rest in zip(self._known, self._rest, strict=True)]
 
-    def command(self, goal: list[float], now: float) -> None:
-        """The six joints are sent to ``goal`` [rad] at ``now`` [s]."""
-        if goal != self._goal:
-            self._take_up(goal, now)
+    def command(
+        self, goal: list[float], now: float, qd: Sequence[float] = (0.0,) * 5, ahead: float = 0.0
+    ) -> None:
+        """The six joints are sent to ``goal`` [rad] at ``now`` [s].
+
+        Args:
+            goal: Where to.
+            now: When.
+            qd: How fast they are wanted there [rad/s].
+            ahead: How much later a goal is felt than it is sent [s].
+        """
+        if goal == self._goal:
+            return
+        before = self._goal or goal
+        for i in range(_JAW):
+            step = goal[i] - before[i]
+            self._way[i] = _within(self._way[i] + step / ENGAGING, 1.0)
+        q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
+        self._take_up(goal, [*q, goal[_JAW]], now)
+        for i in range(_JAW):
+            self._find(i, qd[i])
+
+    def lag(self, i: int, qd: float, qdd: float) -> float:
+        """How far joint ``i`` would stay behind its set-point [rad].
+
+        Args:
+            i: Which joint.
+            qd: How fast it moves [rad/s].
+            qdd: How its speed changes [rad/s^2].
+        """
+        model, torque = self.models[i], self._torque[i]
+        more = model.kind.viscous * qd + (model.kind.armature + INERTIA) * qdd
+        return model.distance(torque + more, qd) - model.distance(torque)
 
     def start(self, goal: list[float], now: float, sag: Sequence[float | None]) -> None:
         """The six joints stand at ``goal`` [rad] at ``now`` [s] and shall stay there.
@@ -131,11 +188,19 @@ class Trim:
                 begins with what its weight explains: the servo then carries it from the first
                 moment, and no more than it, so a joint that lies on something stays there.
         """
-        self._take_up(goal, now)
+        self._take_up(goal, goal, now)
         for i, off in enumerate(sag[:_JAW]):
-            most = LARGEST_SAG * self.yielding[i]
-            explained = self._explained[i]
-            self._rest[i] = 0.0 if off is None else min(max(off, -most), most) - explained
+            self._way[i] = self._rest[i] = 0.0
+            self._find(i)
+            if off is None:
+                continue
+            model, most = self.models[i], LARGEST_SAG * self.models[i].yielding
+            off = _within(off, most)
+            friction = model.friction(self._weight[i], 0.0)
+            self._way[i] = _within(model.torque(off - self._known[i]) / friction, 1.0)
+            for _ in range(3):  # friction grows with what is not known of the load
+                self._find(i)
+                self._rest[i] = off - self._known[i]
 
     def measure(
         self, q: Sequence[float], qd: Sequence[float], fresh: Collection[int], now: float
@@ -149,29 +214,60 @@ class Trim:
             now: When [s].
         """
         dt, self._last = min(now - self._last, 0.05), now
-        if not self._goal or now - self._since < _STILL:
+        if not self._goal:
             return
+        still = now - self._since
+        if still < _STILL:
+            self._learn_moving(q, fresh, dt)
+            return
+        dead = DEAD_BAND if still < LATE else LATE_DEAD_BAND
         for i in range(_JAW):
             error = self._goal[i] - q[i]
-            dead = DEAD_BANDS[min(self._crossed[i], len(DEAD_BANDS) - 1)]
-            is_droop = dead < abs(error) < LARGEST_SAG * self.yielding[i]
+            is_droop = dead < abs(error) < LARGEST_SAG * self.models[i].yielding
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
                 self._learn(i, error, dt)
 
-    def set_gain(self, i: int, p_gain: int) -> None:
-        """The P gain of joint ``i`` is ``p_gain``."""
-        self.yielding[i] = yielding(p_gain)
+    def _learn_moving(self, q: Sequence[float], fresh: Collection[int], dt: float) -> None:
+        for i in range(_JAW):
+            error = self._goal[i] - q[i]
+            if i in fresh and DEAD_BAND < abs(error) < MOVING_ERROR:
+                bears = min(abs(self._weight[i]) / BEARING, 1.0)
+                self._add(i, bears * GAIN_MOVING * dt * error)
 
     def _learn(self, i: int, error: float, dt: float) -> None:
-        if error * self._side[i] < 0.0:
-            self._crossed[i] += 1
-        self._side[i] = error
-        rest, bound = self._rest[i], LARGEST_DRIVE * self.yielding[i]
+        model, way = self.models[i], self._way[i]
+        side = 1.0 if error > 0.0 else -1.0
+        if way * side < 1.0:
+            load = self._weight[i] + model.torque(self._rest[i])
+            turn = model.torque(TURNING * dt) / model.friction(load, side)
+            self._way[i] = _within(way + side * turn, 1.0)
+            self._find(i)
+            return
+        self._add(i, GAIN * dt * error)
+        self._find(i)
+
+    def _add(self, i: int, step: float) -> None:
+        rest, bound = self._rest[i], LARGEST_DRIVE * self.models[i].yielding
         # One that began beyond its bound may only come back.
-        step = GAIN * dt * error
         self._rest[i] = min(max(rest + step, min(rest, -bound)), max(rest, bound))
 
-    def _take_up(self, goal: list[float], now: float) -> None:
+    def _take_up(self, goal: list[float], q: Sequence[float], now: float) -> None:
         self._goal, self._since = goal, now
-        self._side, self._crossed = [0.0] * 6, [0] * 6
-        self._explained = self.explain(goal)
+        self._weight = self._gravity(np.array(q)).tolist()
+
+    def _find(self, i: int, speed: float = 0.0) -> None:
+        """What joint ``i``'s weight and friction add to its goal."""
+        model, way, weight = self.models[i], self._way[i], self._weight[i]
+        torque = weight
+        if way:
+            load = weight + model.torque(self._rest[i])
+            torque += way * model.friction(load, way, speed)
+        self._torque[i] = torque
+        self._known[i] = _within(model.distance(torque), LARGEST_SAG * model.yielding)
+
+
+def _within(value: float, most: float) -> float:
+    """``value``, or what is nearest to it and no larger than ``most``."""
+    if value > most:
+        return most
+    return -most if value < -most else value

@@ -21,7 +21,8 @@ from collections.abc import Sequence
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.feetech.gravity_compensation import Trim, yielding
+from so101_motion.drivers.feetech.gravity_compensation import Trim
+from so101_motion.drivers.feetech.servo_model import yielding
 
 LEARNING = 5.0
 """How fast it learns [1/s], as when it holds."""

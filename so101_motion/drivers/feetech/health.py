@@ -120,11 +120,13 @@ class HealthReadings:
         """How many bytes to read now: only the position, or the whole block when it is due."""
         return VITALS_COUNT if now >= self._due else reg.PRESENT_POSITION.size
 
-    def take(self, now: float, found: Mapping[int, Answer]) -> None:
-        """Keep what was read, by servo, if it was the whole block."""
-        if now >= self._due:
-            self._due = now + VITALS_PERIOD
-            self._blocks = self._blocks | {i: (now, answer.data) for i, answer in found.items()}
+    def take(self, now: float, found: Mapping[int, Answer]) -> Mapping[int, float]:
+        """Keep what was read, by servo, if it was the whole block; the supplies [V] in there."""
+        if now < self._due:
+            return {}
+        self._due = now + VITALS_PERIOD
+        self._blocks = self._blocks | {i: (now, answer.data) for i, answer in found.items()}
+        return {i: _figures(answer.data)[0] for i, answer in found.items()}
 
     def health(
         self,

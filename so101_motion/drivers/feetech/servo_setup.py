@@ -31,6 +31,7 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import TICKS_PER_TURN, Register
 from so101_motion.drivers.bus.ticks import JointMap, Ticks, to_speed_ticks
 from so101_motion.drivers.position_check import ENOUGH
+from so101_motion.drivers.servo_types import ServoType, type_of
 
 T = TypeVar("T")
 
@@ -68,6 +69,7 @@ class ServoCondition:
             is so far off that the servo would pull as hard as it can.
         present_ticks: Where it is.
         p_gain: Proportional gain of its position loop.
+        kind: Which type it is, told by the highest supply it is set for.
         max_acceleration: What its acceleration is cut at, in units of register 41.
         torque_limit: What its torque limit is now, in thousandths of full drive.
         crawls: Whether its caps have been set to a crawl, because its goal is outside its limits.
@@ -78,6 +80,7 @@ class ServoCondition:
     goal_ticks: Ticks | None
     present_ticks: Ticks
     p_gain: int
+    kind: ServoType
     max_acceleration: int
     torque_limit: int
     crawls: bool
@@ -125,6 +128,7 @@ def prepare(bus: Bus, joint: JointMap, ram: Mapping[Register, int]) -> ServoCond
         goal_ticks=None if goal is None else Ticks(here),
         present_ticks=Ticks(read_position(bus, servo_id)),
         p_gain=p_gain,
+        kind=type_of(reg.MAX_VOLTAGE.scale * agreed(lambda: bus.read(servo_id, reg.MAX_VOLTAGE))),
         max_acceleration=agreed(lambda: bus.read(servo_id, reg.MAX_ACCELERATION)),
         torque_limit=ram[reg.TORQUE_LIMIT],
         crawls=crawls,

@@ -9,7 +9,7 @@ from so101_motion.calib.record.record import JOINTS, SERVO_IDS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.errors import CorruptReply, NoReply
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.emulator.hardware import STS3215_7V4
+from so101_motion.drivers.servo_types import STS3215_7V4
 
 
 def seen_on(bus):

@@ -5,7 +5,7 @@ from harness.lent_bus import LentBus
 
 from so101_motion.calib.motors.motor_setup import MotorSetup
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.emulator.hardware import STS3215_7V4
+from so101_motion.drivers.servo_types import STS3215_7V4
 
 
 def arm(**options):

@@ -16,7 +16,7 @@ from so101_motion.common.errors import (
     PortUnavailable,
 )
 from so101_motion.drivers.bus import registers as reg
-from so101_motion.drivers.emulator.hardware import STS3215_7V4
+from so101_motion.drivers.servo_types import STS3215_7V4
 
 KIT = dict.fromkeys(range(1, 7), 1)
 """Six servos as they come: all have id 1."""

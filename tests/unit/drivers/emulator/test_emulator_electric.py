@@ -3,11 +3,11 @@ import pytest
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import Code
 from so101_motion.drivers.emulator.electric import ROOM_C, Motor
-from so101_motion.drivers.emulator.hardware import DATASHEET_12V
+from so101_motion.drivers.servo_types import STS3215_12V
 
 
 def test_supply_sags_while_many_joints_pull(make_bench, constant_load):
-    bench = make_bench(gravity=constant_load(**{f"j{n}": 2.0 for n in range(1, 7)}))
+    bench = make_bench(gravity=constant_load(**{f"j{n}": 4.5 for n in range(1, 7)}))
     resting = bench.read(1, reg.PRESENT_VOLTAGE)
     for servo_id in range(1, 7):
         bench.write(servo_id, reg.TORQUE_ENABLE, 1)
@@ -55,20 +55,20 @@ def test_spontaneous_reboot_looks_like_an_ordered_one(bench):
     assert bench.read(4, reg.TORQUE_ENABLE) == 0
 
 
-def test_half_of_stall_torque_is_held_at_forty_eight_degrees():
-    motor = Motor(DATASHEET_12V)
-    motor.advance(3600.0, duty=0.5, volts=12.0, velocity=0.0)
+def test_a_torque_of_one_and_a_half_newton_metres_is_held_at_forty_eight_degrees():
+    motor = Motor(STS3215_12V)
+    motor.advance(3600.0, duty=1.47 / STS3215_12V.torque_per_volt / 12.0, volts=12.0, velocity=0.0)
     assert motor.temperature == pytest.approx(48.0, abs=3.0)
 
 
 def test_resting_servo_cools_to_room_temperature():
-    motor = Motor(DATASHEET_12V)
+    motor = Motor(STS3215_12V)
     motor.temperature = 60.0
     motor.advance(150.0, duty=0.0, volts=12.0, velocity=0.0)
     assert motor.temperature == pytest.approx(ROOM_C + 35.0 / 2.718, abs=0.1)
 
 
 def test_stalled_motor_draws_its_stall_current():
-    motor = Motor(DATASHEET_12V)
+    motor = Motor(STS3215_12V)
     motor.advance(0.001, duty=1.0, volts=12.0, velocity=0.0)
-    assert motor.current == pytest.approx(2.7)
+    assert motor.current == pytest.approx(2.95, abs=0.01)

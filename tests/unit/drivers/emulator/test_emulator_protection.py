@@ -2,7 +2,7 @@ import pytest
 
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import Code
-from so101_motion.drivers.emulator.hardware import STS3215_7V4
+from so101_motion.drivers.servo_types import STS3215_7V4
 
 STALL = 200  # ticks into the jaw's stop: more than 80 % duty at P 32
 
@@ -38,7 +38,7 @@ def test_overloaded_servo_still_does_what_it_acknowledges(stalled):
 def test_pulling_the_goal_back_clears_an_overload(stalled):
     stalled.advance(2.0)
     stalled.write(6, reg.GOAL_POSITION, stalled.read(6, reg.PRESENT_POSITION))
-    stalled.advance(0.5)
+    stalled.advance(0.7)
     assert stalled.read(6, reg.STATUS) == 0
     assert stalled.read(6, reg.TORQUE_ENABLE) == 1
 

@@ -47,7 +47,7 @@ def test_held_load_warms_the_servo_while_nobody_looks(make_bench, raised_arm):
     bench = make_bench(gravity=raised_arm)
     bench.write(2, reg.TORQUE_ENABLE, 1)
     bench.advance(600.0)
-    assert 27 <= bench.read(2, reg.PRESENT_TEMPERATURE) <= 35
+    assert 26 <= bench.read(2, reg.PRESENT_TEMPERATURE) <= 35
     assert bench.read(1, reg.PRESENT_TEMPERATURE) == 25
 
 
@@ -68,7 +68,7 @@ def test_gravity_couples_the_joints(make_bench):
 
     def gravity(q):
         torque = np.zeros(6)
-        torque[1] = -0.5 * math.cos(q[2])
+        torque[1] = -1.5 * math.cos(q[2])
         return torque
 
     bench = make_bench(gravity=gravity)

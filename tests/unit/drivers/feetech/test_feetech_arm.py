@@ -8,7 +8,12 @@ from so101_motion.common.errors import NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
-from so101_motion.drivers.feetech.feetech_arm import JOINTS, SETTLE_VELOCITY, FeetechArm
+from so101_motion.drivers.feetech.feetech_arm import (
+    JOINTS,
+    SETTLE_POSITION,
+    SETTLE_VELOCITY,
+    FeetechArm,
+)
 
 MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 ELBOW, JAW = 3, 6
@@ -280,7 +285,7 @@ def test_a_lost_last_setpoint_is_sent_again_while_holding(stand):
     stand.port.faults.request_loss = 1.0
     stand.arm.write(np.full(5, 0.03), 0.0)
     stand.port.faults.request_loss = 0.0
-    np.testing.assert_allclose(stand.follow(1.0).q, 0.03, atol=0.005)
+    np.testing.assert_allclose(stand.follow(1.0).q, 0.03, atol=SETTLE_POSITION)
 
 
 def test_under_load_the_joints_rest_where_they_were_sent(make_stand):

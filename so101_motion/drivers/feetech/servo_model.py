@@ -1,0 +1,84 @@
+"""What a servo's goal must be for its joint to be somewhere: the servo's own behaviour, inverted.
+
+A position loop without integral makes torque only from an error: ``p_gain / 4`` thousandths of full
+drive for each tick, and a constant that helps it over its friction. So a goal lies beyond the place
+where a joint is wanted by what its load, its friction and, at speed, the voltage that the motor
+induces itself take. How much torque full drive makes follows from the supply.
+
+Dry friction opposes the motion and grows with what the gears carry, so a joint that is lifted needs
+more than its weight and one that is lowered less. In between it rests wherever it has come to.
+"""
+
+from __future__ import annotations
+
+import math
+
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK
+from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V, ServoType
+
+_DEAD_ZONE = 1.0 * RAD_PER_TICK
+"""Errors up to this count as none: registers 26 and 27 as delivered [rad]."""
+
+
+def yielding(p_gain: int) -> float:
+    """How far a joint gives way under full drive at a P gain, were it a spring to the end [rad]."""
+    return 4000.0 / max(p_gain, 1) * RAD_PER_TICK
+
+
+class ServoModel:
+    """One servo, as its type is known to be.
+
+    Args:
+        kind: Its type.
+        p_gain: Proportional gain of its position loop.
+
+    Attributes:
+        kind: As given.
+        yielding: How far it gives way under full drive [rad].
+        volts: Its supply [V]; as measured, if it was.
+    """
+
+    def __init__(self, kind: ServoType = STS3215_12V, p_gain: int = 32) -> None:
+        self.kind, self.volts = kind, kind.volts
+        self.yielding = yielding(p_gain)
+
+    def distance(self, torque: float, speed: float = 0.0) -> float:
+        """How far beyond its joint the goal must be [rad].
+
+        Args:
+            torque: What the motor shall exert on the gears [N m].
+            speed: How fast the joint turns [rad/s].
+        """
+        kind = self.kind
+        share = (torque / kind.torque_per_volt + kind.back_emf * speed) / self.volts
+        duty = abs(share) ** (1.0 / kind.duty_shape) - START_DUTY
+        return math.copysign(duty * self.yielding + _DEAD_ZONE, share) if duty > 0.0 else 0.0
+
+    @property
+    def lag(self) -> float:
+        """How long after its setpoint a joint is where it was sent [s], were nothing done."""
+        return self.kind.goal_delay + self.kind.back_emf / self.volts * self.yielding
+
+    def torque(self, distance: float) -> float:
+        """Roughly what torque [N m] a further ``distance`` [rad] of the goal adds."""
+        return distance / self.yielding * self.volts * self.kind.torque_per_volt
+
+    def friction(self, load: float, way: float, speed: float = 0.0) -> float:
+        """What the motor must add to move its joint one way [N m], zero or positive.
+
+        Args:
+            load: Torque that the joint needs to be held, were there no friction [N m].
+            way: Which way and how fully friction is to be overcome, -1 to 1.
+            speed: How fast [rad/s].
+        """
+        kind = self.kind
+        still = math.exp(-abs(speed) / kind.stribeck_speed)
+        friction, motor = 0.0, load
+        for _ in range(2):  # what the motor exerts depends on the friction, a little
+            friction = (
+                kind.coulomb
+                + abs(kind.load_external * load + kind.load_motor * motor)
+                + still * abs(kind.still_external * load + kind.still_motor * motor)
+            )
+            motor = load + way * friction
+        return friction

@@ -1,0 +1,89 @@
+"""What is known of the STS3215 itself: motor, gears, friction and reaction times, by type.
+
+The emulated servos behave like this, and the driver makes up for it. Both know only the type: each
+emulated servo may differ from it (``emulator/spread.py``), as each real one does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+START_DUTY = 0.016
+"""Added in the direction of any demand: register 24 as delivered."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoType:
+    """A motor with its gears and its reaction times, all seen at the output shaft.
+
+    The dry friction has the form of model M5 of Rhoban's bam: ``coulomb`` without load, and a part
+    that grows with what the gears carry from either side, more so near rest.
+
+    Attributes:
+        name: Order code.
+        volts: Supply it is made for [V].
+        torque_per_volt: Of the blocked motor [N m/V].
+        back_emf: Voltage that its speed induces [V s/rad].
+        resistance: Of the winding [ohm].
+        armature: Inertia of rotor and gears [kg m^2].
+        viscous: Damping of the gears [N m s/rad].
+        coulomb: Dry friction without load [N m].
+        load_external: Friction per torque of the world on the output [1].
+        load_motor: Friction per torque of the motor [1].
+        still_external: What is added to ``load_external`` at rest [1].
+        still_motor: What is added to ``load_motor`` at rest [1].
+        stribeck_speed: Speed at which the additions have fallen to 1/e [rad/s].
+        speed_limit: Of the set-point on its way to a goal [rad/s].
+        goal_delay: From a goal on the wire to the set-point that follows it [s].
+        loop_delay: From a measured position to the duty it causes [s].
+        duty_shape: Exponent from demanded duty to motor voltage; below 1 small duties do more.
+        max_voltage_raw: Factory value of register 14 [0.1 V].
+    """
+
+    name: str
+    volts: float
+    torque_per_volt: float
+    back_emf: float
+    resistance: float
+    armature: float
+    viscous: float
+    coulomb: float
+    load_external: float
+    load_motor: float
+    still_external: float
+    still_motor: float
+    stribeck_speed: float
+    speed_limit: float
+    goal_delay: float
+    loop_delay: float
+    duty_shape: float
+    max_voltage_raw: int
+
+    @property
+    def break_away(self) -> float:
+        """Smallest torque from outside that moves the limp output [N m]."""
+        return self.coulomb / (1.0 - self.load_external - self.still_external)
+
+
+STS3215_12V = ServoType(
+    name="STS3215-C018", volts=12.0, torque_per_volt=0.563, back_emf=2.291, resistance=4.07,
+    armature=0.02212, viscous=0.01514, coulomb=0.1259, load_external=0.175, load_motor=0.01768,
+    still_external=0.1084, still_motor=0.09638, stribeck_speed=0.6412, speed_limit=5.087,
+    goal_delay=0.02189, loop_delay=0.004017, duty_shape=0.961, max_voltage_raw=140,
+)  # fmt: skip
+"""Fitted by ``benchmarks.fit_servo`` on 480 recordings of one servo on a pendulum (kscalelabs,
+March 2025); ``docs/emulator.md`` says how well. ``resistance`` follows from the other two: torque
+and back-EMF have the same constant. ``goal_delay`` includes what the recorder's own loop took."""
+
+STS3215_7V4 = ServoType(
+    name="STS3215-C001", volts=7.4, torque_per_volt=1.265 / 2.45, back_emf=1.265, resistance=2.45,
+    armature=0.0235, viscous=0.031, coulomb=0.053, load_external=0.212, load_motor=0.212,
+    still_external=0.0, still_motor=0.0, stribeck_speed=1.0, speed_limit=5.087, goal_delay=0.0049,
+    loop_delay=0.0, duty_shape=1.0, max_voltage_raw=80,
+)  # fmt: skip
+"""Published by Rhoban (bam, Apache-2.0); the speed limit is that of the 12 V type."""
+
+
+def type_of(max_voltage: float) -> ServoType:
+    """The type of a servo, told by the highest supply it is set for [V]: 8.0 or 14.0 as new."""
+    return STS3215_7V4 if max_voltage < 9.0 else STS3215_12V
