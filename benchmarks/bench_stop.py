@@ -70,9 +70,13 @@ def module() -> None:
     write = FeetechArm.write
 
     def noted(
-        self: FeetechArm, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None
+        self: FeetechArm,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
     ) -> None:
-        write(self, q_cmd, q_jaw_cmd, qd_cmd)
+        write(self, q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
         written.append((time.monotonic(), 0.0 if qd_cmd is None else float(qd_cmd[0])))
 
     FeetechArm.write = noted  # type: ignore[method-assign]

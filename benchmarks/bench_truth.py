@@ -96,7 +96,7 @@ def _holds(recordings: Recordings, i: int) -> list[tuple[int, int]]:
 _DATASHEET = ServoType(
     name="STS3215-C018", volts=12.0, torque_per_volt=2.94 / 12.0, back_emf=12.0 / 5.05,
     resistance=12.0 / 2.7, armature=0.028, viscous=0.03, coulomb=0.05, load_external=0.0,
-    load_motor=0.0, still_external=0.0, still_motor=0.0, stribeck_speed=1.0, speed_limit=float("inf"),
+    load_motor=0.0, still_external=0.0, still_motor=0.0, stribeck_speed=1.0, speed_limit=1e9,
     goal_delay=0.0, loop_delay=0.0, duty_shape=1.0, max_voltage_raw=140,
 )  # fmt: skip
 """As the datasheet has it (30 kg.cm, 2.7 A, 45 rpm without load), with the friction of the official

@@ -11,8 +11,8 @@ from so101_motion.common.units import to_rad
 class Compliance:
     """How stiff the arm is in manual mode.
 
-    Dead band and gain are the published module's; the resistance is chosen: 0.2 N m at 12 V. Its P gain went into the servos' EEPROM; ours does not,
-    it is made by moving the goals.
+    Dead band and gain are the published module's. Its P gain went into the servos' EEPROM; ours is
+    made by moving the goals. The resistance is chosen: 0.2 N m at 12 V.
 
     Attributes:
         dead_band: How far a joint is pushed before the place that it holds comes along [rad].

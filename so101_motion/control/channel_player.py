@@ -134,6 +134,13 @@ class ChannelPlayer:
         motion, qd = self._motion, self.reference.qd
         return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
 
+    @property
+    def acceleration(self) -> Array | None:
+        """How that velocity changes, shape (n,), [rad/s^2]; None where nobody knows beforehand."""
+        motion = self._motion
+        is_planned = motion is None or isinstance(motion.source, PlannedMotion)
+        return self.reference.qdd if is_planned else None
+
     def rest_at(self, q: Array) -> None:
         """Set the reference to ``q``, at rest; no motion is under way then."""
         self.reference = _at_rest(q)

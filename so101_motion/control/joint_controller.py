@@ -279,7 +279,8 @@ class JointController:
         if self.is_moving:
             for player in players:
                 player.step(self.k)
-            self._driver.write(self._arm.command, float(self._jaw.command[0]), self._arm.speed)
+            arm, jaw = self._arm, self._jaw
+            self._driver.write(arm.command, float(jaw.command[0]), arm.speed, arm.acceleration)
         if self._watch is not None:
             self._watch()
         reading = self._driver.read()

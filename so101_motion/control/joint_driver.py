@@ -22,13 +22,20 @@ class JointDriver(Protocol):
     def read(self) -> JointReading:
         """Measure all joints."""
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+    def write(
+        self,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
+    ) -> None:
         """Set the goals: arm joints, shape (5,), and jaw [rad].
 
         ``qd_cmd`` is how fast the arm joints are wanted there, shape (5,), [rad/s]; a goal is no
         farther from the last one than that allows, or it is refused. None or NaN says nothing: the
         driver's own cap holds then, and the joint may be told to stay where it is. With torque off
-        this only seeds the goal, which is then what was just measured.
+        this only seeds the goal, which is then what was just measured. ``qdd_cmd`` is how the
+        velocities change, shape (5,), [rad/s^2], if that is known; what makes up for lag uses it.
 
         Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
         """

@@ -138,6 +138,7 @@ class GoalLimiter:
                     self._refuse_velocity(i, before, qd, change, free)
                 v, more = min(max(abs(qd), abs(before)), v), bend
             elif step > v * time and abs(q - here(i)) <= SEED:
+                self._lead[i] = 0.0  # it is to stay there
                 continue
             allowed = v * time + more
             if not step <= allowed + _ROUNDING:

@@ -93,13 +93,20 @@ class SimArm:
                 q=self._q[:5], qd=self._qd[:5], q_jaw=float(self._q[5]), qd_jaw=float(self._qd[5])
             )
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+    def write(
+        self,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
+    ) -> None:
         """Give the joints a goal: arm joints, shape (5,), and jaw [rad].
 
         Args:
             q_cmd: Where the arm joints are wanted.
             q_jaw_cmd: Where the jaw is.
             qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s].
+            qdd_cmd: Not used; these joints have no lag.
 
         Raises:
             CommandRefused: That is further than the caps of driven joints allow, as for a real arm.

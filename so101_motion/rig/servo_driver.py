@@ -161,9 +161,15 @@ class ServoDriver:
             self._alarms = alarms(arm.health)
         return replace(reading, alarms=self._alarms) if self._alarms else reading
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+    def write(
+        self,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
+    ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw; see ``FeetechArm.write``."""
-        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd)
+        self._driver().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
 
     def set_torque(self, on: bool) -> None:
         """Switch torque on at the last written goal, or switch it off."""

@@ -73,7 +73,8 @@ async def test_waypoints_are_passed_and_limits_kept(bench, client):
 
     for point in way:
         assert min(np.max(np.abs(np.subtract(q, point.values))) for q in seen) < 3.0
-    assert np.max(np.abs(np.diff(seen, axis=0))) / 0.05 < 36.0
+    play = 0.85  # [deg], through which a joint may fall at once
+    assert np.max(np.abs(np.diff(seen, axis=0))) < 36.0 * 0.05 + play
     assert seen[-1] == pytest.approx(list(way[-1].values), abs=0.4)
 
 

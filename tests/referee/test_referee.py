@@ -99,7 +99,7 @@ def test_a_goal_that_jumps_is_caught(pitch):
 def test_goals_that_run_faster_than_the_cap_are_caught(pitch):
     pitch.hold()
     pitch.wait(1.0)
-    pitch.lead(1, 115.0, 0.5)
+    pitch.lead(1, 170.0, 0.5)
     assert "travel" in pitch.broken
 
 

@@ -7,6 +7,7 @@ from referee.travel import Travel
 TICK = 360.0 / 4096.0
 WINDOW, SLACK = 0.04, 1.5  # [s], [deg]
 BRAKING = 600.0  # [deg/s^2], how hard a servo's own profile brakes; goals are sent ahead by it
+LEAD = 0.065  # [s], what goals are ahead at speed to make up for delay and back-EMF at P 32
 LAG = 0.1  # [s], how far behind its goals a healthy servo is
 SEED_SLACK = 1.0  # [deg], play of the gears and a tick
 RECOVERY = 0.5  # [s], how long after it was held up a joint is not where it is wanted
@@ -21,7 +22,7 @@ def is_held_up(servo):
 
 def _pace(caps):
     """How fast goals may go that are sent ahead of the command [deg/s]."""
-    return caps.speed * (1.0 + caps.acceleration / BRAKING)
+    return caps.speed * (1.0 + caps.acceleration / BRAKING) + LEAD * caps.acceleration
 
 
 class ServoOnWire:

@@ -177,13 +177,20 @@ class FeetechArm:
             unconfirmed=frozenset(JOINTS[i] for i in unconfirmed) if unconfirmed else _NO_JOINTS,
         )
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
+    def write(
+        self,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
+    ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
         Args:
             q_cmd: Where the arm joints are wanted now.
             q_jaw_cmd: Where the jaw is.
             qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s]; None is at rest.
+            qdd_cmd: How those speeds change, shape (5,), [rad/s^2]; None is not known.
 
         While the arm is guided only the jaw is sent anywhere.
 
@@ -204,7 +211,8 @@ class FeetechArm:
                 if qd_cmd is None:  # whoever is sent elsewhere is to be held where it is
                     self._refuse_unsure(bus, [i for i in self._maps if q[i] != self._aim.q[i]])
                 qd = None if qd_cmd is None else qd_cmd.tolist()
-                self._aim.point(q, qd, now, here, free)
+                qdd = None if qdd_cmd is None else qdd_cmd.tolist()
+                self._aim.point(q, qd, now, here, free, qdd)
             else:
                 self._refuse_unsure(bus, self._maps)
                 self._aim.begin(q, self._at.q, now, free)

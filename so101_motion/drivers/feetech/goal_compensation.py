@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
@@ -36,10 +35,14 @@ _SMOOTHING = 0.1
 
 
 _RECENT = 0.05
-"""Two commands that are further apart tell no acceleration [s]."""
+"""A servo's set-point is foreseen over no more time than this [s]."""
 
-_HARDEST = to_rad(600.0)
-"""No acceleration of a command is larger [rad/s^2]; a tick that came late makes it look so."""
+
+_SLOW = 0.03
+"""At this speed the lag is so small that what makes up for it may come and go at once [rad/s]."""
+
+_BLEND = 0.5
+"""In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
 
 
 class Aim:
@@ -67,8 +70,10 @@ class Aim:
         self._overloaded: set[int] = set()
         self._maps = maps
         self._qd: Sequence[float] | None = None
-        self._qdd: Sequence[float] = (0.0,) * 6
-        self._t = 0.0
+        self._qdd: Sequence[float] | None = None
+        self._foreseen = [0.0] * 6  # what share of the lag is made up for
+        self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
+        self._t_goals = 0.0
         self._braking = list(BRAKING)
 
     def found(self, i: int, servo: ServoCondition) -> None:
@@ -118,6 +123,7 @@ class Aim:
         now: float,
         here: Callable[[int], float],
         free: Collection[int],
+        qdd: Sequence[float] | None = None,
     ) -> None:
         """The joints are wanted at ``q`` [rad].
 
@@ -127,6 +133,7 @@ class Aim:
             now: Since when [s].
             here: Where a joint is surely known to be [rad], else NaN.
             free: Joints that no goal keeps in place.
+            qdd: How the speeds of the arm joints change there [rad/s^2]; None is not known.
 
         Raises:
             CommandRefused: That is further from where they were wanted than the caps allow.
@@ -134,16 +141,22 @@ class Aim:
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
-        self._qdd = self._acceleration(known, now - self._t)
-        self._qd, self._t = known, now
+        self._qd, self._qdd = known, qdd
+        for i, each in enumerate(qd or ()):
+            if math.isnan(each):  # it is to stay where it is
+                self._setpoint_qd[i] = 0.0
         self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
 
     def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
         """What to send to whom, by servo; ``absent`` ones are left out."""
         offset, lead = self.trim.offset, [0.0] * 6
-        if self._qd is not None:
+        dt, self._t_goals = min(now - self._t_goals, _RECENT), now
+        if self._qd is None:
+            self._setpoint_qd = [0.0] * 6
+        else:
+            qdd = self._qdd or (0.0,) * 5
             for i, qd in enumerate(self._qd):
-                lead[i] = self._lead(i, qd, self._qdd[i])
+                lead[i] = self._lead(i, qd, qdd[i], dt)
         for i in self._overloaded:
             offset[i] = lead[i] = 0.0
         goals = self._limiter.goals(offset, self.trim.largest, lead, now)
@@ -155,25 +168,23 @@ class Aim:
         """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
-    def _acceleration(self, qd: Sequence[float] | None, dt: float) -> Sequence[float]:
-        """How the speeds have changed since the last command [rad/s^2]; 0 if nobody knows."""
-        if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
-            return (0.0,) * 6
-        return [
-            min(max((v - before) / dt, -_HARDEST), _HARDEST)
-            for v, before in zip(qd, self._qd, strict=True)
-        ]
-
-    def _lead(self, i: int, qd: float, qdd: float) -> float:
+    def _lead(self, i: int, qd: float, qdd: float, dt: float) -> float:
         """What makes up for the lag of joint ``i`` at this speed and acceleration [rad]."""
-        if not (qd or qdd):
+        if not (qd or qdd or self._setpoint_qd[i]):
             return 0.0
         model = self.trim.models[i]
-        setpoint_speed = qd + qdd * (DELAY + model.lag)
-        return (
-            stopping_distance(setpoint_speed, self._braking[i])
-            + self.trim.lag(i, qd, qdd)
-            + qd * (DELAY + model.kind.goal_delay)
+        wanted = 0.0 if self._qdd is None else 1.0
+        if abs(qd) < _SLOW:
+            self._foreseen[i] = wanted
+        else:
+            self._foreseen[i] += min(max(wanted - self._foreseen[i], -dt / _BLEND), dt / _BLEND)
+        share = self._foreseen[i]
+        # The set-point runs ahead of the joint; no faster than it can.
+        change = self._braking[i] * dt
+        wanted, before = qd + share * qdd * (DELAY + model.lag), self._setpoint_qd[i]
+        self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
+        return stopping_distance(self._setpoint_qd[i], self._braking[i]) + share * (
+            self.trim.lag(i, qd, qdd) + qd * (DELAY + model.kind.goal_delay)
         )
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:

@@ -120,13 +120,27 @@ class Trim:
         """How far each joint gives way under full drive [rad]."""
         return [model.yielding for model in self.models]
 
-    def explain(self, q: Sequence[float]) -> list[float]:
-        """What the weight at joint angles ``q`` [rad] must add to the six goals [rad]."""
+    def explain(
+        self,
+        q: Sequence[float],
+        way: Sequence[float] = (0.0,) * 5,
+        qd: Sequence[float] = (0.0,) * 5,
+    ) -> list[float]:
+        """What weight, friction and speed must add to the goals of the arm joints [rad].
+
+        Args:
+            q: Where all six joints are [rad].
+            way: Which way and how fully friction is overcome, -1 to 1.
+            qd: How fast they turn [rad/s].
+        """
         weights: list[float] = self._gravity(np.array(q)).tolist()
         return [
-            _within(model.distance(weight), LARGEST_SAG * model.yielding)
-            for model, weight in zip(self.models[:_JAW], weights, strict=False)
-        ] + [0.0]
+            _within(
+                model.distance(weight + side * model.friction(weight, side), speed),
+                LARGEST_SAG * model.yielding,
+            )
+            for model, weight, side, speed in zip(self.models, weights, way, qd, strict=False)
+        ]
 
     @property
     def rest(self) -> list[float]:
@@ -243,8 +257,10 @@ class Trim:
             self._way[i] = _within(way + side * turn, 1.0)
             self._find(i)
             return
+        before = self._rest[i]
         self._add(i, GAIN * dt * error)
-        self._find(i)
+        if self._rest[i] != before:
+            self._find(i)
 
     def _add(self, i: int, step: float) -> None:
         rest, bound = self._rest[i], LARGEST_DRIVE * self.models[i].yielding

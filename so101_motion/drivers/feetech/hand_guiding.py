@@ -21,7 +21,7 @@ from collections.abc import Sequence
 
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.feetech.gravity_compensation import Trim
+from so101_motion.drivers.feetech.gravity_compensation import ENGAGING, Trim
 from so101_motion.drivers.feetech.servo_model import yielding
 
 LEARNING = 5.0
@@ -41,6 +41,10 @@ CONTENT = 0.6
 """Share of the dead band within which it learns nothing. Chosen: with play and friction it would
 otherwise swing about its anchor for ever, once in 14 s."""
 
+HELP = 0.5
+"""Share of friction and motor brake that is taken off the hand. Chosen: what is left holds the
+joint and slows it down, and stays more than nothing where friction or torque are a third off."""
+
 N = 5
 """The joints of the arm; the jaw is not guided."""
 
@@ -57,6 +61,7 @@ class HandGuiding:
     def __init__(self, compliance: Compliance, trim: Trim, q: Sequence[float]) -> None:
         self._compliance, self._trim = compliance, trim
         self._anchor = list(q[:N])
+        self._q, self._way = list(q), [0.0] * N
         self._known, self._learnt = trim.rest, [0.0] * N
         self._softness = [
             min(give / yielding(1) * compliance.p_gain, 1.0) for give in trim.yielding
@@ -77,7 +82,12 @@ class HandGuiding:
         """
         band = self._compliance.dead_band
         goals, shares = [], []
-        weights = self._trim.explain(q)
+        self._way = [
+            min(max(way + (now - before) / ENGAGING, -1.0), 1.0)
+            for way, now, before in zip(self._way, q, self._q, strict=False)
+        ]
+        self._q = list(q)
+        weights = self._trim.explain(q, [HELP * way for way in self._way], [HELP * v for v in qd])
         for i in range(N):
             away = self._anchor[i] - q[i]
             if abs(away) > band:

@@ -1,8 +1,8 @@
 """Predict where the guided leader will be a moment from now, with a Kalman filter per joint.
 
-The follower's servos are some 50 ms behind their goals, a measurement is up to a period old when it
-is used, and it takes time to tell motion from noise. All of that is made up for by aiming at where
-the leader will be instead of where it was.
+The follower's servos are some 70 ms behind goals that nobody knows beforehand, a measurement is up
+to a period old when it is used, and it takes time to tell motion from noise. Most of that is made
+up for by aiming at where the leader will be instead of where it was.
 
 A Kalman filter per joint holds angle and velocity, driven by white acceleration; the velocity times
 the time ahead is what is added. Two things keep noise from being foretold as well. A slow joint is

@@ -31,8 +31,8 @@ def test_late_ticks_are_left_out_and_counted_and_no_two_goals_are_sent_at_once(
 
         count = 0
 
-        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
-            super().write(q_cmd, q_jaw_cmd, qd_cmd)
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
             self.count += 1
             if self.count % 10 == 0:
                 clock.wait(clock.now() + 0.023, threading.Event())
@@ -55,8 +55,8 @@ def freezing(taped_arm, clock, pause):
     class FreezingArm(taped_arm):
         """The hundredth exchange takes ``pause`` seconds."""
 
-        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None):
-            super().write(q_cmd, q_jaw_cmd, qd_cmd)
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None):
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
             if len(self.tape) == 100:
                 clock.wait(clock.now() + pause, threading.Event())
 

@@ -157,7 +157,7 @@ def test_it_goes_where_a_hand_leads_it_and_stays_there(make, joint, by_deg, heav
     arm.look(5.0)
     reached = arm.q_deg
     assert reached[i] - start[i] == pytest.approx(by_deg, abs=2.0)
-    assert max(hand.felt) < 1.0, "10 deg/s: gears and motor brake by 0.35 N m, under load by 0.7"
+    assert max(hand.felt) < 1.1, "10 deg/s: gears and motor brake by 0.35 N m, under load by 0.7"
     away = arm.look(4.0)
 
     assert away.max() < 3.0
@@ -183,11 +183,11 @@ def test_a_stiffer_arm_is_harder_to_push_and_one_that_resists_less_is_not(make):
 
 def test_a_joint_pushed_within_its_dead_band_comes_back(make):
     arm = make()
-    arm.arm.guide(Compliance(dead_band=math.radians(5.0), p_gain=32.0, resistance=0.1))
+    arm.arm.guide(Compliance(dead_band=math.radians(5.0), p_gain=32.0, resistance=0.06))
     start = arm.q_deg[0]
     arm.hand(led("shoulder_pan", start, 4.0, 1.0))
     arm.look(1.9)
-    assert arm.q_deg[0] - start > 2.0
+    assert arm.q_deg[0] - start > 1.7
     arm.look(3.0)
 
     assert arm.q_deg[0] == pytest.approx(start, abs=1.2)
