@@ -117,8 +117,14 @@ class _Watched(SimArm):
         self.changed: list[float] = []
         self._last = np.zeros(5)
 
-    def write(self, q_cmd: Array, q_jaw_cmd: float, qd_cmd: Array | None = None) -> None:
-        super().write(q_cmd, q_jaw_cmd, qd_cmd)
+    def write(
+        self,
+        q_cmd: Array,
+        q_jaw_cmd: float,
+        qd_cmd: Array | None = None,
+        qdd_cmd: Array | None = None,
+    ) -> None:
+        super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
         if not np.array_equal(q_cmd, self._last):
             self._last = np.array(q_cmd)
             self.changed.append(time.perf_counter())

@@ -36,6 +36,7 @@ from so101_motion.common.errors import ConfigError, MotionError, PlanningError
 from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.approach import GATE, Approach
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.timing import online
@@ -45,22 +46,8 @@ from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 if TYPE_CHECKING:  # it brings Pinocchio along, which an unguarded following has no use for
     from so101_motion.planning.differential.guard import Guard
 
-GATE = to_rad(5.0)
-"""From how near on a target is followed at the full pace [rad]; the published module's later gate
-for teleoperation."""
-
-EASE = 0.5
-"""How long the pace takes from that of the approach to the full one [s]; chosen."""
-
-CATCH_UP = 1.0
-"""How long the pace takes to the full one once nothing holds the joints back any more [s]; chosen:
-whoever leads them goes on meanwhile, and need not wait for them."""
-
 STALE_AFTER = 0.1
 """For how long a target holds that nobody repeats [s]; chosen: three of a source at 30 Hz."""
-
-APPROACH = MotionLimits.uniform(velocity=to_rad(30.0), acceleration=to_rad(100.0), jerk=50.0)
-"""Caps of the approach; chosen."""
 
 LOOK_EVERY = 0.05
 """How often a path to rest is looked at for joint limits [s]; chosen. A guard looks more often."""
@@ -85,48 +72,6 @@ class FollowingSettings(TypedDict, total=False):
     stale_after: float | None
     each: Callable[[Following], None] | None
     ends_there: bool
-
-
-class Approach:
-    """Which caps count: those of an approach until the target is near, then more and more.
-
-    Args:
-        full: Caps from then on.
-        slow: Caps of the approach; None for ``full``.
-        gate: How near that is, for every joint [rad].
-
-    Attributes:
-        is_under_way: Whether the target has not been near yet.
-    """
-
-    def __init__(self, full: MotionLimits, slow: MotionLimits | None, gate: float = GATE) -> None:
-        self._full, self._gate, self._t_near, self._t_held = full, gate, -math.inf, math.inf
-        self._slow = None if slow is None else slow.scaled_to(full.velocity, full.acceleration)
-        self.is_under_way = slow is not None
-
-    def begin(self) -> None:
-        """Approach anew."""
-        self.is_under_way, self._t_held = self._slow is not None, math.inf
-
-    def caps(self, t: float, off: Array, *, is_held: bool = False) -> MotionLimits:
-        """The caps that count now.
-
-        Args:
-            t: Now [s].
-            off: How far each joint is from its target, shape (n,), [rad].
-            is_held: Whether something holds the joints back; further than the gate, their pace is
-                that of the approach, and rises to the full one within ``CATCH_UP`` afterwards.
-        """
-        if self._slow is None:
-            return self._full
-        if float(np.max(np.abs(off))) > self._gate:
-            if is_held and (not self.is_under_way or self._t_held < math.inf):
-                self.is_under_way, self._t_held = True, t
-        elif self.is_under_way:
-            self.is_under_way, self._t_near, self._t_held = False, t, math.inf
-        if self.is_under_way:
-            return self._slow.eased_to(self._full, (t - self._t_held) / CATCH_UP)
-        return self._slow.eased_to(self._full, (t - self._t_near) / EASE)
 
 
 class _Aim(NamedTuple):

@@ -8,7 +8,8 @@ from harness.retarget import retarget
 
 from so101_motion.common.errors import ConfigError, FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.control.following import CATCH_UP, EASE, GATE, STALE_AFTER, Approach, Following
+from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
+from so101_motion.control.following import STALE_AFTER, Following
 from so101_motion.control.joint_group import Channel
 from so101_motion.planning.timing.limits import MotionLimits
 
