@@ -46,7 +46,7 @@ from so101_motion.common.geometry import Array
 
 STOPS = 1000
 SEED = 6
-SPEED_DEG = 60.0
+SPEED_DEG = 20.0
 MIDDLE_DEG, ASIDE_DEG = -20.0, 50.0  # where the first joint swings
 LIFTED_DEG = (-45.0, 45.0, 60.0, 0.0)
 MOTION_MODEL = "devrel:so101:motion"
@@ -353,7 +353,7 @@ async def _stopped(stopper: Stopper, n: int) -> AsyncIterator[float]:
             side = -side
         goal = _pan(MIDDLE_DEG + side * ASIDE_DEG)
         await stopper.arm.move_to_joint_positions(goal, extra={"wait": False})
-        await asyncio.sleep(0.3 + rng.uniform(0.0, 0.05))  # at full speed since 0.25 s
+        await asyncio.sleep(0.13 + rng.uniform(0.0, 0.03))  # at full speed since 0.1 s
         yield await stopper.stop()
         n -= 1
 
