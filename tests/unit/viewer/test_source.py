@@ -92,23 +92,25 @@ def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None
 
 
 def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() -> None:
-    told = waiting("Arm on /dev/ttyACM0", PortUnavailable("/dev/ttyACM0", "there is no such port"))
-    assert told.title == "Arm on /dev/ttyACM0"
-    assert told.said is not None
-    assert "there is no such port" in told.said.text
-    assert told.said.text.endswith("Still looking.")
-    assert told.said.tone is Tone.BAD
+    content = waiting(
+        "Arm on /dev/ttyACM0", PortUnavailable("/dev/ttyACM0", "there is no such port")
+    )
+    assert content.title == "Arm on /dev/ttyACM0"
+    assert content.sentence is not None
+    assert "there is no such port" in content.sentence.text
+    assert content.sentence.text.endswith("Still looking.")
+    assert content.sentence.tone is Tone.BAD
 
 
 def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
     lost = ArmConnection(to="arm on /dev/ttyACM0", problem="the port went away")
-    told = notice(lost, state(Mode.FAULT, "the port went away"), AT)
-    assert told.said is not None
-    assert told.said.text.startswith(
+    content = notice(lost, state(Mode.FAULT, "the port went away"), AT)
+    assert content.sentence is not None
+    assert content.sentence.text.startswith(
         "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
     )
-    assert "nothing will move" in told.said.text
-    assert not told.can_hold, "there is nothing to hold"
+    assert "nothing will move" in content.sentence.text
+    assert not content.can_hold, "there is nothing to hold"
 
 
 @pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING, Mode.FAULT])
@@ -118,4 +120,4 @@ def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
 
 @pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
 def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
-    assert notice(ArmConnection(to="arm"), state(mode), AT).said is None
+    assert notice(ArmConnection(to="arm"), state(mode), AT).sentence is None
