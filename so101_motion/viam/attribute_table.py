@@ -148,7 +148,7 @@ ARM = (
     *_SURROUNDINGS,
     Attribute(
         "manual_mode",
-        "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (50,"
+        "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (30,"
         " thousandths of full drive); `loop_hz` has no effect",
         kind="own", form="object",
     ),

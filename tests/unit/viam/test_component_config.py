@@ -52,7 +52,7 @@ def test_all_that_later_versions_know_is_taken():
     assert arm.connection.baudrate == 500000
     assert arm.speed == pytest.approx(to_rad(50.0)), "0 counts as not given"
     assert arm.unused == ("mesh_decimation_ratios", "manual_mode.loop_hz")
-    assert arm.compliance == Compliance(), "these are the defaults"
+    assert arm.compliance == Compliance(resistance=0.05), "as asked"
 
 
 @pytest.mark.parametrize(
