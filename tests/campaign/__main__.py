@@ -150,7 +150,7 @@ def added(one, other):
             total[key] = added(total[key], value)
         elif key in LARGEST:
             total[key] = max(total[key], value)
-        elif not isinstance(value, str):
+        elif key != "wanted" and not isinstance(value, str):
             total[key] = total[key] + value
     return total
 
