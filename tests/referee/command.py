@@ -51,9 +51,8 @@ class Command:
         """What comes next has nothing to do with what was; it may be in motion."""
         self._t = None
 
-    def sent(self, t, q, caps, off_joint, pace=0.0):
-        """The joint was commanded to ``q`` [deg]; it truly is ``off_joint`` away [deg] and moves at
-        ``pace`` [deg/s], be it because it falls.
+    def sent(self, t, q, caps, off_joint):
+        """The joint was commanded to ``q`` [deg]; it truly is ``off_joint`` away [deg].
 
         It is judged when the next one comes: only the last command of a cycle counts.
         """
@@ -63,7 +62,7 @@ class Command:
             return
         gap = t - self._t
         if gap < 0.5 * self._dt:
-            self._last[-1], self._news = q, (t, caps, off_joint, pace)
+            self._last[-1], self._news = q, (t, caps, off_joint)
             return
         self._judge()
         if gap > 3.5 * self._dt:
@@ -71,21 +70,19 @@ class Command:
         for _ in range(min(round(gap / self._dt), 3) - 1):
             self._last = [*self._last[1:], self._last[-1]]
         self._last, self._t = [*self._last[1:], q], t
-        self._news = t, caps, off_joint, pace
+        self._news = t, caps, off_joint
 
     def _judge(self):
         if self._news is None:
             return
-        t, caps, off_joint, pace = self._news
+        t, caps, off_joint = self._news
         self._news = None
         self._blind = max(self._blind - 1, 0)
         problem = self._problem(caps)
         if problem is None or self._blind:
             return
         self._blind = len(self._last)  # what follows is no news
-        if (
-            abs(off_joint) > AT_JOINT + max(caps.speed, pace) * self._dt
-        ):  # it was looked at a cycle ago
+        if abs(off_joint) > AT_JOINT + caps.speed * self._dt:  # it was looked at a cycle ago
             self._report(
                 "command", t, f"{problem}; the joint is {abs(off_joint):.2f} deg from there"
             )

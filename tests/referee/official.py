@@ -157,8 +157,7 @@ class Match:
                     judge.rest(command.t, math.degrees(q))
                     continue
                 off_joint = (ticks_of(i, q) - servos[i].drive.position) * TICK
-                pace = abs(servos[i].drive.shaft.velocity) * TICK
-                judge.sent(command.t, math.degrees(q), caps, off_joint, pace)
+                judge.sent(command.t, math.degrees(q), caps, off_joint)
 
         return sent
 
