@@ -31,6 +31,10 @@ PAGE = (ROOT / "docs" / "viam.md").read_text()
 SECTIONS = dict(re.findall(r"^## `(devrel:so101:\S+)`\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 
 
+COMMAND = r'^            "(\w+)": (?:self\._|Taking\(|partial\(self\._)'
+"""A row of a table of commands."""
+
+
 def requests_of(model):
     """Pairs of what is asked and what is answered, in the page's order."""
     lines = "".join(re.findall(r"```viam\n(.*?)```", SECTIONS[model], re.S)).splitlines()
@@ -65,9 +69,7 @@ def test_every_command_is_told_of():
         (ROOT / "so101_motion" / "viam" / "requests" / f"{name}.py").read_text()
         for name in ("servo_commands", "calibration_commands")
     }
-    commands = {
-        name for s in sources for name in re.findall(r'^            "(\w+)": self\._', s, re.M)
-    }
+    commands = {name for s in sources for name in re.findall(COMMAND, s, re.M)}
     assert len(commands) > 30
     assert [name for name in sorted(commands) if name not in pages] == []
 
