@@ -41,7 +41,7 @@ def test_moves_follow_their_path_and_end_within_the_tolerance(bench):
         error, lag = bench.driver.path_error()
         assert error < math.radians(3.0)
         assert lag < 0.15
-        assert np.max(np.abs(bench.q - q_goal)) < math.radians(0.3)
+        assert np.max(np.abs(bench.q - q_goal)) < math.radians(0.35)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -49,7 +49,7 @@ def test_moves_complete_on_a_bad_wire(hasty, seed):
     hasty.wire.loss, hasty.wire.corrupt = 0.05, 0.02
     for q_goal in goals(seed=seed, count=2):
         hasty.finish(hasty.move(q_goal))
-        assert np.max(np.abs(hasty.q - q_goal)) < math.radians(0.3)
+        assert np.max(np.abs(hasty.q - q_goal)) < math.radians(0.35)
         assert hasty.driver.path_error()[0] < math.radians(3.0)
     assert sum(one.lost + one.corrupt for one in hasty.arm.health) > 50
     assert hasty.state.fault is None
@@ -60,7 +60,7 @@ def test_moves_complete_when_replies_or_requests_go_astray(hasty, fault):
     setattr(hasty.wire, fault, 0.05)
     (q_goal,) = goals(seed=3, count=1)
     hasty.finish(hasty.move(q_goal))
-    assert np.max(np.abs(hasty.q - q_goal)) < math.radians(0.3)
+    assert np.max(np.abs(hasty.q - q_goal)) < math.radians(0.35)
 
 
 def test_a_stop_brings_the_arm_to_rest_short_of_its_goal(bench):
@@ -106,4 +106,4 @@ def test_an_answer_lost_at_that_moment_does_not_bring_a_limp_joint_back(bench):
     bench.wire.lose_next = 6  # one reading of all servos
     here = bench.q[0]
     bench.finish(bench.executor.hold())
-    assert bench.state.q_ref[0] == pytest.approx(here, abs=math.radians(0.3))
+    assert bench.state.q_ref[0] == pytest.approx(here, abs=math.radians(0.35))

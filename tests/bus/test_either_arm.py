@@ -87,9 +87,9 @@ def test_it_goes_where_it_is_sent_and_back(bench, rig):
     start = np.degrees(rig.arm.state.q)
     for goal in (near(rig, 1, 0, 0, 0.5, 1), start):
         bench.finish(bench.go(rig, *goal))
-        assert bench.arm_deg(rig) == pytest.approx(goal, abs=0.3)
+        assert bench.arm_deg(rig) == pytest.approx(goal, abs=0.35)
     bench.advance(2.0)
-    assert bench.arm_deg(rig) == pytest.approx(start, abs=0.3)
+    assert bench.arm_deg(rig) == pytest.approx(start, abs=0.35)
 
 
 def test_it_stays_within_3_deg_of_its_way_and_passes_every_waypoint(bench, rig):
@@ -136,7 +136,7 @@ def test_it_turns_to_a_new_goal_on_the_way(bench, rig):
         bench.finish(first)
     bench.finish(second)
 
-    assert bench.arm_deg(rig) == pytest.approx(start, abs=0.3)
+    assert bench.arm_deg(rig) == pytest.approx(start, abs=0.35)
 
 
 # The gripper
@@ -161,6 +161,6 @@ def test_arm_and_jaw_move_together_and_a_stop_of_the_jaw_leaves_the_arm_alone(be
     bench.finish(arm)
 
     assert rig.gripper.aperture < 0.9
-    assert bench.arm_deg(rig) == pytest.approx(goal, abs=0.3)
+    assert bench.arm_deg(rig) == pytest.approx(goal, abs=0.35)
     bench.finish(rig.gripper.start_grab())
     bench.finish(bench.go(rig, *start))
