@@ -8,7 +8,7 @@
 set -eu
 
 cd -- "$(dirname -- "$0")"
-files="meta.json run.sh setup.sh install.py first_run.sh pyproject.toml constraints.txt
+files="meta.json run.sh setup.sh install.py build_native.py first_run.sh pyproject.toml constraints.txt
     README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE NOTICE docs examples
     benchmarks/README.md so101_motion viewer urdf"
 
@@ -19,6 +19,6 @@ if [ "${1:-}" = --wheels ] || [ "$(uname -s)-$(uname -m)" != Linux-x86_64 ]; the
 fi
 # shellcheck disable=SC2086  # a list of names without blanks
 COPYFILE_DISABLE=1 tar -czf dist/module.tar.gz.part \
-    --exclude='__pycache__' --exclude='*.pyc' --exclude='*.egg-info' --exclude='.*_cache' $files
+    --exclude='__pycache__' --exclude='*.pyc' --exclude='*.so' --exclude='*.egg-info' --exclude='.*_cache' $files
 mv dist/module.tar.gz.part dist/module.tar.gz
 echo "dist/module.tar.gz: $(wc -c <dist/module.tar.gz) bytes"

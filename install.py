@@ -57,6 +57,8 @@ LONGEST_LOG = 100_000
 """Bytes after which the log is begun anew."""
 COMPILED = ("ruckig",)
 """What has ready wheels for some systems only."""
+COMPILER = "ziglang"
+"""What build_native.py asks pip for where no C compiler works."""
 READY = (("linux", "x86_64"), ("darwin", "arm64"))
 """Those systems: ``sys.platform`` and ``platform.machine()``."""
 NETWORK = ("--timeout", "20", "--retries", "3")
@@ -148,6 +150,10 @@ def install(extras: set[str], lock: int) -> int:
             say("ruckig has no ready wheel for this system and is compiled")
         for step in steps(extras):
             code, said = run(step, begin + LIMIT - time.monotonic(), lock)
+            if code and COMPILER in said:
+                say(f"without {COMPILER}, the compiled part of planning is left out")
+                os.environ["SO101_NATIVE"] = "off"
+                code, said = run(step, begin + LIMIT - time.monotonic(), lock)
             if code:
                 complain(f"error: the installation failed. {what_to_try(said)}")
                 return 1
@@ -261,7 +267,9 @@ def extras_in(file: Path) -> set[str]:
 
 def asked_for() -> str:
     """What decides what is installed."""
-    return "".join((HERE / name).read_text() for name in ("pyproject.toml", "constraints.txt"))
+    sources = sorted((HERE / "so101_motion" / "planning" / "native").glob("*.[ch]"))
+    asked = (HERE / "pyproject.toml", HERE / "constraints.txt", *sources)
+    return "".join(path.read_text() for path in asked)
 
 
 def environment_works() -> bool:

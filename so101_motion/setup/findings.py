@@ -26,6 +26,7 @@ from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero_report import ZeroReport
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.feetech.health import VITALS_COUNT, VITALS_START
+from so101_motion.planning.native.library import native
 
 CYCLES = 200
 """How often all servos are read to judge the bus; takes half a second. Chosen."""
@@ -113,7 +114,13 @@ def software() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             if name not in sometimes:
                 found[name] = ""
-    return {**found, "Python": platform.python_version(), "platform": platform.platform()}
+    compiled = native()
+    return {
+        **found,
+        "Python": platform.python_version(),
+        "platform": platform.platform(),
+        "compiled planning": compiled.reason or f"{compiled.lanes} configurations at once",
+    }
 
 
 def _name(requirement: str) -> str:

@@ -14,10 +14,13 @@ import sys
 import time
 from pathlib import Path
 
-from campaign import good_answers, interleavings, sessions, torn_answers
+import numpy as np
+
+from campaign import good_answers, interleavings, sessions, torn_answers, verdicts
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
 from so101_motion.files import atomic
+from so101_motion.planning.kinematics.model import RobotModel
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "campaign.json"
 MOST_TOLD = 50
@@ -114,6 +117,15 @@ def play_sessions(seed, seconds, count):
     return told
 
 
+def compare_verdicts(seed, seconds, count):
+    """``count`` configurations, checked by the compiled library and by coal."""
+    told, end = {}, time.monotonic() + seconds
+    rng, model = np.random.default_rng(seed), RobotModel.load()
+    while told.get("configurations", 0) < count and time.monotonic() < end:
+        told = added(told, verdicts.compare(rng, model, verdicts.PER_SCENE))
+    return told
+
+
 def attack_files(seed, seconds, count):
     """``count`` sizes for each kind of file; a process of its own."""
     command = [sys.executable, "-m", "campaign.kept_files", f"--seed={seed}", f"--each={count}"]
@@ -129,7 +141,8 @@ def attack_files(seed, seconds, count):
 
 ENDLESS = 10**9
 PARTS = {
-    "readers": (0.25, attack_readers, ENDLESS, 1_000_000),
+    "verdicts": (0.05, compare_verdicts, ENDLESS, 10_000_000),
+    "readers": (0.2, attack_readers, ENDLESS, 1_000_000),
     "torn answers": (0.2, spoil_answers, ENDLESS, 1_000_000),
     "good answers": (0.05, count_good_answers, ENDLESS, 1_000_000),
     "interleavings": (0.15, interleave(False), ENDLESS, 10_000),

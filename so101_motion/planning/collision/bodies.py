@@ -44,9 +44,13 @@ from so101_motion.planning.collision.scene import (
     LINKS,
     MARGIN,
     Attached,
+    Box,
+    Capsule,
+    Mesh,
     Obstacle,
     PointCloud,
     Scene,
+    Sphere,
 )
 from so101_motion.planning.collision.shape_files import read_shape
 
@@ -70,6 +74,8 @@ class Bodies:
             integers, shape (len(pairs), 2).
         swapped: Whether coal answers for a pair as if its second body had been named first.
         levers: How far from each arm joint's axis anything it moves can be.
+        standing: What stands around, by its index among the bodies: its shape as it was given, of
+            a cloud the cubes that are near.
     """
 
     geometry: Any
@@ -78,9 +84,26 @@ class Bodies:
     moved_by: Any
     swapped: tuple[bool, ...]
     levers: MotionBounds
+    standing: dict[int, Standing]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "margins", frozen_array(self.margins, (len(self.pairs),)))
+
+
+class Cubes(NamedTuple):
+    """The full cubes of a point cloud.
+
+    Attributes:
+        middles: Where they are in the cloud's frame, shape (n, 3), [m].
+        edge: How long their edges are [m].
+    """
+
+    middles: Array
+    edge: float
+
+
+Standing = Box | Sphere | Capsule | Mesh | Cubes
+"""The form of an obstacle."""
 
 
 class _Mover(NamedTuple):
@@ -126,6 +149,7 @@ class _Gathered:
         self._geometry = pin.GeometryModel()
         self._movers = movers
         self._pairs: list[tuple[int, int]] = []
+        self._standing: dict[int, Standing] = {}
         for each in movers:
             self._add(each.name, each.joint, each.placement, each.shape)
         self._levers = _levers(model, movers)
@@ -157,15 +181,16 @@ class _Gathered:
 
     def add_obstacle(self, obstacle: Obstacle, checkpoint: Checkpoint) -> None:
         """Something that stands, unless nothing can come near it."""
-        given, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
-        if isinstance(given, PointCloud):
-            cubes = self._in_reach(given, T, checkpoint)
-            if len(cubes) == 0:
+        form, T = read_shape(obstacle.shape), obstacle.T_base_obstacle
+        given: Standing
+        if isinstance(form, PointCloud):
+            given = Cubes(self._in_reach(form, T, checkpoint), form.resolution)
+            if len(given.middles) == 0:
                 return
             checkpoint()
-            shape = octree(cubes, given.resolution)
+            shape = octree(*given)
         else:
-            shape = standing_shape(given)
+            given, shape = form, standing_shape(form)
         shape.computeLocalAABB()
         away = float(np.linalg.norm(T @ shape.aabb_center - self._centre)) - shape.aabb_radius
         near = [
@@ -175,6 +200,7 @@ class _Gathered:
         ]
         if near:
             this = self._add(obstacle.name, 0, _placement(T), shape)
+            self._standing[this] = given
             self._pairs += [(i, this) for i in near]
 
     def _in_reach(self, cloud: PointCloud, T: SE3, checkpoint: Checkpoint) -> Array:
@@ -202,6 +228,7 @@ class _Gathered:
             # Octrees come first, whatever was asked (observed in coal 3.0.3).
             swapped=tuple(isinstance(objects[b].geometry, coal.OcTree) for _, b in kept),
             levers=self._levers,
+            standing=self._standing,
         )
 
     def _add(self, name: str, joint: int, placement: Any, shape: Any) -> int:

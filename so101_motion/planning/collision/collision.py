@@ -6,14 +6,15 @@ Together with ``bodies.py``, which says what there is, one of the two doors of P
 One configuration is one call into coal: kinematics, bounding boxes, and exact checks of the pairs
 whose boxes meet. A configuration is free if every pair keeps more than its margin apart. The jaw is
 placed by its own angle: an open gripper is wider. How whole motions are checked is told in
-``continuous_check.py``.
+``continuous_check.py``. Where the compiled library is there, it checks many at once, and coal only
+decides what it leaves open (``batch_check.py``).
 
 A model belongs to one thread, like everything that holds Pinocchio's data.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -23,6 +24,12 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, wanted
+from so101_motion.planning.collision.batch_check import (
+    BatchCheck,
+    BatchSampledCheck,
+    Levels,
+    batch_check,
+)
 from so101_motion.planning.collision.bodies import NEAR, bodies_in
 from so101_motion.planning.collision.continuous_check import (
     WIDER,
@@ -32,7 +39,7 @@ from so101_motion.planning.collision.continuous_check import (
     first_blocked,
     travel,
 )
-from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.collision.scene import MARGIN, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 
 
@@ -97,9 +104,11 @@ class CollisionModel:
         model: The arm.
         scene: What is around it and in its hand; just the floor if not given.
         checkpoint: Called every now and then while something takes long.
+        compiled: Whether to use the compiled library, if it is there. The verdicts are the same.
 
     Attributes:
         scene: The same.
+        batch: The compiled library's part of it, if it is used.
         margin: How far things in the scene must stay apart [m].
         pairs: The pairs of bodies that are checked, by the names messages call them by.
         margins: How far each of them must stay apart, shape (len(pairs),), [m].
@@ -108,7 +117,12 @@ class CollisionModel:
     """
 
     def __init__(
-        self, model: RobotModel, scene: Scene | None = None, checkpoint: Checkpoint = wanted
+        self,
+        model: RobotModel,
+        scene: Scene | None = None,
+        checkpoint: Checkpoint = wanted,
+        *,
+        compiled: bool = True,
     ) -> None:
         self.scene = scene or Scene()
         self.checkpoint = checkpoint
@@ -122,23 +136,39 @@ class CollisionModel:
         self._distances = pin.GeometryData(self._bodies)
         self._near_pairs = lru_cache(maxsize=2)(self._boxes_within)
         self._kept: list[Any] = []  # what the checks need alive
-        self._wider = lru_cache(maxsize=2)(self._check)
+        self.batch: BatchCheck | None = None
+        if compiled:
+            self.batch = batch_check(self._model, bodies, self.scene.floor_z)
+        if self.batch is not None:
+            self.batch.watch(checkpoint)
+        self._wider = lru_cache(maxsize=2)(self._with_room)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
         self._bent = lru_cache(maxsize=2)(self._with_bend)
         least = float(self.margins.min(initial=self.margin))
-        self._levels = (
-            Level(least, self._check()),
-            *(Level(each, self._check(clearance=each)) for each in WIDER if each > least),
+        clearances = (each for each in WIDER if each > least)
+        self._plain = self._proof(
+            self._level(least), *(self._level(each, at_least=each) for each in clearances)
         )
-        self._touches = self._levels[0].touches
+        self._touches = self._plain.levels[0].touches
         self._q = np.zeros(self._model.nq)
 
     def is_free(self, q: ArrayLike, q_jaw: float = 0.0) -> bool:
         """Whether every pair of bodies keeps more than its margin apart."""
         self.checkpoint()
+        if self.batch is not None:
+            assert self._plain.native is not None
+            return not self.batch.touches(self._plain.native, np.asarray(q), q_jaw)
         self._q[:5] = q
         self._q[5] = q_jaw
         return not self._touches(self._q)
+
+    def touching(self, configurations: Array, q_jaw: float = 0.0) -> Array:
+        """Which of several configurations (n, 5) [rad] are not free, booleans, shape (n,)."""
+        q = np.full((len(configurations), 6), q_jaw)
+        q[:, :5] = configurations
+        if self.batch is not None and self._plain.native is not None:
+            return self.batch.touching(self._plain.native, q)
+        return np.array([self._touches(each) for each in q], dtype=bool)
 
     def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
         """The distance of each pair, shape (len(pairs),), [m]; negative where they overlap."""
@@ -235,50 +265,72 @@ class CollisionModel:
                 are widened by as much, and the proof holds for all such motions. Without tolerance.
             extra: By how much the margins are widened besides [m]; with ``bend`` only.
         """
-        levels = self._levels
+        proof = self._plain
         if tolerance or bend:
-            levels = self._bent(bend, extra) if bend else self._lenient(tolerance)
-        return first_blocked(levels, self._levers.at(q_jaw), points, q_jaw, self.checkpoint)
+            proof = self._bent(bend, extra) if bend else self._lenient(tolerance)
+        reach = self._levers.at(q_jaw)
+        if self.batch is not None and proof.native is not None:
+            self.checkpoint()
+            return self.batch.first_blocked(proof.native, reach, points, q_jaw)
+        return first_blocked(proof.levels, reach, points, q_jaw, self.checkpoint)
 
     def sampled_check(
         self, q_jaw: float = 0.0, *, spacing: float, extra: float = 0.0
-    ) -> SampledCheck:
+    ) -> SampledCheck | BatchSampledCheck:
         """A quicker look at motions, which proves nothing.
 
         Args:
             spacing: Travel between the configurations that are looked at, at most [m].
             extra: What pairs must keep beyond their margins [m].
         """
-        touches = self._wider(extra) if extra else self._levels[0].touches
+        proof, reach = self._wider(extra) if extra else self._plain, self._levers.at(q_jaw)
+        if self.batch is not None and proof.native is not None:
+            self.checkpoint()
+            return BatchSampledCheck(self.batch, proof.native, reach, q_jaw=q_jaw, spacing=spacing)
         return SampledCheck(
-            touches,
-            self._levers.at(q_jaw),
+            proof.levels[0].touches,
+            reach,
             q_jaw=q_jaw,
             spacing=spacing,
             checkpoint=self.checkpoint,
         )
 
-    def _check(self, extra: Array | float = 0.0, *, clearance: float = 0.0) -> Touches:
-        """Check one configuration for pairs within their margins and more, or a clearance."""
-        margins = np.asarray(self.margins + extra)
-        results, manager = self._broad_phase(np.maximum(margins, clearance))
+    def _level(
+        self, clearance: float, *, part: float = 1.0, extra: float = 0.0, at_least: float = 0.0
+    ) -> Level:
+        """A check for a part of the margins and something extra [m], or for a clearance."""
+        margins = np.maximum(part * self.margins + extra, at_least)
+        own, scene = (
+            max(part * each + extra, at_least) for each in (min(self.margin, MARGIN), self.margin)
+        )
+        return Level(clearance, _Lazy(partial(self._check, margins)), (own, scene))
+
+    def _check(self, margins: Array) -> Touches:
+        """The check by coal of one configuration."""
+        results, manager = self._broad_phase(margins)
         self.checkpoint()
         stop_at_first = pin.CollisionCallBackDefault(self._bodies, results, True)
         self._kept.append(results)
         return partial(pin.computeCollisions, self._model, self._data, manager, stop_at_first)
 
-    def _with_tolerance(self, tolerance: float) -> tuple[Level, ...]:
-        """The levels, and below them a check of what remains of the margins."""
-        kept = 1.0 - tolerance
-        below = Level(kept * self._levels[0].clearance, self._check(-tolerance * self.margins))
-        return (below, *self._levels)
+    def _proof(self, *levels: Level) -> _Proof:
+        return _Proof(levels, None if self.batch is None else Levels(self.batch, levels))
 
-    def _with_bend(self, bend: float, extra: float) -> tuple[Level, ...]:
+    def _with_room(self, extra: float) -> _Proof:
+        """A check of the margins and something more."""
+        return self._proof(self._level(self._plain.levels[0].clearance + extra, extra=extra))
+
+    def _with_tolerance(self, tolerance: float) -> _Proof:
+        """The levels, and below them a check of what remains of the margins."""
+        levels, kept = self._plain.levels, 1.0 - tolerance
+        return self._proof(self._level(kept * levels[0].clearance, part=kept), *levels)
+
+    def _with_bend(self, bend: float, extra: float) -> _Proof:
         """The levels for motions that are off the lines that are looked at by ``bend`` [m]."""
-        least, *wider = self._levels
-        lowest = Level(least.clearance + extra, self._check(bend + extra))
-        higher = (Level(each.clearance - bend, each.touches) for each in wider)
-        return (lowest, *(level for level in higher if level.clearance > lowest.clearance))
+        least, *wider = self._plain.levels
+        lowest = self._level(least.clearance + extra, extra=bend + extra)
+        higher = (each._replace(clearance=each.clearance - bend) for each in wider)
+        return self._proof(lowest, *(each for each in higher if each.clearance > lowest.clearance))
 
     def _boxes_within(self, distance: float) -> Callable[[Array], list[int]]:
         """The pairs whose bounding boxes are within a distance; ``q`` has all six joints."""
@@ -302,6 +354,26 @@ class CollisionModel:
         # that beats keeping a tree up to date.
         manager = pin.BroadPhaseManager_NaiveCollisionManager(self._model, self._bodies, results)
         return results, manager
+
+
+class _Lazy:
+    """A check that is made when it is first needed."""
+
+    def __init__(self, make: Callable[[], Touches]) -> None:
+        self._make = make
+        self._made: Touches | None = None
+
+    def __call__(self, q: Array) -> bool:
+        if self._made is None:
+            self._made = self._make()
+        return self._made(q)
+
+
+class _Proof(NamedTuple):
+    """What a proof goes by: checks, from the margins up, and the same for the library."""
+
+    levels: Sequence[Level]
+    native: Levels | None
 
 
 def _rates(J: Array, joints: Array, p: Array, normal: Array) -> Array:

@@ -47,10 +47,12 @@ class Level(NamedTuple):
     Attributes:
         clearance: What all pairs keep apart, at least, if it does not find one too close [m].
         touches: The check itself.
+        margins: How far it wants links of the arm and all other pairs to be apart [m].
     """
 
     clearance: float
     touches: Touches
+    margins: tuple[float, float] = (0.0, 0.0)
 
 
 def travel(reach: Array, points: Array) -> Array:

@@ -1,0 +1,157 @@
+"""Builds the compiled part of planning; the build backend of this package.
+
+``pip install`` calls it through the hooks at the end, which are setuptools' own with one step
+before them. ``python build_native.py [--target TRIPLE]`` builds it in place, for another platform
+if asked, such as ``aarch64-linux-gnu.2.17`` (needs ziglang).
+
+The system's C compiler is used if one works. Where none does, the ``ziglang`` package is asked for
+as a build requirement: a C compiler as a wheel, which pip puts into the environment of the build
+and throws away after it. Where neither works, or with ``SO101_NATIVE=off``, nothing is built: the
+package then plans with coal alone, with the same verdicts.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+HERE = Path(__file__).resolve().parent
+SOURCES = HERE / "so101_motion" / "planning" / "native"
+ZIG = ("linux", "darwin")
+ZIG_MACHINES = ("x86_64", "aarch64", "arm64")
+"""Where there are wheels of ziglang."""
+
+FLAGS = ("-std=c11", "-O3", "-fPIC", "-fno-math-errno", "-w")
+WIDTHS = (("-march=haswell",), ("-march=skylake-avx512", "-mprefer-vector-width=512"))
+"""For lanes.c once more each, on x86-64; the plain one is compiled everywhere."""
+TIME_LIMIT = 300.0
+"""Of one call of the compiler [s]."""
+
+
+def system_compiler() -> list[str] | None:
+    """The command of the system's C compiler, if it can make a library."""
+    for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
+        if shutil.which(name.split()[0]):
+            with tempfile.TemporaryDirectory() as folder:
+                source = Path(folder, "tried.c")
+                source.write_text("#include <math.h>\ndouble f(double x) { return sin(x); }\n")
+                command = [*name.split(), "-shared", "-fPIC", "-o", f"{folder}/tried.so"]
+                if _succeeds([*command, str(source), "-lm"], quiet=True):
+                    return name.split()
+    return None
+
+
+def zig_compiler() -> list[str] | None:
+    """The command of the ziglang package, if that is installed."""
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    return [sys.executable, "-m", "ziglang", "cc"]
+
+
+def build(target: str | None = None) -> Path | None:
+    """Compile the library in place, unless it is there; its file, or None if that failed."""
+    system, machine = sys.platform, platform.machine()
+    if target:
+        machine, system = target.split("-")[:2]
+    file: Path = _library_module().library_file(system, machine)
+    if file.is_file():
+        return file
+    if os.environ.get("SO101_NATIVE") == "off":
+        return None
+    compiler = zig_compiler() if target else system_compiler() or zig_compiler()
+    if compiler is None:
+        print("no C compiler: planning will do without its compiled part", file=sys.stderr)
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ.setdefault("ZIG_GLOBAL_CACHE_DIR", f"{folder}/zig")
+        os.environ.setdefault("ZIG_LOCAL_CACHE_DIR", f"{folder}/zig-here")
+        if target:
+            compiler += ["-target", target]
+        widths = WIDTHS if machine.lower() in ("x86_64", "amd64") else ()
+        objects = []
+        for k, flags in enumerate(widths):
+            objects.append(f"{folder}/lanes{k}.o")
+            # zig wants the name of the processor with an underscore.
+            named = [flag.replace("skylake-", "skylake_") for flag in flags if "prefer" not in flag]
+            chosen = named if "ziglang" in compiler else list(flags)
+            source = str(SOURCES / "lanes.c")
+            if not _succeeds([*compiler, *FLAGS, *chosen, "-c", source, "-o", objects[-1]]):
+                return None
+        sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]
+        made = f"{folder}/made.so"
+        # Without contraction, arithmetic is the same on every processor.
+        rest = ["-ffp-contract=off", "-s" if system == "linux" else "-Wl,-S", "-shared"]
+        if not _succeeds([*compiler, *FLAGS, *rest, "-o", made, *objects, *sources, "-lm"]):
+            return None
+        for old in SOURCES.glob(f"native-*-{system}-{machine.lower()}.so"):
+            old.unlink()
+        part = file.with_suffix(".part")
+        shutil.copy(made, part)
+        part.replace(file)
+    return file
+
+
+def _succeeds(command: Sequence[str], *, quiet: bool = False) -> bool:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIME_LIMIT)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        print(error, file=sys.stderr)
+        return False
+    if done.returncode and not quiet:
+        print(done.stderr, file=sys.stderr)
+    return done.returncode == 0
+
+
+def _library_module() -> ModuleType:
+    """``library.py``, without the package around it, whose needs are not installed yet."""
+    spec = importlib.util.spec_from_file_location("so101_native_library", SOURCES / "library.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _compiler_requirement() -> list[str]:
+    """What pip has to bring for the build: nothing where there is a compiler or a library."""
+    has_wheel = sys.platform in ZIG and platform.machine().lower() in ZIG_MACHINES
+    if not has_wheel or os.environ.get("SO101_NATIVE") == "off":
+        return []
+    is_there = _library_module().library_file().is_file() or system_compiler()
+    return [] if is_there else ["ziglang>=0.14"]
+
+
+def __getattr__(name: str) -> Any:
+    """The hooks of PEP 517 and 660: setuptools', and before building ours."""
+    hooks = ("build_wheel", "build_editable", "build_sdist")
+    prepare = "prepare_metadata_for_build_"
+    if name not in hooks and not name.startswith(("get_requires_for_build_", prepare)):
+        raise AttributeError(name)
+    from setuptools import build_meta
+
+    hook = getattr(build_meta, name)
+
+    def called(*args: Any, **kwargs: Any) -> Any:
+        if name in ("build_wheel", "build_editable"):
+            build()
+        asked = hook(*args, **kwargs)
+        if name in ("get_requires_for_build_wheel", "get_requires_for_build_editable"):
+            asked = [*asked, *_compiler_requirement()]
+        return asked
+
+    return called
+
+
+if __name__ == "__main__":
+    made_file = build(sys.argv[2] if sys.argv[1:2] == ["--target"] else None)
+    print(made_file or "not built")
+    sys.exit(made_file is None)

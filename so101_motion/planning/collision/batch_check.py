@@ -1,0 +1,352 @@
+"""Check many configurations at once with the compiled library; coal decides what it leaves open.
+
+The same bodies, pairs and margins as coal has, packed once for each scene. The library proves most
+configurations free or touching by bounds on the distances (``native/lanes.c``); what is within a
+few micrometres of a margin it hands back, and coal's verdict counts. So the verdicts are coal's.
+
+Bodies are convex: the points of a hull and a radius by which it is widened. A mesh that stands is
+its triangles, a cloud its cubes; all of them are leaves of one tree.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import weakref
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.checkpoint import Checkpoint
+from so101_motion.planning.collision.bodies import Bodies, Cubes, Standing
+from so101_motion.planning.collision.continuous_check import Level, Touches
+from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
+from so101_motion.planning.native.library import native
+
+MOST_BODIES = 32
+MOST_POINTS = 512
+"""More of them than the arm will ever have or hold are left to coal."""
+
+FREE, TOUCHING = 0, 1
+_GO_ON, _TIME_IS_UP, _END = 0, 1, 2
+
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+_Ask = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.c_int)
+
+
+class _Level(ctypes.Structure):
+    _fields_ = [
+        ("margin", ctypes.c_double * 2),
+        ("clearance", ctypes.c_double),
+        ("id", ctypes.c_int),
+    ]
+
+
+class Levels:
+    """Checks of different margins in the library's form; coal's are asked in their place."""
+
+    def __init__(self, batch: BatchCheck, levels: Sequence[Level]) -> None:
+        self.count = len(levels)
+        self.array = (_Level * self.count)()
+        for here, level in zip(self.array, levels, strict=True):
+            here.margin[0], here.margin[1] = level.margins
+            here.clearance, here.id = level.clearance, batch.register(level.touches)
+
+
+class BatchCheck:
+    """The bodies of one scene in the library's memory. Belongs to one thread.
+
+    Attributes:
+        scene: The library's handle of it.
+        library: The library.
+    """
+
+    def __init__(self, model: Any, bodies: Bodies, floor_z: float | None) -> None:
+        library = native().library
+        assert library is not None
+        self.library = library
+        self._coal: list[Touches] = []
+        self._error: BaseException | None = None
+        self._checkpoint: Checkpoint | None = None
+        self._is_late: Callable[[], bool] | None = None
+        self._ask = _Ask(weakly(self))
+        self._one, self._one_verdict = np.zeros(6), np.zeros(1, dtype=np.uint8)
+        self._at_one, self._at_one_verdict = pointer(self._one), pointer(self._one_verdict)
+        packed = _packed(model, bodies, floor_z or 0.0)
+        library.so101_new.restype = ctypes.c_void_p
+        handle = library.so101_new(*(_argument(each) for each in packed), self._ask)
+        if not handle:
+            raise MemoryError("no memory for the bodies of a scene")
+        self.scene = ctypes.c_void_p(handle)
+        weakref.finalize(self, library.so101_free, self.scene)
+
+    def register(self, touches: Touches) -> int:
+        """The number by which the library asks for this check."""
+        self._coal.append(touches)
+        return len(self._coal) - 1
+
+    def touches(self, levels: Levels, q: Array, q_jaw: float) -> bool:
+        """Whether anything touches at ``q``, shape (5,), [rad]."""
+        self._one[:5] = q
+        self._one[5] = q_jaw
+        one = self.library.so101_check(
+            self.scene, levels.array, self._at_one, 1, 0, self._at_one_verdict
+        )
+        if self._error is not None:
+            self.raise_error()
+        return bool(one)
+
+    def touching(self, levels: Levels, configurations: Array) -> Array:
+        """Which of some configurations, shape (n, 6), [rad], touch something; booleans, (n,)."""
+        q = np.ascontiguousarray(configurations, dtype=np.float64)
+        verdicts = np.zeros(len(q), dtype=np.uint8)
+        self.library.so101_check(
+            self.scene,
+            levels.array,
+            pointer(q),
+            len(q),
+            0,
+            pointer(verdicts),
+        )
+        self.raise_error()
+        return np.asarray(verdicts == TOUCHING)
+
+    def first_blocked(
+        self, levels: Levels, reach: Array, points: Array, q_jaw: float
+    ) -> Array | None:
+        """As ``continuous_check.first_blocked``."""
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        blocked = np.zeros(5)
+        verdict = self.library.so101_first_blocked(
+            self.scene,
+            levels.array,
+            levels.count,
+            pointer(reach),
+            pointer(points),
+            len(points),
+            ctypes.c_double(q_jaw),
+            pointer(blocked),
+        )
+        self.raise_error()
+        if verdict not in (FREE, TOUCHING):
+            raise MemoryError("no memory for the check of a motion")
+        return blocked if verdict == TOUCHING else None
+
+    def is_clear(
+        self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float
+    ) -> bool:
+        """As ``SampledCheck.is_clear``."""
+        a, b = (np.ascontiguousarray(q, dtype=np.float64) for q in (q_from, q_to))
+        clear = self.library.so101_is_clear(
+            self.scene,
+            levels.array,
+            pointer(reach),
+            ctypes.c_double(spacing),
+            pointer(a),
+            pointer(b),
+            ctypes.c_double(q_jaw),
+            0,
+        )
+        self.raise_error()
+        return bool(clear)
+
+    def watch(self, checkpoint: Checkpoint) -> None:
+        """Call this again and again while the library is at work."""
+        self._checkpoint = checkpoint
+
+    def raise_error(self) -> None:
+        """Raise what a check of coal or the checkpoint raised meanwhile."""
+        if self._error is not None:
+            error, self._error = self._error, None
+            self.library.so101_resume(self.scene)
+            raise error
+
+    def tally(self) -> tuple[int, int]:
+        """How many configurations were looked at, and how many of them coal had to decide."""
+        counts = (ctypes.c_long * 4)()
+        self.library.so101_tally(self.scene, counts)
+        return counts[2], counts[3]
+
+    def answer(self, q: Any, level: int) -> int:
+        """What the library asks: coal's verdict, or, for -1, whether to go on."""
+        try:
+            if level < 0:
+                if self._checkpoint is not None:
+                    self._checkpoint()
+                return _TIME_IS_UP if self._is_late and self._is_late() else _GO_ON
+            return int(self._coal[level](np.array(q[:6])))
+        except BaseException as error:  # raised again by whoever called the library
+            self._error = error
+            return _END
+
+
+class BatchSampledCheck:
+    """``SampledCheck``, many configurations at a time."""
+
+    def __init__(
+        self, batch: BatchCheck, levels: Levels, reach: Array, *, q_jaw: float, spacing: float
+    ) -> None:
+        self.batch, self.levels, self.reach = batch, levels, reach
+        self.q_jaw, self.spacing = q_jaw, spacing
+
+    def is_free(self, q: Array) -> bool:
+        """Whether nothing is too close at joint angles ``q``, shape (5,), [rad]."""
+        return not self.batch.touches(self.levels, q, self.q_jaw)
+
+    def first_free(self, configurations: Array) -> int | None:
+        """The first free one of several configurations (n, 5) [rad], None if none is."""
+        full = np.full((len(configurations), 6), self.q_jaw)
+        full[:, :5] = configurations
+        free = np.flatnonzero(np.logical_not(self.batch.touching(self.levels, full)))
+        return int(free[0]) if len(free) else None
+
+    def is_clear(self, q_from: Array, q_to: Array) -> bool:
+        """Whether nothing is seen between two configurations, themselves not looked at."""
+        return self.batch.is_clear(self.levels, self.reach, self.spacing, q_from, q_to, self.q_jaw)
+
+
+def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:
+    """Its ``answer``, without keeping it alive."""
+    this = weakref.ref(batch)
+
+    def ask(q: Any, level: int) -> int:
+        alive = this()
+        return _END if alive is None else alive.answer(q, level)
+
+    return ask
+
+
+def pointer(array: NDArray[Any]) -> ctypes.c_void_p:
+    """The address of an array's first element, for the library."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck | None:
+    """The batch check for some bodies; None without the library, or if they are too many for it."""
+    if native().library is None:
+        return None
+    movers = [each for each in bodies.geometry.geometryObjects if each.parentJoint > 0]
+    if len(movers) >= MOST_BODIES or any(_points(each.geometry) is None for each in movers):
+        return None
+    return BatchCheck(model, bodies, floor_z)
+
+
+def _packed(model: Any, bodies: Bodies, floor_z: float) -> list[Any]:
+    """The arguments of ``so101_new``, in its order."""
+    objects = list(bodies.geometry.geometryObjects)
+    names = [each.name for each in objects]
+    movers = [
+        i for i, each in enumerate(objects) if i not in bodies.standing and each.name != FLOOR
+    ]
+    place = {i: k for k, i in enumerate(movers)}
+    hulls = [_hull(objects[i]) for i in movers]
+    pairs, with_floor = [], 0
+    masks = dict.fromkeys(bodies.standing, 0)
+    for pair in bodies.geometry.collisionPairs:
+        a, b = int(pair.first), int(pair.second)
+        if names[b] == FLOOR:
+            with_floor |= 1 << place[a]
+        elif b in masks:
+            masks[b] |= 1 << place[a]
+        else:
+            is_own = names[a] in LINKS and names[b] in LINKS
+            pairs.append((place[a], place[b], 0 if is_own else 1))
+    shapes: list[tuple[Array, float]] = []
+    at, shape, mask = [np.zeros((0, 3))], [np.zeros(0, int)], [np.zeros(0, int)]
+    for i, standing in bodies.standing.items():
+        T = objects[i].placement
+        forms, places = _pieces(standing, np.array(T.rotation), np.array(T.translation))
+        at.append(places)
+        shape.append(len(shapes) + np.arange(len(places)) % len(forms))
+        mask.append(np.full(len(places), masks[i]))
+        shapes += forms
+    return [
+        _offsets(model),
+        len(movers),
+        np.array([objects[i].parentJoint for i in movers], np.int32),
+        _starts([points for points, _ in hulls]),
+        np.concatenate([points for points, _ in hulls]),
+        np.array([radius for _, radius in hulls]),
+        len(pairs),
+        np.array(pairs, np.int32).reshape(-1, 3),
+        ctypes.c_uint32(with_floor),
+        floor_z,
+        len(shapes),
+        _starts([points for points, _ in shapes]),
+        np.concatenate([np.zeros((0, 3)), *(points for points, _ in shapes)]),
+        np.array([radius for _, radius in shapes]),
+        sum(map(len, at)),
+        np.concatenate(at),
+        np.concatenate(shape).astype(np.int32),
+        np.concatenate(mask).astype(np.uint32),
+    ]
+
+
+def _argument(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous
+        return pointer(value)
+    return ctypes.c_double(value) if isinstance(value, float) else value
+
+
+def _offsets(model: Any) -> Array:
+    """Where each joint is in the one before: rotation by rows, then place, shape (6, 12)."""
+    placements = [model.jointPlacements[joint] for joint in range(1, 7)]
+    rows = [np.concatenate((np.array(T.rotation).ravel(), T.translation)) for T in placements]
+    return np.ascontiguousarray(rows)
+
+
+def _starts(points: Sequence[Array]) -> NDArray[np.int32]:
+    return np.cumsum([0, *(len(each) for each in points)]).astype(np.int32)
+
+
+def _points(shape: Any) -> tuple[Array, float] | None:
+    """The points of one of coal's convex shapes and the radius around them; None of others."""
+    radius = float(shape.getSweptSphereRadius())
+    if isinstance(shape, coal.Box):
+        return 2.0 * _CORNERS * np.array(shape.halfSide), radius
+    if isinstance(shape, coal.Sphere):
+        return np.zeros((1, 3)), radius + float(shape.radius)
+    if isinstance(shape, coal.Capsule):
+        ends = np.outer((-1.0, 1.0), (0.0, 0.0, shape.halfLength))
+        return ends, radius + float(shape.radius)
+    if isinstance(shape, coal.ConvexBase) and len(shape.points()) <= MOST_POINTS:
+        return np.array(shape.points()), radius
+    return None
+
+
+def _hull(body: Any) -> tuple[Array, float]:
+    """The points of a body in its joint's frame, shape (n, 3), and the radius around them [m]."""
+    found = _points(body.geometry)
+    assert found is not None
+    points, radius = found
+    T = body.placement
+    return np.ascontiguousarray(points @ np.array(T.rotation).T + np.array(T.translation)), radius
+
+
+def _pieces(standing: Standing, R: Array, p: Array) -> tuple[list[tuple[Array, float]], Array]:
+    """The convex forms of an obstacle, turned as it stands, and their places, shape (n, 3), [m].
+
+    One form stands at all places, or one at each.
+    """
+    if isinstance(standing, Cubes):
+        return [(standing.edge * _CORNERS @ R.T, 0.0)], standing.middles @ R.T + p
+    if isinstance(standing, Mesh):
+        corners = standing.vertices[standing.triangles] @ R.T
+        middles = corners.mean(axis=1)
+        return [(each, 0.0) for each in corners - middles[:, None]], middles + p
+    return [_rounded_form(standing, R)], p[None]
+
+
+def _rounded_form(standing: Box | Sphere | Capsule, R: Array) -> tuple[Array, float]:
+    if isinstance(standing, Box):
+        return _CORNERS * standing.size @ R.T, 0.0
+    if isinstance(standing, Sphere):
+        return np.zeros((1, 3)), standing.radius
+    ends = np.outer((-1.0, 1.0), R[:, 2]) * (0.5 * standing.length - standing.radius)
+    return ends, standing.radius

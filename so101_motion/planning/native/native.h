@@ -1,0 +1,114 @@
+/* What the parts of the compiled planning library share. Metres, radians, base frame.
+ *
+ * A configuration is six doubles: five joints and the jaw. "Touching" means that some pair of
+ * bodies is within its margin. Answers are proofs from both sides: a direction along which two
+ * bodies are far enough apart, or two points of them that are too near. What neither proves is
+ * "unknown", and the caller asks coal.
+ */
+#ifndef SO101_NATIVE_H
+#define SO101_NATIVE_H
+
+#include <stdint.h>
+
+#define JOINTS 6
+#define MOST_BODIES 32  /* bits of a mask */
+#define MOST_POINTS 512 /* of one body */
+
+enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
+
+/* Two bounds must differ by this before they decide [m]: rounding in single precision (measured:
+ * below 1e-6 for the arm) and coal's own tolerance of 1e-6. It grows with the coordinates. */
+#define SLACK 3e-6f
+#define SLACK_PER_METRE 5e-7f
+
+/* Something that may move: points whose hull, widened by a radius, is the body. */
+typedef struct {
+    int joint; /* it hangs on, 0 for the base */
+    int first, count;
+    double radius;
+    float centre[3], ball;         /* a ball around a point inside the hull that holds the points */
+    float box_centre[3], box_half[3]; /* a box that holds the points, along the joint's axes */
+} Body;
+
+typedef struct {
+    int first, second;
+    int margin; /* which of the two margins holds for it: 0 between links, 1 else */
+} Pair;
+
+/* The form of obstacles, around an origin of their own but turned as the base. */
+typedef struct {
+    int first, count;
+    double radius;
+    float reach; /* the largest coordinate */
+    float inside[3];          /* a point of it */
+    float middle[3], half[3]; /* the box that holds it, radius and rounding included */
+} Shape;
+
+typedef struct {
+    double at[3]; /* the shape's origin */
+    int shape;
+    uint32_t mask; /* which bodies are held against it */
+} Piece;
+
+/* A box that holds all pieces below; `count` of them from `first`, or two nodes at `first`. */
+typedef struct {
+    float middle[3], half[3];
+    int first, count;
+    uint32_t mask;
+} Node;
+
+/* Asks coal about one configuration, or (level -1) whether to go on. Returns FREE or TOUCHING;
+ * from level -1: 0 go on, 1 the time is up, 2 end at once. */
+typedef int (*Ask)(const double *q, int level);
+
+typedef struct {
+    double offset[JOINTS][12]; /* where each joint is in the one before: rotation by rows, place */
+    int bodies, pairs, nodes;
+    Body body[MOST_BODIES];
+    double *points; /* of bodies, in their joints' frames */
+    float *points_f;
+    Pair *pair;
+    uint32_t with_floor;
+    double floor_z;
+    Shape *shape;
+    double *shape_points;
+    float *shape_points_f;
+    Piece *piece;
+    Node *node;
+    Ask ask;
+    int late, stopped; /* what ask(-1) has said */
+    long looked_at, next_ask;
+    long undecided; /* how often coal was asked */
+} Scene;
+
+/* A check: margins [m] between links and else, and what all pairs keep apart at least. */
+typedef struct {
+    double margin[2];
+    double clearance;
+    int id; /* for Ask */
+} Level;
+
+typedef struct {
+    double R[9], p[3];
+} Pose;
+
+void so101_poses(const Scene *s, const double *q, Pose *pose); /* JOINTS + 1 poses */
+int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin);
+int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin);
+int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin);
+
+/* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
+ * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */
+typedef int (*Lanes)(const Scene *s, const double *q, int n, const double *margin, int stop,
+                     uint8_t *verdict);
+int so101_lanes_base(const Scene *, const double *, int, const double *, int, uint8_t *);
+int so101_lanes_avx2(const Scene *, const double *, int, const double *, int, uint8_t *);
+int so101_lanes_avx512(const Scene *, const double *, int, const double *, int, uint8_t *);
+extern Lanes so101_lanes;
+
+int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict);
+int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,
+                   const double *a, const double *b, double q_jaw, int with_end);
+int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const double *reach,
+                        const double *points, int n, double q_jaw, double *blocked);
+#endif

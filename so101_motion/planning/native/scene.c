@@ -1,0 +1,204 @@
+/* Packs what kernel.py hands over, builds the tree of obstacles, and chooses the vectors' width. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "native.h"
+
+#define PIECES 4 /* of a leaf at most */
+
+Lanes so101_lanes = so101_lanes_base;
+
+/* How many configurations go through at once: 4, 8 or 16; at most `most`. */
+int so101_start(int most) {
+    so101_lanes = so101_lanes_base;
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (most >= 16 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl")) {
+        so101_lanes = so101_lanes_avx512;
+        return 16;
+    }
+    if (most >= 8 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
+        so101_lanes = so101_lanes_avx2;
+        return 8;
+    }
+#endif
+    return 4;
+}
+
+void so101_free(Scene *s) {
+    if (!s) return;
+    free(s->points), free(s->points_f), free(s->pair), free(s->shape), free(s->shape_points);
+    free(s->shape_points_f), free(s->piece), free(s->node), free(s);
+}
+
+/* A box in single precision that holds the one between low and high. */
+static void boxed(const double *low, const double *high, float *middle, float *half) {
+    for (int c = 0; c < 3; c++) {
+        middle[c] = (float)(0.5 * (low[c] + high[c]));
+        const double away = fmax(high[c] - middle[c], middle[c] - low[c]);
+        half[c] = (float)(away + 1e-6 + SLACK_PER_METRE * (away + fabs(middle[c])));
+    }
+}
+
+static float *in_single(const double *points, int n) {
+    float *out = malloc((size_t)(n ? n : 1) * sizeof *out);
+    if (out)
+        for (int i = 0; i < n; i++) out[i] = (float)points[i];
+    return out;
+}
+
+static void *copied(const void *from, size_t size) {
+    void *out = malloc(size ? size : 1);
+    if (out && size) memcpy(out, from, size);
+    return out;
+}
+
+static void bounds(const double *points, int n, double *low, double *high, double *mean) {
+    for (int c = 0; c < 3; c++) {
+        low[c] = INFINITY, high[c] = -INFINITY, mean[c] = 0.0;
+        for (int i = 0; i < n; i++) {
+            const double x = points[3 * i + c];
+            low[c] = fmin(low[c], x), high[c] = fmax(high[c], x), mean[c] += x / n;
+        }
+    }
+}
+
+static void fill_body(Body *b, const double *points) {
+    double low[3], high[3], mean[3];
+    bounds(points, b->count, low, high, mean);
+    boxed(low, high, b->box_centre, b->box_half);
+    for (int c = 0; c < 3; c++) b->centre[c] = (float)mean[c];
+    b->ball = 0.0f;
+    for (int i = 0; i < b->count; i++) {
+        double square = 0.0;
+        for (int c = 0; c < 3; c++) square += pow(points[3 * i + c] - b->centre[c], 2.0);
+        b->ball = fmaxf(b->ball, (float)sqrt(square) + SLACK);
+    }
+}
+
+/* `largest`: the largest coordinate at which this shape stands. */
+static void fill_shape(Shape *f, const double *points, double largest) {
+    double low[3], high[3], mean[3];
+    bounds(points, f->count, low, high, mean);
+    f->reach = (float)f->radius;
+    for (int c = 0; c < 3; c++) {
+        f->inside[c] = (float)mean[c];
+        f->reach = fmaxf(f->reach, (float)(fmax(-low[c], high[c]) + f->radius));
+        low[c] -= f->radius, high[c] += f->radius;
+    }
+    boxed(low, high, f->middle, f->half);
+    for (int c = 0; c < 3; c++) f->half[c] += SLACK_PER_METRE * (float)largest;
+}
+
+/* Moves the piece that is `k`-th along an axis to its place, smaller ones before it. */
+static void divide(Piece *p, int n, int k, int axis) {
+    int low = 0, high = n - 1;
+    while (low < high) {
+        const double pivot = p[(low + high) / 2].at[axis];
+        int i = low, j = high;
+        while (i <= j) {
+            while (p[i].at[axis] < pivot) i++;
+            while (p[j].at[axis] > pivot) j--;
+            if (i <= j) {
+                const Piece t = p[i];
+                p[i++] = p[j];
+                p[j--] = t;
+            }
+        }
+        if (k <= j) high = j;
+        else if (k >= i) low = i;
+        else return;
+    }
+}
+
+static void plant(Scene *s, int index, int first, int count) {
+    Node *node = &s->node[index];
+    double low[3], high[3], least[3], most[3];
+    node->mask = 0;
+    for (int c = 0; c < 3; c++) low[c] = least[c] = INFINITY, high[c] = most[c] = -INFINITY;
+    for (int i = first; i < first + count; i++) {
+        const Shape *f = &s->shape[s->piece[i].shape];
+        node->mask |= s->piece[i].mask;
+        for (int c = 0; c < 3; c++) {
+            const double at = s->piece[i].at[c], middle = at + f->middle[c];
+            low[c] = fmin(low[c], middle - f->half[c]);
+            high[c] = fmax(high[c], middle + f->half[c]);
+            least[c] = fmin(least[c], at), most[c] = fmax(most[c], at);
+        }
+    }
+    boxed(low, high, node->middle, node->half);
+    if (count <= PIECES) {
+        node->first = first, node->count = count;
+        return;
+    }
+    int axis = 0;
+    for (int c = 1; c < 3; c++)
+        if (most[c] - least[c] > most[axis] - least[axis]) axis = c;
+    const int left = count / 2, child = s->nodes;
+    divide(s->piece + first, count, left, axis);
+    node->first = child, node->count = 0;
+    s->nodes += 2;
+    plant(s, child, first, left);
+    plant(s, child + 1, first + left, count - left);
+}
+
+/* 0 without memory. All arrays are copied; `first` has one more than there are bodies or shapes. */
+Scene *so101_new(const double *offsets, int bodies, const int *joint, const int *first,
+                 const double *points, const double *radius, int pairs, const int *pair,
+                 uint32_t with_floor, double floor_z, int shapes, const int *shape_first,
+                 const double *shape_points, const double *shape_radius, int pieces,
+                 const double *at, const int *shape, const uint32_t *mask, Ask ask) {
+    Scene *s = calloc(1, sizeof *s);
+    double *largest = calloc((size_t)shapes + 1, sizeof *largest);
+    if (!s || !largest || bodies > MOST_BODIES) goto failed;
+    memcpy(s->offset, offsets, sizeof s->offset);
+    s->bodies = bodies, s->pairs = pairs, s->with_floor = with_floor, s->floor_z = floor_z;
+    s->ask = ask, s->next_ask = 1;
+    s->points = copied(points, 3 * (size_t)first[bodies] * sizeof *points);
+    s->points_f = in_single(points, 3 * first[bodies]);
+    s->pair = copied(pair, (size_t)pairs * sizeof *s->pair);
+    s->shape = calloc((size_t)shapes + 1, sizeof *s->shape);
+    s->shape_points = copied(shape_points, 3 * (size_t)shape_first[shapes] * sizeof *points);
+    s->shape_points_f = in_single(shape_points, 3 * shape_first[shapes]);
+    s->piece = calloc((size_t)pieces + 1, sizeof *s->piece);
+    s->node = calloc(2 * (size_t)pieces + 1, sizeof *s->node);
+    if (!s->points || !s->points_f || !s->pair || !s->shape || !s->shape_points ||
+        !s->shape_points_f || !s->piece || !s->node)
+        goto failed;
+    for (int k = 0; k < bodies; k++) {
+        s->body[k].joint = joint[k], s->body[k].first = first[k];
+        s->body[k].count = first[k + 1] - first[k], s->body[k].radius = radius[k];
+        fill_body(&s->body[k], points + 3 * first[k]);
+    }
+    for (int i = 0; i < pieces; i++) {
+        memcpy(s->piece[i].at, at + 3 * i, 3 * sizeof *at);
+        s->piece[i].shape = shape[i], s->piece[i].mask = mask[i];
+        for (int c = 0; c < 3; c++)
+            largest[shape[i]] = fmax(largest[shape[i]], fabs(at[3 * i + c]));
+    }
+    for (int k = 0; k < shapes; k++) {
+        s->shape[k].first = shape_first[k], s->shape[k].count = shape_first[k + 1] - shape_first[k];
+        s->shape[k].radius = shape_radius[k];
+        fill_shape(&s->shape[k], shape_points + 3 * shape_first[k], largest[k]);
+    }
+    if (pieces) {
+        s->nodes = 1;
+        plant(s, 0, 0, pieces);
+    }
+    free(largest);
+    return s;
+failed:
+    free(largest);
+    so101_free(s);
+    return 0;
+}
+
+/* Lets a scene that was ended or late go on. */
+void so101_resume(Scene *s) { s->late = s->stopped = 0; }
+
+/* What it has come to: whether it was ended, whether time was up, configurations, asked of coal. */
+void so101_tally(const Scene *s, long *out) {
+    out[0] = s->stopped, out[1] = s->late, out[2] = s->looked_at, out[3] = s->undecided;
+}
