@@ -62,6 +62,8 @@ def build(target: str | None = None) -> Path | None:
     system, machine = sys.platform, platform.machine()
     if target:
         machine, system = target.split("-")[:2]
+        if system == "macos":
+            machine, system = machine.replace("aarch64", "arm64"), "darwin"
     file: Path = _library_module().library_file(system, machine)
     if file.is_file():
         return file
@@ -89,7 +91,9 @@ def build(target: str | None = None) -> Path | None:
         sources = [str(each) for each in sorted(SOURCES.glob("*.c"))]
         made = f"{folder}/made.so"
         # Without contraction, arithmetic is the same on every processor.
-        rest = ["-ffp-contract=off", "-s" if system == "linux" else "-Wl,-S", "-shared"]
+        rest = ["-ffp-contract=off", *(("-s",) if system == "linux" else ()), "-shared"]
+        if "ziglang" in compiler:
+            rest.append("-mcpu=baseline")  # or it compiles for this very processor
         if not _succeeds([*compiler, *FLAGS, *rest, "-o", made, *objects, *sources, "-lm"]):
             return None
         for old in SOURCES.glob(f"native-*-{system}-{machine.lower()}.so"):

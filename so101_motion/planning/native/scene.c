@@ -9,17 +9,38 @@
 
 Lanes so101_lanes = so101_lanes_base;
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+
+/* Whether the processor, and the system that saves its registers, can do what lanes.c was compiled
+ * for; asked of the processor itself because not every compiler's own question gets an answer. */
+static int can(int width) {
+    unsigned a, b, c, d, low, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c >> 27 & 1)) return 0; /* osxsave */
+    const unsigned first = 1u << 12 | 1u << 22 | 1u << 28 | 1u << 29; /* fma movbe avx f16c */
+    if ((c & first) != first) return 0;
+    if (!__get_cpuid(0x80000001, &a, &b, &c, &d) || !(c >> 5 & 1)) return 0; /* lzcnt */
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 0;
+    unsigned wanted = 1u << 3 | 1u << 5 | 1u << 8; /* bmi1 avx2 bmi2 */
+    unsigned saved = 0x6;
+    if (width == 16) {
+        wanted |= 1u << 16 | 1u << 17 | 1u << 28 | 1u << 30 | 1u << 31; /* avx512 f dq cd bw vl */
+        saved |= 0xe0;
+    }
+    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    return (b & wanted) == wanted && (low & saved) == saved;
+}
+#endif
+
 /* How many configurations go through at once: 4, 8 or 16; at most `most`. */
 int so101_start(int most) {
     so101_lanes = so101_lanes_base;
 #if defined(__x86_64__)
-    __builtin_cpu_init();
-    if (most >= 16 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
-        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl")) {
+    if (most >= 16 && can(16)) {
         so101_lanes = so101_lanes_avx512;
         return 16;
     }
-    if (most >= 8 && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) {
+    if (most >= 8 && can(8)) {
         so101_lanes = so101_lanes_avx2;
         return 8;
     }
