@@ -21,7 +21,7 @@ from so101_motion.common.units import to_rad
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_controller import JointController
 from so101_motion.drivers.bus.bus import reply_timeout_in
-from so101_motion.drivers.feetech.feetech_arm import (
+from so101_motion.drivers.feetech.gravity_compensation import (
     SETTLE_POSITION,
     SETTLE_TIMEOUT,
     SETTLE_VELOCITY,

@@ -17,7 +17,7 @@ from referee import CommandCaps, match_of
 from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
-from so101_motion.drivers.feetech import feetech_arm
+from so101_motion.drivers.feetech import gravity_compensation
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.planning.kinematics.model import RobotModel
@@ -129,9 +129,9 @@ class Bench:
             stop_limits=STOP_LIMITS,
             name="so101-io-test",
             tolerances=Tolerances(
-                settle_position=feetech_arm.SETTLE_POSITION,
-                settle_velocity=feetech_arm.SETTLE_VELOCITY,
-                settle_timeout=feetech_arm.SETTLE_TIMEOUT,
+                settle_position=gravity_compensation.SETTLE_POSITION,
+                settle_velocity=gravity_compensation.SETTLE_VELOCITY,
+                settle_timeout=gravity_compensation.SETTLE_TIMEOUT,
             ),
         )
         self.executor.requests.on_request = match_of(self.emulator).requested

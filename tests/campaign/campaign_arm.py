@@ -23,7 +23,7 @@ from so101_motion.control.streamed_trajectory import Stream, TimedPoint
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.faults import FaultEvent
 from so101_motion.drivers.emulator.hand import Hand, parse_script
-from so101_motion.drivers.feetech import feetech_arm
+from so101_motion.drivers.feetech import gravity_compensation
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
@@ -124,9 +124,9 @@ class Arm:
             jaw_stop_limits=JAW_STOP_LIMITS,
             name="so101-io-campaign",
             tolerances=Tolerances(
-                settle_position=feetech_arm.SETTLE_POSITION,
-                settle_velocity=feetech_arm.SETTLE_VELOCITY,
-                settle_timeout=feetech_arm.SETTLE_TIMEOUT,
+                settle_position=gravity_compensation.SETTLE_POSITION,
+                settle_velocity=gravity_compensation.SETTLE_VELOCITY,
+                settle_timeout=gravity_compensation.SETTLE_TIMEOUT,
             ),
         )
         self.executor.requests.on_request = self.match.requested

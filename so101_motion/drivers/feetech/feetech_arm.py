@@ -37,7 +37,6 @@ from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import BusError, ServoFault
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT, JointReading
-from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
 from so101_motion.drivers.bus.reply_counters import ReplyCounters
@@ -45,7 +44,7 @@ from so101_motion.drivers.bus.sdk import Port
 from so101_motion.drivers.bus.ticks import JointMap, to_acceleration_units, to_speed_ticks
 from so101_motion.drivers.command_record import CommandListener
 from so101_motion.drivers.feetech.chain import Chain
-from so101_motion.drivers.feetech.goal_compensation import Aim
+from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.feetech.goal_writer import GoalWriter
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_guiding import HandGuiding
@@ -58,16 +57,6 @@ from so101_motion.drivers.goal_limiter import GoalLimiter
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
-
-SETTLE_POSITION = to_rad(0.33)
-"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks, which is what
-the trim leaves alone, so that with the tick's own width the joint truly is within 0.4 deg."""
-
-SETTLE_VELOCITY = to_rad(3.0)
-"""How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
-
-SETTLE_TIMEOUT = 2.0
-"""How long settling may take [s]: ten time constants of the trim's integral."""
 
 _NO_JOINTS: frozenset[str] = frozenset()
 _NO_GOALS: Sequence[None] = (None,) * 6
@@ -132,12 +121,11 @@ class FeetechArm:
         self._torque = False
         self._at = JointEstimate(self._maps)
         limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
-        self._aim = Aim(self._maps, gravity, limiter)
+        self._compensation = GoalCompensation(self._maps, gravity, limiter)
         self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
-        self._goals = GoalWriter(self._aim, clock, self._index, self._chain.ram)
+        self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)
         self._guide: HandGuiding | None = None
         self._health_readings = HealthReadings(clock.now())
-        self._guided = clock.now()
         try:
             self._reach()
         except BusError:
@@ -159,9 +147,7 @@ class FeetechArm:
             self._measure(bus)
             if self._guide is not None:
                 self._yield(bus, self._guide)
-            elif (
-                self._aim.is_set and self._torque and self._clock.now() - self._goals.t >= _REWRITE
-            ):
+            elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
                 self._send(bus)
         q, qd = self._at.q, self._at.qd
         silent = self._presence.unanswering
@@ -204,23 +190,27 @@ class FeetechArm:
             bus, now = self._chain.bus(), self._clock.now()
             here, free = self._at.surely, self._out_of_range.free
             if self._guide is not None:
-                self._aim.point([*self._aim.q[:5], q_jaw_cmd], None, now, here, free)
+                self._compensation.point(
+                    [*self._compensation.q[:5], q_jaw_cmd], None, now, here, free
+                )
                 return
             q = [*q_cmd.tolist(), q_jaw_cmd]
-            if self._aim.is_set and self._torque:
+            if self._is_held:
                 if qd_cmd is None:  # whoever is sent elsewhere is to be held where it is
-                    self._refuse_unsure(bus, [i for i in self._maps if q[i] != self._aim.q[i]])
+                    self._refuse_unsure(
+                        bus, [i for i in self._maps if q[i] != self._compensation.q[i]]
+                    )
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
-                self._aim.point(q, qd, now, here, free, qdd)
+                self._compensation.point(q, qd, now, here, free, qdd)
             else:
                 self._refuse_unsure(bus, self._maps)
-                self._aim.begin(q, self._at.q, now, free)
+                self._compensation.begin(q, self._at.q, now, free)
             if self._torque:
                 if self._out_of_range:
-                    goals = self._aim.goals(now, self._presence.silent)
-                    for i in self._out_of_range.lead(bus, self._aim.q, goals):
-                        self._aim.held[i] = self._at.ticks(i)
+                    goals = self._compensation.goals(now, self._presence.silent)
+                    for i in self._out_of_range.lead(bus, self._compensation.q, goals):
+                        self._compensation.held[i] = self._at.ticks(i)
                 self._send(bus)
 
     def set_torque(self, on: bool) -> None:
@@ -256,12 +246,12 @@ class FeetechArm:
             bus = self._chain.bus()
             if compliance is None:
                 self._end_guiding(bus)
-            elif not (self._torque and self._aim.is_set):
+            elif not self._is_held:
                 raise RuntimeError("hold the joints before they are guided")
             else:
                 self._refuse_unsure(bus, self._maps)
-                self._guide = HandGuiding(compliance, self._aim.trim, self._at.q)
-                self._guided = self._clock.now()
+                trim, now = self._compensation.trim, self._clock.now()
+                self._guide = HandGuiding(compliance, trim, self._at.q, now)
 
     def close(self) -> None:
         """Close the port; the servos stay as they are."""
@@ -316,12 +306,12 @@ class FeetechArm:
     @property
     def is_driving(self) -> bool:
         """Whether a servo drives its joint."""
-        return any(held is not None for held in self._aim.held)
+        return any(held is not None for held in self._compensation.held)
 
     @property
     def limp(self) -> tuple[str, ...]:
         """The joints that no servo drives, base to jaw."""
-        return tuple(JOINTS[i] for i in self._index.values() if self._aim.held[i] is None)
+        return tuple(JOINTS[i] for i in self._index.values() if self._compensation.held[i] is None)
 
     @property
     def port_losses(self) -> int:
@@ -332,7 +322,7 @@ class FeetechArm:
 
     def _reach(self) -> Bus:
         if not self._chain.is_set_up:
-            self._aim.is_set, self._guide = False, None
+            self._compensation.is_set, self._guide = False, None
             self._torque = self._chain.set_up()
             self._at.forget()
         return self._chain.bus()
@@ -342,7 +332,7 @@ class FeetechArm:
         joint = self._maps[i]
         self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
         self._at.found(i, servo.present_ticks, self._clock.now())
-        self._aim.found(i, servo)
+        self._compensation.found(i, servo)
         self._out_of_range.found(i, crawls=servo.crawls)
 
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
@@ -350,7 +340,7 @@ class FeetechArm:
         limp, refusals = self._chain.set_up_again(servo_ids)
         restarted = limp if self._torque else []
         for servo_id in restarted:
-            self._aim.is_set = False
+            self._compensation.is_set = False
             try:
                 self._catch(bus, servo_id)
             except ServoFault as error:
@@ -380,28 +370,31 @@ class FeetechArm:
         found, doubted = self._at.ask(bus, count, missed, self._clock)
         self._at.look(found, self._wanted(), now)
         for servo_id, answer in found.items():
-            self._aim.heard(self._index[servo_id], answer.faults)
-        if self._aim.is_set and self._torque and self._guide is None:
+            self._compensation.heard(self._index[servo_id], answer.faults)
+        if self._is_held and self._guide is None:
             if self._out_of_range:
                 self._out_of_range.arrive(bus, self._at.q)
             fresh = {self._index[servo_id] for servo_id in found} - self._out_of_range.left
-            self._aim.trim.measure(self._at.q, self._at.qd, fresh, now)
+            self._compensation.trim.measure(self._at.q, self._at.qd, fresh, now)
         for servo_id, volts in self._health_readings.take(now, found).items():
-            self._aim.supplied(self._index[servo_id], volts)
+            self._compensation.supplied(self._index[servo_id], volts)
         change = self._presence.judge(found, now)
         if change.fallen or self._presence.all_silent:
-            self._aim.is_set = False
+            self._compensation.is_set = False
             raise missing_servos(bus, change.fallen or tuple(self._index), found, doubted)
         if change.back:
             self._take_back(bus, change.back)
 
+    @property
+    def _is_held(self) -> bool:
+        return self._torque and self._compensation.is_set
+
     def _wanted(self) -> Sequence[float | None]:
         """Where each joint has been sent [rad]; None if it is limp or a hand leads it."""
-        if not (self._aim.is_set and self._torque):
+        if not self._is_held:
             return _NO_GOALS
-        if self._guide is None:
-            return self._aim.q
-        return [*_NO_GOALS[:5], self._aim.q[5]]
+        q = self._compensation.q
+        return q if self._guide is None else [*_NO_GOALS[:5], q[5]]
 
     # Commanding
 
@@ -410,9 +403,7 @@ class FeetechArm:
 
     def _yield(self, bus: Bus, guide: HandGuiding) -> None:
         """Send guided joints goals and torque limits, and the jaw its own."""
-        now = self._clock.now()
-        q_goal, shares = guide.step(self._at.q, self._at.qd, now - self._guided)
-        self._guided = now
+        q_goal, shares = guide.step(self._at.q, self._at.qd, self._clock.now())
         self._goals.lead(bus, q_goal, shares, self._presence.silent, self._out_of_range.left)
 
     def _end_guiding(self, bus: Bus) -> None:
@@ -420,23 +411,23 @@ class FeetechArm:
         guide, self._guide = self._guide, None
         if guide is None:
             return
-        here = [*self._at.q[:5], self._aim.q[5]]
-        self._aim.begin(here, here, self._clock.now(), ())
+        here = [*self._at.q[:5], self._compensation.q[5]]
+        self._compensation.begin(here, here, self._clock.now(), ())
         self._send(bus)
         limits = {servo_id: ram[reg.TORQUE_LIMIT] for servo_id, ram in self._chain.ram.items()}
         self._chain.put_all(reg.TORQUE_LIMIT, limits)
 
     def _switch_on(self, bus: Bus) -> None:
-        if not self._aim.is_set:
+        if not self._compensation.is_set:
             raise RuntimeError("write a goal before torque is switched on")
         lost = sorted(i for i in self._presence.silent if self._index[i] < 5)
         if lost:
             raise missing_servos(bus, lost, set(self._index) - self._presence.silent)
         self._refuse_unsure(bus, self._maps)
-        goals = self._aim.goals(self._clock.now(), self._presence.silent)
+        goals = self._compensation.goals(self._clock.now(), self._presence.silent)
         for servo_id, goal in goals.items():
             i = self._index[servo_id]
-            held = self._aim.held[i]
+            held = self._compensation.held[i]
             here = self._at.ticks(i) if held is None else held
             if self._out_of_range.may_be_driven(bus, i, here):
                 self._goals.engage(bus, servo_id, goal)
@@ -450,8 +441,8 @@ class FeetechArm:
                 raise unconfirmed_position(bus, servo_id)
 
     def _switch_off(self, bus: Bus) -> None:
-        self._torque = self._aim.is_set = False
-        self._aim.held = [None] * 6
+        self._torque = self._compensation.is_set = False
+        self._compensation.held = [None] * 6
         try:
             self._chain.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self._index, 0))
         finally:

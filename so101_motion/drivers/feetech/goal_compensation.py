@@ -45,7 +45,7 @@ _BLEND = 0.5
 """In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
 
 
-class Aim:
+class GoalCompensation:
     """Six numbers each, in plain lists: for so few they beat numpy in every cycle.
 
     Args:

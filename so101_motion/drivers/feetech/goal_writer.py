@@ -2,8 +2,8 @@
 
 Three kinds: the goals of a motion or of a resting arm, in one packet; those of an arm that a hand
 leads, each with the share of its drive that a servo may use; and the first goal of a servo, written
-and read back before torque comes on. What is sent is remembered in ``Aim.held`` and shown to
-``on_command``.
+and read back before torque comes on. What is sent is remembered in ``GoalCompensation.held`` and
+shown to ``on_command``.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.registers import Register
 from so101_motion.drivers.bus.ticks import Ticks
 from so101_motion.drivers.command_record import CommandListener, SentCommand
-from so101_motion.drivers.feetech.goal_compensation import Aim
+from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.feetech.servo_setup import engage
 
 
 class GoalWriter:
-    """Sends what ``aim`` wants. Used by the I/O thread only.
+    """Sends what ``compensation`` wants. Used by the I/O thread only.
 
     Args:
-        aim: Where the joints are wanted.
+        compensation: Where the joints are wanted.
         clock: What time it is.
         index: The joint of each servo.
         ram: What RAM registers must hold, by servo.
@@ -36,14 +36,15 @@ class GoalWriter:
 
     def __init__(
         self,
-        aim: Aim,
+        compensation: GoalCompensation,
         clock: Clock,
         index: Mapping[int, int],
         ram: Mapping[int, Mapping[Register, int]],
     ) -> None:
         self.on_command: CommandListener | None = None
         self.t = clock.now()
-        self._aim, self._clock, self._index, self._ram = aim, clock, index, ram
+        self._compensation, self._clock = compensation, clock
+        self._index, self._ram = index, ram
 
     def send(self, bus: Bus, silent: Collection[int], left: Collection[int]) -> None:
         """Send the joints where they are wanted, but ``silent`` servos and joints ``left`` alone.
@@ -53,7 +54,7 @@ class GoalWriter:
         """
         self.t = now = self._clock.now()
         encode, index = reg.GOAL_POSITION.encode, self._index
-        goals = self._aim.goals(now, silent)
+        goals = self._compensation.goals(now, silent)
         if left:
             goals = {i: goal for i, goal in goals.items() if index[i] not in left}
         if goals:
@@ -76,7 +77,7 @@ class GoalWriter:
             PortUnavailable: The port is gone.
         """
         now, data, sent = self._clock.now(), {}, {}
-        for servo_id, goal in self._aim.yielded(q_goal, now, silent).items():
+        for servo_id, goal in self._compensation.yielded(q_goal, now, silent).items():
             i, ram = self._index[servo_id], self._ram[servo_id]
             if i in left:
                 continue
@@ -106,13 +107,13 @@ class GoalWriter:
         self, goals: Mapping[int, Ticks], *, is_guided: bool = False, is_seed: bool = False
     ) -> None:
         for servo_id, goal in goals.items():
-            self._aim.held[self._index[servo_id]] = goal
+            self._compensation.held[self._index[servo_id]] = goal
         if self.on_command is not None:
             self.on_command(
                 SentCommand(
                     t=self._clock.now(),
-                    q_cmd=tuple(self._aim.q[:5]),
-                    q_jaw_cmd=self._aim.q[5],
+                    q_cmd=tuple(self._compensation.q[:5]),
+                    q_jaw_cmd=self._compensation.q[5],
                     goals=dict(goals),
                     is_guided=is_guided,
                     is_seed=is_seed,

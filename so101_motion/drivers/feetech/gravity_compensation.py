@@ -67,6 +67,16 @@ LATE_DEAD_BAND = 3.5 * RAD_PER_TICK
 LATE = 0.45
 """How long after the command has come to rest small errors are worth a motion [s]; chosen."""
 
+SETTLE_POSITION = to_rad(0.33)
+"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks, which is what
+is left alone, so that with the tick's own width the joint truly is within 0.4 deg."""
+
+SETTLE_VELOCITY = to_rad(3.0)
+"""How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
+
+SETTLE_TIMEOUT = 2.0
+"""How long settling may take [s]: ten time constants of the trim's integral."""
+
 LARGEST_DRIVE = 0.25
 """Share of full drive that the integral may ask for. Chosen: 300 g in the jaws of the stretched
 arm take 0.22 at the shoulder, their friction included."""

@@ -56,10 +56,11 @@ class HandGuiding:
         compliance: How they yield.
         trim: What carries them while they hold, and has carried them until now.
         q: Where they are [rad].
+        now: What time it is [s].
     """
 
-    def __init__(self, compliance: Compliance, trim: Trim, q: Sequence[float]) -> None:
-        self._compliance, self._trim = compliance, trim
+    def __init__(self, compliance: Compliance, trim: Trim, q: Sequence[float], now: float) -> None:
+        self._compliance, self._trim, self._now = compliance, trim, now
         self._anchor = list(q[:N])
         self._q, self._way = list(q), [0.0] * N
         self._known, self._learnt = trim.rest, [0.0] * N
@@ -68,19 +69,20 @@ class HandGuiding:
         ]
 
     def step(
-        self, q: Sequence[float], qd: Sequence[float], dt: float
+        self, q: Sequence[float], qd: Sequence[float], now: float
     ) -> tuple[list[float], list[float]]:
         """Where to send the joints now, and what they may use.
 
         Args:
             q: Where all six joints are [rad].
             qd: How fast they are [rad/s].
-            dt: Time since the last step [s].
+            now: What time it is [s].
 
         Returns:
             Goals [rad] and shares of full drive of the arm joints.
         """
         band = self._compliance.dead_band
+        dt, self._now = now - self._now, now
         goals, shares = [], []
         self._way = [
             min(max(way + (now - before) / ENGAGING, -1.0), 1.0)

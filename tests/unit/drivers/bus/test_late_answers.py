@@ -15,7 +15,7 @@ import pytest
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.drivers.bus.bus import Bus, reply_timeout_in
 from so101_motion.drivers.bus.ticks import JointMap
-from so101_motion.drivers.feetech import feetech_arm
+from so101_motion.drivers.feetech import gravity_compensation
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -51,9 +51,9 @@ def make_loop(wired, clock):
             acceleration=10.0, reply_timeout=reply_timeout_in(dt),
         )  # fmt: skip
         tolerances = Tolerances(
-            settle_position=feetech_arm.SETTLE_POSITION,
-            settle_velocity=feetech_arm.SETTLE_VELOCITY,
-            settle_timeout=feetech_arm.SETTLE_TIMEOUT,
+            settle_position=gravity_compensation.SETTLE_POSITION,
+            settle_velocity=gravity_compensation.SETTLE_VELOCITY,
+            settle_timeout=gravity_compensation.SETTLE_TIMEOUT,
         )
         executor = Executor(
             arm, clock, dt=dt, stop_limits=STOP_LIMITS, tolerances=tolerances, name="so101-io-test"

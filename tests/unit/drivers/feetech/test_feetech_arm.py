@@ -8,12 +8,8 @@ from so101_motion.common.errors import NoReply, PortUnavailable, ServoFault
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.stale_replies import OVERDUE
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK, JointMap, Ticks
-from so101_motion.drivers.feetech.feetech_arm import (
-    JOINTS,
-    SETTLE_POSITION,
-    SETTLE_VELOCITY,
-    FeetechArm,
-)
+from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
+from so101_motion.drivers.feetech.gravity_compensation import SETTLE_POSITION, SETTLE_VELOCITY
 
 MAPS = {joint: JointMap(servo_id=i) for i, joint in enumerate(JOINTS, start=1)}
 ELBOW, JAW = 3, 6

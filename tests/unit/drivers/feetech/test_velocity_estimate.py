@@ -28,7 +28,7 @@ def test_a_stop_is_seen_within_the_window():
 
 
 def test_scatter_of_a_resting_encoder_stays_below_what_counts_as_rest():
-    from so101_motion.drivers.feetech.feetech_arm import SETTLE_VELOCITY
+    from so101_motion.drivers.feetech.gravity_compensation import SETTLE_VELOCITY
 
     rng = np.random.default_rng(1)
     slope, worst = VelocityEstimate(1), []
