@@ -144,11 +144,12 @@ async def abandoned_plans(target: Target) -> None:
         while True:
             request = {"preview": _hopeless()}
             plans = [asyncio.ensure_future(planner.do_command(request)) for _ in range(50)]
-            await asyncio.wait(plans, timeout=0.5)
-            for plan in plans:
-                plan.cancel()
-            await asyncio.wait(plans)
-            _ = [plan.cancelled() or plan.exception() for plan in plans]  # refusals are expected
+            try:
+                await asyncio.wait(plans, timeout=0.5)
+            finally:
+                for plan in plans:
+                    plan.cancel()
+                await asyncio.gather(*plans, return_exceptions=True)  # refusals are expected
 
 
 async def hung_planner(target: Target) -> None:
@@ -365,8 +366,13 @@ def _pan(degrees: float) -> JointPositions:
 # The figures
 
 
-def delays(arrivals: list[float], written: Array) -> Array:
-    """From each arrival to the first slower setpoint [s]; ``written`` is moments and velocities."""
+def delays(arrivals: list[float], written: Array) -> list[tuple[float, float]]:
+    """Each arrival and how long it took to the first slower setpoint [s].
+
+    Args:
+        arrivals: When Stop arrived [s].
+        written: When each setpoint was written [s], and its velocity [rad/s].
+    """
     t, speed = written[:, 0], np.abs(written[:, 1])
     found = []
     for arrival in arrivals:
@@ -375,8 +381,8 @@ def delays(arrivals: list[float], written: Array) -> Array:
         if cruise < 0.9 * np.radians(SPEED_DEG):
             continue  # the attack kept the arm from its full speed; it does not count
         slower = before + 1 + int(np.argmax(speed[before + 1 :] < cruise * (1.0 - 1e-9)))
-        found.append(t[slower] - arrival)
-    return np.array(found)
+        found.append((arrival, t[slower] - arrival))
+    return found
 
 
 def row(name: str, n: int) -> dict[str, Any]:
@@ -386,13 +392,10 @@ def row(name: str, n: int) -> dict[str, Any]:
         with witnessed() as standstills:
             arrivals = asyncio.run(stops(name, n, record))
         written = np.array(json.loads(record.read_text()))
-    took = delays(arrivals, written)
+    counted = delays(arrivals, written)
+    took = np.array([delay for _, delay in counted])
     bound = MAX_CYCLES * PERIOD
-    beyond = [
-        (arrival, delay)
-        for arrival, delay in zip(arrivals, took, strict=False)
-        if delay > P99_CYCLES * PERIOD
-    ]
+    beyond = [(arrival, delay) for arrival, delay in counted if delay > P99_CYCLES * PERIOD]
     excused = sum(
         any(begin < arrival + delay and end > arrival for begin, end in standstills)
         for arrival, delay in beyond

@@ -7,7 +7,9 @@ What makes a control loop of a hundred ticks a second late, and what helps:
   file gives);
 * other threads of this program hold the interpreter lock, for up to 5 ms at a time by default;
 * a thread that holds that lock loses its processor to another program, and the loop waits until it
-  gets it back, whatever priority the loop has: 650 ms were seen beside a browser that draws;
+  gets it back, whatever priority the loop has: 10 ms at a time beside two busy programs, 650 ms
+  were seen beside a browser that draws. So every thread of such a program gets a real-time
+  priority, the least, and where that is not allowed a larger share of the processor;
 * the garbage collector looks at everything that was ever imported, 60,000 objects, once in a while,
   and holds that lock for 10 to 20 ms (``reduce_jitter`` is for these three).
 
@@ -17,6 +19,7 @@ shared with strangers: p99 3.5 ms late without, 1.3 ms with all of it.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import logging
 import os
@@ -24,7 +27,8 @@ import sys
 
 _log = logging.getLogger(__name__)
 
-_PRIORITY = 1  # the least of the real-time ones: before all programs, behind the kernel's threads
+_LEAST = 1  # of the real-time priorities: before all ordinary programs, behind the kernel's threads
+_LOOP = 2  # a control loop goes before the other threads of its own program
 _TURN = 0.0005
 """For how long a thread may keep the interpreter lock while another wants it [s]. Chosen: a
 twentieth of a tick; much less would cost more in turns taken than it gains."""
@@ -32,6 +36,10 @@ twentieth of a tick; much less would cost more in turns taken than it gains."""
 LOOK_FOR_SIGNALS = 0.5
 """For how long the main thread waits in one go [s]. Chosen. Python handles a signal between two
 instructions; one that comes just before a thread blocks is handled when that ends."""
+
+_SHARED = 2
+"""With fewer processors than this a program that computes without end, at a real-time priority,
+would keep all others from theirs."""
 
 _NICENESS = -11
 """What an ordinary program is to this one as 12 is to 1, in processor time, if both want all of it.
@@ -46,7 +54,7 @@ def use_realtime_priority() -> bool:
     try:
         # What this thread may start is to be ordinary again.
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
-        os.sched_setscheduler(0, policy, os.sched_param(_PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(_LOOP))
     except (AttributeError, OSError) as error:  # not on this system, or not for us
         _log.debug("no real-time priority: %s", error)
         return False
@@ -58,17 +66,37 @@ def reduce_jitter() -> None:
 
     Turns get shorter, this thread and those it starts get their processor before ordinary programs
     (if that is allowed), and what was imported is not looked at any more. For a program that has
-    imported what it needs and is about to begin its work.
+    imported what it needs and is about to begin its work. A computer with a single processor is
+    shared: there such a program only gets the larger part.
     """
     sys.setswitchinterval(_TURN)
-    _change_niceness(0, _NICENESS)
+    if not _go_first():
+        _change_niceness(0, _NICENESS)
     gc.collect()
     gc.freeze()
 
 
 def restore_normal_priority() -> None:
     """Undo the raised priority that a child inherits from a process with ``reduce_jitter``."""
+    with contextlib.suppress(AttributeError):  # not on this system
+        if os.sched_getscheduler(0) == os.SCHED_RR:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     _change_niceness(_NICENESS, 0)
+
+
+def _go_first() -> bool:
+    """Give this thread, and those it starts, the least real-time priority; whether that worked.
+
+    Whoever has chosen a niceness has chosen who goes first; that stays.
+    """
+    try:
+        if (os.cpu_count() or 1) < _SHARED or os.getpriority(os.PRIO_PROCESS, 0) != 0:
+            return False
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_LEAST))
+    except (AttributeError, OSError) as error:  # not on this system, or not for us
+        _log.debug("no real-time priority for the program: %s", error)
+        return False
+    return True
 
 
 def _change_niceness(before: int, after: int) -> None:

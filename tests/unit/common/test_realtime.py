@@ -46,6 +46,10 @@ def niceness():
     return os.getpriority(os.PRIO_PROCESS, 0)
 
 
+def priority():
+    return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, niceness()
+
+
 @pytest.fixture
 def unsteady():
     """What a test has changed for the whole interpreter is put back."""
@@ -61,21 +65,26 @@ def test_a_steady_interpreter_takes_short_turns_and_leaves_alone_what_is_there(u
     assert gc.get_freeze_count() > 10_000
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="a niceness is a thread's own only there")
-def test_all_threads_of_a_steady_program_go_before_others_and_its_children_need_not(unsteady):
-    before = niceness()
+@pytest.mark.skipif(sys.platform != "linux", reason="a priority is a thread's own only there")
+@pytest.mark.parametrize("processors", [1, 2])
+def test_all_threads_of_a_steady_program_go_before_others_and_its_children_need_not(
+    unsteady, monkeypatch, processors
+):
+    monkeypatch.setattr(os, "cpu_count", lambda: processors)
+    before = priority()
 
     def begin():
         reduce_jitter()
-        mine, of_a_new_thread = niceness(), in_a_thread(niceness)
+        mine, of_a_new_thread = priority(), in_a_thread(priority)
         restore_normal_priority()
-        return mine, of_a_new_thread, niceness()
+        return mine, of_a_new_thread, priority()
 
     mine, of_a_new_thread, afterwards = in_a_thread(begin)
+    first = (os.SCHED_OTHER, 0, -11) if processors == 1 else (os.SCHED_RR, 1, 0)
     assert mine == of_a_new_thread
-    assert mine in (before, -11), "not everybody may"
+    assert mine in (before, first), "not everybody may"
     assert afterwards == before
-    assert niceness() == before
+    assert priority() == before
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a niceness is a thread's own only there")
@@ -83,7 +92,8 @@ def test_a_niceness_that_somebody_has_chosen_stays(unsteady):
     def begin():
         os.setpriority(os.PRIO_PROCESS, 0, 7)
         reduce_jitter()
+        chosen = priority()
         restore_normal_priority()
-        return niceness()
+        return chosen, priority()
 
-    assert in_a_thread(begin) == 7
+    assert in_a_thread(begin) == ((os.SCHED_OTHER, 0, 7),) * 2
