@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from so101_motion.arm.jaw_following import JawFollowing as JawFollowing
+    from so101_motion.arm.planning_worker import PlanningWorker as PlanningWorker
     from so101_motion.common.errors import So101Error as So101Error
     from so101_motion.common.geometry import SE3 as SE3
     from so101_motion.common.state import JointState as JointState
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from so101_motion.planning.goals import ToolPathGoal as ToolPathGoal
     from so101_motion.planning.kinematics.model import RobotModel as RobotModel
     from so101_motion.planning.request import Plan as Plan
+    from so101_motion.planning.request import PlanRequest as PlanRequest
     from so101_motion.planning.timing.limits import MotionLimits as MotionLimits
     from so101_motion.rig.hardware_rig import Rig as Rig
     from so101_motion.rig.hardware_rig import open_hardware as open_hardware
@@ -67,6 +69,8 @@ _HOMES = {
     "Obstacle": "planning.collision.scene",
     "PathGoal": "planning.goals",
     "Plan": "planning.request",
+    "PlanRequest": "planning.request",
+    "PlanningWorker": "arm.planning_worker",
     "PointCloud": "planning.collision.scene",
     "PoseCloud": "planning.goals",
     "PoseGoal": "planning.goals",

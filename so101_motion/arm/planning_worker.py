@@ -1,4 +1,4 @@
-"""Make plans in a separate process, and replace it when it dies.
+"""Make plans in separate processes, and replace one when it dies.
 
 Planning holds the interpreter lock for milliseconds at a time, and a control loop in the same
 process then misses its ticks. So the planner lives in a child: it is started once, loads the model
@@ -9,6 +9,9 @@ Cancelling a future gives its plan up: a request that waits is dropped, one that
 ends within milliseconds, so the newest never waits for those that it has superseded. A child that
 dies or hangs is replaced, and what it was asked is asked again, once.
 
+One child is what an arm needs. Whoever has many plans to make asks for as many as there are
+processors: each serves the next request as soon as it has answered the one before.
+
 The child's end is ``planning_child.py``; between the two, ``planning_process.py`` and
 ``plan_messages.py``.
 """
@@ -17,11 +20,12 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 from so101_motion.arm.planning_process import HANG_TIMEOUT, ChildDied, PlanningProcess
-from so101_motion.common.errors import WorkerError
+from so101_motion.common.errors import ConfigError, So101Error, WorkerError
 
 if TYPE_CHECKING:
     from so101_motion.planning.request import Plan, PlanRequest
@@ -34,30 +38,64 @@ _ATTEMPTS = 2
 _CLOSED = "the planning process has been closed; open the arm again"
 
 
-class PlanningWorker:
-    """The planning process, started when it is needed and again when it has died.
+class PlannedBatch:
+    """What becomes of several requests, in their order; see ``PlanningWorker.plan_many``.
 
-    The child starts with the first call of ``start`` or ``plan``. Every method may be called from
-    any thread; requests are served in order.
+    Iterating waits for one outcome after the other: a plan, or the error that says why there is
+    none. It raises ``concurrent.futures.CancelledError`` at the first that was given up.
 
-    Args:
-        hang_timeout: After how long without a sign of life the child hangs [s].
+    Attributes:
+        plans: The same as futures, for whoever wants them in another order.
     """
 
-    def __init__(self, hang_timeout: float = HANG_TIMEOUT) -> None:
-        self._requests = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-planning")
+    def __init__(self, plans: list[Future[Plan]]) -> None:
+        self.plans = tuple(plans)
+
+    def __iter__(self) -> Iterator[Plan | So101Error]:
+        for each in self.plans:
+            try:
+                yield each.result()
+            except So101Error as error:
+                yield error
+
+    def __len__(self) -> int:
+        return len(self.plans)
+
+    def cancel(self) -> None:
+        """Give up all that is not made yet; what is being made ends within milliseconds."""
+        for each in reversed(self.plans):  # or the next one would be begun
+            each.cancel()
+
+
+class PlanningWorker:
+    """One planning process or several, each started when needed and again when it has died.
+
+    The first starts with the first call of ``start`` or ``plan``, each further one when all others
+    are busy. Every method may be called from any thread; requests are begun in order.
+
+    Args:
+        hang_timeout: After how long without a sign of life a child hangs [s].
+        workers: How many processes at the most; each takes 150 MB.
+
+    Raises:
+        ConfigError: Less than one worker.
+    """
+
+    def __init__(self, hang_timeout: float = HANG_TIMEOUT, *, workers: int = 1) -> None:
+        if workers < 1:
+            raise ConfigError("workers", workers, "must be 1 or more")
+        self._requests = ThreadPoolExecutor(workers, thread_name_prefix="so101-planning")
         self._lock = threading.Lock()
-        self._process: PlanningProcess | None = None
-        self._hang_timeout = hang_timeout
-        self._deaths = 0
+        self._seats = [_Seat(hang_timeout) for _ in range(workers)]
+        self._idle = list(reversed(self._seats))
         self._closed = False
 
     def start(self) -> Future[None]:
-        """Start the child in the background; done when it is ready to plan without delay."""
+        """Start a child in the background; done when it is ready to plan without delay."""
         return self._ask(None)
 
     def plan(self, request: PlanRequest) -> Future[Plan]:
-        """Plan in the child.
+        """Plan in a child.
 
         The future raises what ``Planner.plan`` raises, or ``WorkerError`` when the child cannot be
         started, dies again and again, or is closed. Cancelling the future gives the plan up, even
@@ -67,24 +105,24 @@ class PlanningWorker:
         answer.add_done_callback(self._take_notice)
         return answer
 
+    def plan_many(self, requests: Iterable[PlanRequest]) -> PlannedBatch:
+        """Plan several in as many children as there are; their outcomes come in order."""
+        return PlannedBatch([self.plan(each) for each in requests])
+
     @property
-    def pid(self) -> int | None:
-        """The child's process id, or None while there is none."""
-        process = self._process
-        return process.pid if process is not None else None
+    def pids(self) -> tuple[int, ...]:
+        """The process ids of the children that live."""
+        return tuple(pid for each in self._seats if (pid := each.pid) is not None)
 
     def close(self) -> None:
-        """End the child; what is being planned fails with ``WorkerError``. May be called twice."""
+        """End the children; what is planned fails with ``WorkerError``. May be called twice."""
         with self._lock:
             self._closed = True
-            process = self._process
-        if process is not None:
-            process.kill()
+        for each in self._seats:
+            each.kill()
         self._requests.shutdown(wait=True)
-        with self._lock:
-            process, self._process = self._process, None
-        if process is not None:
-            process.close()
+        for each in self._seats:
+            each.close()
 
     def _ask(self, request: PlanRequest | None) -> Future[Any]:
         """A plan, or only a child that is ready; None if nothing is to be planned."""
@@ -98,21 +136,24 @@ class PlanningWorker:
         return answer
 
     def _take_notice(self, answer: Future[Plan]) -> None:
-        """Wake the child if this is what it works on."""
-        process = self._process
-        if answer.cancelled() and process is not None:
-            process.wake()
+        """Wake the children: one of them may work on what is not wanted any more."""
+        if answer.cancelled():
+            for each in self._seats:
+                each.wake()
 
-    # The thread that talks to the child
+    # The threads that talk to the children
 
     def _serve(self, answer: Future[Any], request: PlanRequest | None) -> None:
         if answer.cancelled():
             return
+        seat = self._idle.pop()  # there are as many as threads; the one used last is warm
         outcome: Plan | BaseException | None
         try:
-            outcome = self._outcome(answer, request)
+            outcome = seat.outcome(answer, request)
         except Exception as error:  # whoever waits must hear of it
             outcome = error
+        finally:
+            self._idle.append(seat)
         if not answer.set_running_or_notify_cancel():
             return
         if isinstance(outcome, BaseException):
@@ -120,7 +161,45 @@ class PlanningWorker:
         else:
             answer.set_result(outcome)
 
-    def _outcome(self, answer: Future[Any], request: PlanRequest | None) -> Plan | None:
+
+class _Seat:
+    """A place for one child. For one thread at a time, except ``pid``, ``wake`` and ``kill``."""
+
+    def __init__(self, hang_timeout: float) -> None:
+        self._lock = threading.Lock()
+        self._process: PlanningProcess | None = None
+        self._hang_timeout = hang_timeout
+        self._deaths = 0
+        self._closed = False
+
+    @property
+    def pid(self) -> int | None:
+        """The child's process id, or None while there is none."""
+        process = self._process
+        return process.pid if process is not None else None
+
+    def wake(self) -> None:
+        """Have the child looked whether its plan is still wanted."""
+        process = self._process
+        if process is not None:
+            process.wake()
+
+    def kill(self) -> None:
+        """End the child for good; whoever waits for it gets ``WorkerError``."""
+        with self._lock:
+            self._closed = True
+            process = self._process
+        if process is not None:
+            process.kill()
+
+    def close(self) -> None:
+        """Forget the child after ``kill``."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            process.close()
+
+    def outcome(self, answer: Future[Any], request: PlanRequest | None) -> Plan | None:
         """The plan, or None where none was asked for or it was given up."""
         for attempt in range(1, _ATTEMPTS + 1):
             process, is_new = self._living()

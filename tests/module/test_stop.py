@@ -66,7 +66,7 @@ def point(x, y, z):
 @contextmanager
 def hung_planner(arm):
     """The planning process does nothing, as one that computes for long."""
-    pid = arm.rig.planner.pid
+    (pid,) = arm.rig.planner.pids
     os.kill(pid, signal.SIGSTOP)
     try:
         yield

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import CancelledError
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 
 from so101_motion.arm.plan_messages import Scenes, packed, unpacked
 from so101_motion.arm.planning_worker import PlanningWorker
-from so101_motion.common.errors import NoPath, OutsideLimits, WorkerError
+from so101_motion.common.errors import ConfigError, NoPath, OutsideLimits, WorkerError
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Box, Obstacle, PointCloud, Scene
 from so101_motion.planning.goals import JointGoal
@@ -32,6 +33,11 @@ def worker():
     worker.close()
 
 
+def pid_of(worker):
+    """Of its child, None while there is none."""
+    return next(iter(worker.pids), None)
+
+
 def request_to(q_deg):
     q_goal = np.radians(q_deg)
     return PlanRequest(q_start=np.zeros(5), goal=JointGoal(q=q_goal), limits=LIMITS)
@@ -47,9 +53,9 @@ def test_a_child_is_deaf_to_ctrl_c_from_its_first_moment():
     worker = PlanningWorker()
     ready = worker.start()
     pause = threading.Event()
-    while worker.pid is None:
+    while pid_of(worker) is None:
         pause.wait(0.001)
-    os.kill(worker.pid, signal.SIGINT)  # as a terminal does to all that run in it
+    os.kill(pid_of(worker), signal.SIGINT)  # as a terminal does to all that run in it
     ready.result()
     worker.close()
 
@@ -62,11 +68,11 @@ def test_an_error_comes_back_with_its_fields(worker):
 
 
 def test_a_worker_that_died_is_started_again(worker):
-    first = worker.pid
+    first = pid_of(worker)
     os.kill(first, signal.SIGKILL)
     os.waitid(os.P_PID, first, os.WEXITED | os.WNOWAIT)
     worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
-    assert worker.pid != first
+    assert pid_of(worker) != first
 
 
 def _box(name, size, at):
@@ -106,31 +112,31 @@ def processor_time(pid):
 
 def begin_endless(worker):
     """Have it plan in vain, and wait until it certainly does."""
-    used = processor_time(worker.pid)
+    used = processor_time(pid_of(worker))
     answer = worker.plan(endless_request())
-    wait_until(lambda: processor_time(worker.pid) > used + 0.05)
+    wait_until(lambda: processor_time(pid_of(worker)) > used + 0.05)
     return answer
 
 
 def test_dying_while_it_plans_has_the_plan_made_by_another(worker, caplog):
     worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
-    first = worker.pid
+    first = pid_of(worker)
     os.kill(first, signal.SIGSTOP)  # so that the request is certainly under way
     answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
     os.kill(first, signal.SIGKILL)
     assert answer.result().duration > 0.0
-    assert worker.pid != first
+    assert pid_of(worker) != first
     assert "SIGKILL" in caplog.text
     assert "replaced" in caplog.text
 
 
 def test_a_child_that_always_dies_is_told(worker, caplog):
     worker.start().result()
-    os.kill(worker.pid, signal.SIGSTOP)  # or it may answer before it is killed
+    os.kill(pid_of(worker), signal.SIGSTOP)  # or it may answer before it is killed
     answer = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
     while not answer.done():
         with contextlib.suppress(ProcessLookupError, TypeError):
-            os.kill(worker.pid, signal.SIGKILL)
+            os.kill(pid_of(worker), signal.SIGKILL)
     with pytest.raises(
         WorkerError, match=r"failed \d times in a row; the last one was ended by SIGK"
     ):
@@ -154,35 +160,35 @@ def test_a_child_that_cannot_even_start_is_told(monkeypatch, caplog):
 
 def test_a_plan_nobody_wants_is_given_up_by_the_same_child(worker):
     worker.start().result()
-    pid = worker.pid
+    pid = pid_of(worker)
     for _ in range(3):
         answer = begin_endless(worker)
         assert answer.cancel()
         worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0)
-    assert worker.pid == pid
+    assert pid_of(worker) == pid
 
 
 def test_plans_nobody_wants_are_dropped_while_they_wait(worker):
     worker.start().result()
-    pid = worker.pid
+    pid = pid_of(worker)
     answers = [begin_endless(worker), *(worker.plan(endless_request()) for _ in range(7))]
     newest = worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0]))
     for answer in answers:
         answer.cancel()
     newest.result(60.0)
-    assert worker.pid == pid
+    assert pid_of(worker) == pid
 
 
 def test_a_request_may_be_cancelled_at_any_moment(worker):
     worker.start().result()
-    pid, pause = worker.pid, threading.Event()
+    pid, pause = pid_of(worker), threading.Event()
     random = np.random.default_rng(0)
     for wait in random.uniform(0.0, 0.02, 60):
         answer = worker.plan(dataclasses.replace(endless_request(), time_budget=0.01))
         pause.wait(wait)
         answer.cancel()
         assert worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
-    assert worker.pid == pid
+    assert pid_of(worker) == pid
 
 
 def test_closing_ends_every_plan_with_an_error_of_ours():
@@ -206,56 +212,56 @@ def impatient():
 
 
 def test_a_child_that_hung_while_idle_is_replaced_and_the_next_plan_is_made(impatient, caplog):
-    hung = impatient.pid
+    hung = pid_of(impatient)
     os.kill(hung, signal.SIGSTOP)
     request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
     assert impatient.plan(request).result(60.0).duration > 0.0
-    assert impatient.pid != hung
+    assert pid_of(impatient) != hung
     assert "no sign of life" in caplog.text
 
 
 def test_a_child_that_hangs_while_it_plans_is_replaced(impatient):
     answer = begin_endless(impatient)
-    hung = impatient.pid
+    hung = pid_of(impatient)
     os.kill(hung, signal.SIGSTOP)
-    wait_until(lambda: impatient.pid not in (hung, None))
+    wait_until(lambda: pid_of(impatient) not in (hung, None))
     answer.cancel()
     assert impatient.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
 
 
 def test_a_child_that_computes_for_long_does_not_hang(impatient):
-    pid = impatient.pid
+    pid = pid_of(impatient)
     request = dataclasses.replace(endless_request(), time_budget=3.0)
     with pytest.raises(NoPath):
         impatient.plan(request).result()
-    assert impatient.pid == pid
+    assert pid_of(impatient) == pid
 
 
 def test_signals_for_the_whole_group_do_not_end_a_child_that_plans(worker):
     worker.start().result()
-    pid = worker.pid
+    pid = pid_of(worker)
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         os.kill(pid, each)
     worker.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result()
-    assert worker.pid == pid
+    assert pid_of(worker) == pid
 
 
 PARENT = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
-from test_planning_worker import begin_endless
+from test_planning_worker import begin_endless, pid_of
 from so101_motion.arm.planning_worker import PlanningWorker
 worker = PlanningWorker()
 if sys.argv[2] == "starting":
     worker.start()
-    while worker.pid is None:
+    while pid_of(worker) is None:
         time.sleep(0.001)
     time.sleep(0.2)
 else:
     worker.start().result()
     if sys.argv[2] == "planning":
         begin_endless(worker)
-print(worker.pid, flush=True)
+print(pid_of(worker), flush=True)
 time.sleep(60)
 """
 
@@ -294,13 +300,60 @@ def test_nothing_in_the_current_folder_is_executed(tmp_path, monkeypatch):
 def test_a_closed_worker_says_so_and_leaves_no_process():
     worker = PlanningWorker()
     worker.start().result()
-    pid = worker.pid
+    pid = pid_of(worker)
     worker.close()
     worker.close()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
     with pytest.raises(WorkerError, match="open the arm again"):
         worker.plan(request_to([0.0] * 5)).result()
+
+
+@pytest.fixture(scope="module")
+def pair():
+    worker = PlanningWorker(workers=2)
+    list(worker.plan_many([request_to([5.0, 0.0, 0.0, 0.0, 0.0])] * 2))  # both are started
+    yield worker
+    worker.close()
+
+
+def test_many_plans_come_in_order_from_two_children_errors_among_them(pair):
+    angles = [5.0, 95.0, -5.0, 10.0, 0.0, 95.0]
+    batch = pair.plan_many([request_to([0.0, 0.0, each, 0.0, 0.0]) for each in angles])
+    assert len(batch) == len(angles)
+    for degrees, outcome in zip(angles, batch, strict=True):
+        if degrees == 95.0:
+            assert isinstance(outcome, OutsideLimits)
+        else:
+            assert outcome.q_goal[2] == pytest.approx(math.radians(degrees))
+    assert len(pair.pids) == 2
+
+
+def test_a_batch_that_is_given_up_ends_at_once_in_both_children(pair):
+    pids = pair.pids
+    used = {pid: processor_time(pid) for pid in pids}
+    batch = pair.plan_many([endless_request()] * 5)
+    wait_until(lambda: all(processor_time(pid) > used[pid] + 0.05 for pid in pids))
+    batch.cancel()
+    with pytest.raises(CancelledError):
+        list(batch)
+    assert pair.plan(request_to([5.0, 0.0, 0.0, 0.0, 0.0])).result(60.0).duration > 0.0
+    assert pair.pids == pids
+
+
+def test_one_of_two_that_dies_is_replaced_and_no_plan_is_lost(pair):
+    victim = pair.pids[0]
+    os.kill(victim, signal.SIGSTOP)  # so that it certainly has one of them
+    batch = pair.plan_many([request_to([each, 0.0, 0.0, 0.0, 0.0]) for each in (5, 6, 7, 8)])
+    assert batch.plans[3].result(60.0).duration > 0.0  # by the other
+    os.kill(victim, signal.SIGKILL)
+    assert [round(math.degrees(plan.q_goal[0])) for plan in batch] == [5, 6, 7, 8]
+    assert victim not in pair.pids
+
+
+def test_no_workers_at_all_are_refused():
+    with pytest.raises(ConfigError, match="workers"):
+        PlanningWorker(workers=0)
 
 
 def big_scene():
@@ -345,7 +398,7 @@ def test_both_ends_forget_the_same_scenes():
 def test_a_worker_that_died_is_told_the_scene_again(worker):
     request = dataclasses.replace(request_to([5.0, 0.0, 0.0, 0.0, 0.0]), scene=big_scene())
     first = worker.plan(request).result()
-    died = worker.pid
+    died = pid_of(worker)
     os.kill(died, signal.SIGKILL)
     os.waitid(os.P_PID, died, os.WEXITED | os.WNOWAIT)
     again = worker.plan(request).result()

@@ -330,6 +330,15 @@ def test_a_request_that_cannot_be_meant_names_the_key(key, value):
         PlanRequest(**{"q_start": HOME, "goal": JointGoal(q=GOAL), "limits": LIMITS, key: value})
 
 
+def test_many_are_planned_in_order_and_one_that_cannot_be_does_not_end_them(planner):
+    goals = [GOAL, np.radians([0, 0, 95, 0, 0]), HOME]
+    requests = [PlanRequest(q_start=HOME, goal=JointGoal(q=q), limits=LIMITS) for q in goals]
+    first, refused, last = planner.plan_many(requests)
+    assert np.array_equal(first.q_goal, GOAL)
+    assert isinstance(refused, OutsideLimits)
+    assert last.duration == 0.0
+
+
 def test_something_else_than_a_goal_is_a_mistake_of_the_program():
     with pytest.raises(TypeError, match="not a str"):
         PlanRequest(q_start=HOME, goal="ready", limits=LIMITS)
