@@ -13,7 +13,8 @@ from __future__ import annotations
 import ctypes
 import itertools
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import coal
@@ -159,6 +160,16 @@ class BatchCheck:
         """Call this again and again while the library is at work."""
         self._checkpoint = checkpoint
 
+    @contextmanager
+    def until(self, is_late: Callable[[], bool]) -> Iterator[None]:
+        """Tell the library, while the block runs, that time is up when it is."""
+        self._is_late = is_late
+        try:
+            yield
+        finally:
+            self._is_late = None
+            self.library.so101_resume(self.scene)
+
     def raise_error(self) -> None:
         """Raise what a check of coal or the checkpoint raised meanwhile."""
         if self._error is not None:
@@ -185,29 +196,79 @@ class BatchCheck:
             return _END
 
 
+class Checker(ctypes.Structure):
+    """How the library looks at lines: some way of travel apart, or by proof."""
+
+    _fields_ = [
+        ("levels", ctypes.c_void_p),
+        ("n_levels", ctypes.c_int),
+        ("proven", ctypes.c_int),
+        ("reach", ctypes.c_void_p),
+        ("spacing", ctypes.c_double),
+        ("q_jaw", ctypes.c_double),
+    ]
+
+
 class BatchSampledCheck:
-    """``SampledCheck``, many configurations at a time."""
+    """``SampledCheck``, many configurations at a time.
+
+    Attributes:
+        batch: Whose bodies it is about.
+        checker: The same in the library's form.
+    """
 
     def __init__(
-        self, batch: BatchCheck, levels: Levels, reach: Array, *, q_jaw: float, spacing: float
+        self,
+        batch: BatchCheck,
+        levels: Levels,
+        reach: Array,
+        *,
+        q_jaw: float,
+        spacing: float,
+        proven: bool = False,
     ) -> None:
-        self.batch, self.levels, self.reach = batch, levels, reach
-        self.q_jaw, self.spacing = q_jaw, spacing
+        self.batch = batch
+        self._levels, self._reach, self._q_jaw, self._spacing = levels, reach, q_jaw, spacing
+        self.checker = Checker(
+            ctypes.addressof(levels.array),
+            levels.count,
+            proven,
+            reach.ctypes.data,
+            spacing,
+            q_jaw,
+        )
+
+    def proven(self) -> BatchSampledCheck:
+        """The same, but lines are clear only if that is proven."""
+        return BatchSampledCheck(
+            self.batch,
+            self._levels,
+            self._reach,
+            q_jaw=self._q_jaw,
+            spacing=self._spacing,
+            proven=True,
+        )
 
     def is_free(self, q: Array) -> bool:
         """Whether nothing is too close at joint angles ``q``, shape (5,), [rad]."""
-        return not self.batch.touches(self.levels, q, self.q_jaw)
+        return not self.batch.touches(self._levels, q, self._q_jaw)
 
     def first_free(self, configurations: Array) -> int | None:
         """The first free one of several configurations (n, 5) [rad], None if none is."""
-        full = np.full((len(configurations), 6), self.q_jaw)
+        full = np.full((len(configurations), 6), self._q_jaw)
         full[:, :5] = configurations
-        free = np.flatnonzero(np.logical_not(self.batch.touching(self.levels, full)))
+        free = np.flatnonzero(np.logical_not(self.batch.touching(self._levels, full)))
         return int(free[0]) if len(free) else None
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
         """Whether nothing is seen between two configurations, themselves not looked at."""
-        return self.batch.is_clear(self.levels, self.reach, self.spacing, q_from, q_to, self.q_jaw)
+        if self.checker.proven:
+            points = np.array([q_from, q_to])
+            blocked = self.batch.first_blocked(self._levels, self._reach, points, self._q_jaw)
+            return blocked is None
+        return self.batch.is_clear(
+            self._levels, self._reach, self._spacing, q_from, q_to, self._q_jaw
+        )
 
 
 def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:

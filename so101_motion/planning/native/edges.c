@@ -59,21 +59,21 @@ static int between(Scene *s, const Level *level, const double *a, const double *
     return so101_check(s, level, q, n, 1, verdict);
 }
 
-/* Looks at a line every `spacing` of travel, `a` not included; `b` is with `with_end`. */
+/* Looks at a line every `spacing` of travel; at `b` too with 1 `ends`, at both with 2. */
 int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,
-                   const double *a, const double *b, double q_jaw, int with_end) {
+                   const double *a, const double *b, double q_jaw, int ends) {
     double step[5], travel = 0.0;
     for (int j = 0; j < 5; j++) {
         step[j] = b[j] - a[j];
         travel += fabs(step[j]) * reach[j];
     }
-    const int count = (int)(travel / spacing), last = count + (with_end != 0);
+    const int count = (int)(travel / spacing), first = ends < 2, last = count + (ends > 0);
     int at[16], n = 0;
     /* Far apart ones first, sixteen at a time; then those between them. */
-    const int stride = (last + 15) / 16;
+    const int stride = (last - first + 16) / 16;
     for (int offset = 0; offset < stride; offset++) {
         n = 0;
-        for (int k = last - offset; k >= 1; k -= stride) at[n++] = k;
+        for (int k = last - offset; k >= first; k -= stride) at[n++] = k;
         if (n && between(s, level, a, step, count, q_jaw, at, n)) return 0;
     }
     return !s->stopped;

@@ -108,7 +108,7 @@ extern Lanes so101_lanes;
 
 int so101_check(Scene *s, const Level *level, const double *q, int n, int stop, uint8_t *verdict);
 int so101_is_clear(Scene *s, const Level *level, const double *reach, double spacing,
-                   const double *a, const double *b, double q_jaw, int with_end);
+                   const double *a, const double *b, double q_jaw, int ends);
 int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const double *reach,
                         const double *points, int n, double q_jaw, double *blocked);
 #endif

@@ -9,7 +9,8 @@ little more room than the margins, or its paths would graze them everywhere and 
 proof; an edge that still does not is replaced by a search between its ends in which every edge is
 proven.
 
-The same request with the same seed gives the same path; only giving up depends on time.
+The same request with the same seed gives the same path; only giving up depends on time. With the
+compiled library, the search and the shortening are compiled as well (``compiled_search.py``).
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ import numpy as np
 
 from so101_motion.common.errors import NoPath
 from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.planning.collision.batch_check import BatchSampledCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.paths.compiled_search import CompiledSearch, compiled_shortened
 from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker, Space, Tree, TreeSearch
 from so101_motion.planning.paths.shorten import shortened, skipped
 
@@ -114,7 +117,10 @@ class PathFinder:
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         points, index = self._searched(look, q_start, goals, random, deadline)
         wide = self._collision.sampled_check(self._q_jaw, spacing=SPACING, extra=ROOM)
-        points = shortened(points, wide, random, deadline)
+        if isinstance(wide, BatchSampledCheck):
+            points = compiled_shortened(points, wide, random, deadline)
+        else:
+            points = shortened(points, wide, random, deadline)
         if not self._is_free(points):
             points = self._mended(points, random, deadline)
         return FreePath(waypoints=np.array(points), goal=index)
@@ -123,8 +129,11 @@ class PathFinder:
         self, points: list[Array], random: np.random.Generator, deadline: Deadline
     ) -> list[Array]:
         """The path with detours in place of the edges that do not stand their proof."""
+        # A corner in the middle of an edge that was only looked at may be too close itself.
+        ends, inner = (points[0], points[-1]), points[1:-1]
+        inner = [q for q in inner if self._collision.is_free(q, self._q_jaw)]
         proven = [points[0]]
-        for a, b in pairwise(points):
+        for a, b in pairwise([ends[0], *inner, ends[1]]):
             if self.is_free_line(a, b):
                 proven.append(b)
             else:
@@ -135,11 +144,18 @@ class PathFinder:
         self, a: Array, b: Array, random: np.random.Generator, deadline: Deadline
     ) -> list[Array]:
         """Waypoints between two configurations near each other, every edge proven."""
-        checker = _ProvenCheck(self._collision, self._q_jaw)
-        nearby = TreeSearch(self._space.around(a, b, NEARBY), checker, a, [b], random)
+        look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
+        checker: LineChecker = (
+            look.proven()
+            if isinstance(look, BatchSampledCheck)
+            else _ProvenCheck(self._collision, self._q_jaw)
+        )
+        nearby = _search(self._space.around(a, b, NEARBY), checker, a, [b], random)
         found = nearby.run(deadline, TRIES_NEARBY) or self._searched(
             checker, a, [b], random, deadline
         )
+        if isinstance(checker, BatchSampledCheck):
+            return compiled_shortened(found[0], checker, random, deadline, only_skip=True)
         return skipped(found[0], checker)
 
     def _searched(
@@ -150,13 +166,13 @@ class PathFinder:
         random: np.random.Generator,
         deadline: Deadline,
     ) -> tuple[list[Array], int]:
-        search = TreeSearch(self._space, checker, q_start, goals, random)
+        search = _search(self._space, checker, q_start, goals, random)
         found = search.run(deadline)
         if found is None:
             raise self._no_path(search, deadline)
         return found
 
-    def _no_path(self, search: TreeSearch, deadline: Deadline) -> NoPath:
+    def _no_path(self, search: TreeSearch | CompiledSearch, deadline: Deadline) -> NoPath:
         trees = search.from_start, search.from_goals
         counts = [tree.count for tree in trees]
         blockers = [self._blockers(tree) for tree in trees]
@@ -195,6 +211,17 @@ class PathFinder:
                 if blocked is not None:
                     met[self._collision.clearance(blocked, self._q_jaw).second] += 1
         return met
+
+
+def _search(
+    space: Space,
+    checker: LineChecker,
+    q_start: Array,
+    goals: Sequence[Array],
+    random: np.random.Generator,
+) -> TreeSearch | CompiledSearch:
+    kind = CompiledSearch if isinstance(checker, BatchSampledCheck) else TreeSearch
+    return kind(space, checker, q_start, goals, random)  # type: ignore[arg-type]  # as seen above
 
 
 class _ProvenCheck:

@@ -148,7 +148,7 @@ class Tree:
         self._at_once = FEWEST
         self.count = 0
         for root in roots:
-            self._add(root, -1)
+            self.add(root, -1)
         self._roots = self.count
 
     @property
@@ -164,7 +164,7 @@ class Tree:
             parent, q = int(parents[first + k]), ends[first + k]
             if checker.is_clear(self.points[parent], q):
                 self._at_once = FEWEST
-                return self._add(q, parent)
+                return self.add(q, parent)
             first += k + 1
         self._at_once = min(2 * self._at_once, MOST)
         return None
@@ -175,7 +175,7 @@ class Tree:
         for parent, q in zip(*self._tries(), strict=True):
             origin = self.points[parent].copy()
             if checker.is_free(q) and checker.is_clear(origin, q):
-                self._add(q, int(parent))
+                self.add(q, int(parent))
             else:
                 met.append(np.array([origin, q]))
         return met
@@ -188,7 +188,7 @@ class Tree:
             q_next = origin + (q_towards - origin) * (STEP / distance)
             if not (checker.is_free(q_next) and checker.is_clear(origin, q_next)):
                 return None
-            parent, origin, distance = self._add(q_next, parent), q_next, distance - STEP
+            parent, origin, distance = self.add(q_next, parent), q_next, distance - STEP
         return parent if checker.is_clear(origin, q_towards) else None
 
     def branch(self, index: int) -> list[Array]:
@@ -232,7 +232,8 @@ class Tree:
         away = weighted - self._weighted[index]
         return index, float(away @ away) ** 0.5
 
-    def _add(self, q: Array, parent: int) -> int:
+    def add(self, q: Array, parent: int) -> int:
+        """Add a node (5,) [rad] that was reached from ``parent``; its index."""
         index = self.count
         if index == len(self.points):
             self.points, self._weighted, self._half_squares = (
