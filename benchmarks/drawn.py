@@ -16,11 +16,12 @@ import pinocchio as pin
 import so101_description
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.scene import Box, Scene
+from so101_motion.planning.collision.coal_shapes import full_cubes, octree
+from so101_motion.planning.collision.scene import Box, PointCloud, Scene
 
 
 class DrawnArm:
-    """The arm as drawn among boxes. Belongs to one thread."""
+    """The arm as drawn among boxes and clouds. Belongs to one thread."""
 
     def __init__(self, scene: Scene) -> None:
         self._model = pin.buildModelFromUrdf(str(so101_description.URDF_PATH))
@@ -36,10 +37,14 @@ class DrawnArm:
             floor = self._add("floor", 0, pin.SE3.Identity(), plane)
             pairs += [(i, floor) for i in links[2:]]
         for obstacle in scene.obstacles:
-            assert isinstance(obstacle.shape, Box)
-            T = obstacle.T_base_obstacle
-            box = coal.Box(*obstacle.shape.size.tolist())
-            this = self._add(obstacle.name, 0, pin.SE3(np.array(T.R), np.array(T.p)), box)
+            T, shape = obstacle.T_base_obstacle, obstacle.shape
+            assert isinstance(shape, Box | PointCloud)
+            standing = (
+                coal.Box(*shape.size.tolist())
+                if isinstance(shape, Box)
+                else octree(full_cubes(shape), shape.resolution)
+            )
+            this = self._add(obstacle.name, 0, pin.SE3(np.array(T.R), np.array(T.p)), standing)
             pairs += [(i, this) for i in links[1:]]
         for pair in pairs:
             self._bodies.addCollisionPair(pin.CollisionPair(*pair))

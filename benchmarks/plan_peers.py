@@ -79,7 +79,9 @@ def ompl_search(model: RobotModel, scene: Scene) -> Prepare | None:
 
 
 def roboplan_search(model: RobotModel, scene: Scene) -> Prepare | None:
-    """The RRT-Connect and the shortcutting of roboplan, or None if not installed."""
+    """The RRT-Connect and the shortcutting of roboplan, or None if not installed or for clouds."""
+    if not all(isinstance(each.shape, Box) for each in scene.obstacles):
+        return None
     try:
         core: Any = importlib.import_module("roboplan.core")
         rrt: Any = importlib.import_module("roboplan.rrt")

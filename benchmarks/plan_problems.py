@@ -1,6 +1,6 @@
 """The scenes and the problems that planners are measured on, made anew from seeds.
 
-Four sets of 100 pairs of free configurations:
+Eight sets of 100 pairs of free configurations:
 
 - ``empty``: the arm on its table, any two configurations.
 - ``table``: three boxes on the table, any two configurations.
@@ -8,6 +8,12 @@ Four sets of 100 pairs of free configurations:
   blocked.
 - ``shelf``: an open shelf of two storeys and two bays, each 15 cm wide and 14 cm high, in 8 mm
   boards; into a bay from outside, or from bay to bay.
+- ``slot``: a wall with an upright slot of 80 mm; from beside the arm through it.
+- ``cage``: 60 small boxes all around, any two configurations.
+- ``bins``: two open bins, from low in one to low in the other.
+- ``bookshelf``: the shelf as a cloud of 50,000 points in cubes of 5 mm.
+
+In the last four the straight joint line is blocked in all problems.
 
 Postures are free with a millimetre more than the margin that is planned with, so that no planner
 fails over the last bit of an end.
@@ -23,7 +29,7 @@ import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.collision import CollisionModel
-from so101_motion.planning.collision.scene import MARGIN, Box, Obstacle, Scene
+from so101_motion.planning.collision.scene import MARGIN, Box, Obstacle, PointCloud, Scene
 from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -70,11 +76,61 @@ _SHELF = (
     _box("back", (BOARD, 0.32, 0.28), (0.44, 0.0, 0.17)),
 )
 
+_SLOT = (
+    _box("left of the slot", (BOARD, 0.30, 0.50), (0.24, 0.19, 0.25)),
+    _box("right of the slot", (BOARD, 0.30, 0.50), (0.24, -0.19, 0.25)),
+)
+
+
+def _cage() -> tuple[Obstacle, ...]:
+    """Boxes of 2 to 6 cm, none nearer than 12 cm to the pan's axis or in the middle of the air."""
+    random = np.random.default_rng(60)
+    boxes: list[Obstacle] = []
+    while len(boxes) < 60:
+        x, y, z = random.uniform((-0.25, -0.4, 0.0), (0.45, 0.4, 0.5))
+        if np.hypot(x - 0.04, y) > 0.12 and 0.26 < np.linalg.norm((x - 0.04, y, z - 0.12)) < 0.5:
+            size = random.uniform(0.02, 0.06, 3)
+            boxes.append(_box(f"box {len(boxes)}", tuple(size), (x, y, z)))
+    return tuple(boxes)
+
+
+def _bin(side: str, y: float) -> tuple[Obstacle, ...]:
+    x, deep, wide, high = 0.24, 0.16, 0.16, 0.10
+    return (
+        _box(f"{side} bottom", (deep, wide, BOARD), (x, y, 0.006)),
+        *(
+            _box(f"{side} wall {k}", (BOARD, wide, high), (x + k * deep / 2, y, high / 2))
+            for k in (-1, 1)
+        ),
+        *(
+            _box(f"{side} end {k}", (deep, BOARD, high), (x, y + k * wide / 2, high / 2))
+            for k in (-1, 1)
+        ),
+    )
+
+
+def _seen(boxes: tuple[Obstacle, ...], count: int, resolution: float) -> Obstacle:
+    """Points on the surfaces of boxes, as a camera that sees all sides would see them."""
+    random = np.random.default_rng(50)
+    sizes = np.array([box.shape.size for box in boxes if isinstance(box.shape, Box)])
+    areas = sizes[:, [1, 2, 0]] * sizes[:, [2, 0, 1]]
+    at = random.choice(areas.size, count, p=areas.ravel() / areas.sum())
+    points = random.uniform(-0.5, 0.5, (count, 3))
+    points[np.arange(count), at % 3] = random.choice((-0.5, 0.5), count)
+    middles = np.array([box.T_base_obstacle.p for box in boxes])
+    cloud = PointCloud(points=points * sizes[at // 3] + middles[at // 3], resolution=resolution)
+    return Obstacle(name="cloud", shape=cloud, T_base_obstacle=SE3.identity())
+
+
 SCENES: dict[str, Scene] = {
     "empty": Scene(),
     "table": Scene(obstacles=_TABLE),
     "opposite": Scene(obstacles=_TABLE),
     "shelf": Scene(obstacles=_SHELF),
+    "slot": Scene(obstacles=_SLOT),
+    "cage": Scene(obstacles=_cage()),
+    "bins": Scene(obstacles=(*_bin("left", 0.15), *_bin("right", -0.15))),
+    "bookshelf": Scene(obstacles=(_seen(_SHELF, 50_000, 0.005),)),
 }
 
 
@@ -122,6 +178,19 @@ class _Source:
                 if self.model.outside(q) is None and self._collision.is_free(q):
                     return q
 
+    def within(self, lower: tuple[float, ...], upper: tuple[float, ...]) -> Array:
+        """The tip in a box of the air."""
+        structure = self._ik.structure
+        assert structure is not None
+        while True:
+            at = self.random.uniform(lower, upper)
+            pitch = self.random.uniform(-1.57, 1.57)
+            roll = self.random.uniform(self.model.lower[4], self.model.upper[4])
+            for configuration in structure.configurations(tuple(at), pitch, roll, "jaw_tip"):
+                q = np.array(configuration.q)
+                if self.model.outside(q) is None and self._collision.is_free(q):
+                    return q
+
     def outside(self) -> Array:
         """The tool not in or before the shelf."""
         while True:
@@ -149,11 +218,49 @@ def _shelf(source: _Source, k: int) -> Problem:
     return Problem(source.in_bay(int(first)) if k % 2 else source.outside(), goal)
 
 
+def _slot(source: _Source, k: int) -> Problem:
+    side = 1.0 if k % 2 else -1.0
+    while True:
+        goal = source.within((0.27, -0.03, 0.08), (0.38, 0.03, 0.3))
+        problem = Problem(source.low(side), goal)
+        if source.tip(problem.start)[0] < 0.22 and not source.is_straight(problem):
+            return problem
+
+
+def _any_blocked(source: _Source, k: int) -> Problem:
+    while True:
+        problem = Problem(source.any(), source.any())
+        if not source.is_straight(problem):
+            return problem
+
+
+def _bin_to_bin(source: _Source, k: int) -> Problem:
+    side = 1.0 if k % 2 else -1.0
+    while True:
+        first, second = (
+            source.within((0.19, y - 0.05, 0.02), (0.29, y + 0.05, 0.07))
+            for y in (0.15 * side, -0.15 * side)
+        )
+        if not source.is_straight(Problem(first, second)):
+            return Problem(first, second)
+
+
+def _shelf_blocked(source: _Source, k: int) -> Problem:
+    while True:
+        problem = _shelf(source, k)
+        if not source.is_straight(problem):
+            return problem
+
+
 _MAKERS: dict[str, tuple[int, Callable[[_Source, int], Problem]]] = {
     "empty": (11, lambda source, _: Problem(source.any(), source.any())),
     "table": (12, lambda source, _: Problem(source.any(), source.any())),
     "opposite": (15, _opposite),
     "shelf": (13, _shelf),
+    "slot": (16, _slot),
+    "cage": (17, _any_blocked),
+    "bins": (18, _bin_to_bin),
+    "bookshelf": (19, _shelf_blocked),
 }
 
 

@@ -57,6 +57,8 @@ class CompiledSearch:
 
     def run(self, deadline: Deadline, most: int | None = None) -> tuple[list[Array], int] | None:
         """Waypoints (5,) to a goal, and its index; None if not found in time or ``most`` rounds."""
+        if deadline.has_passed():  # the library asks only now and then
+            return None
         batch, checker = self._checker.batch, ctypes.byref(self._checker.checker)
         with batch.until(deadline.has_passed):
             count = self._library.so101_search_run(batch.scene, self._search, checker, most or 0)

@@ -137,7 +137,8 @@ def test_what_is_held_is_carried_around_too(model, plan):
     made = plan(JointGoal(q=RIGHT), LEFT, holding, q_jaw=0.3)
     assert closest(model, holding, made.trajectory, 0.3) > 0.0
     empty = plan(JointGoal(q=RIGHT), LEFT, AROUND_POST, q_jaw=0.3)
-    assert closest(model, holding, empty.trajectory, 0.3) <= 0.0, "with empty hands it is closer"
+    too_close = closest(model, holding, empty.trajectory, 0.3) < holding.margin
+    assert too_close, "with empty hands it goes closer"
 
 
 def test_a_goal_that_only_what_is_held_cannot_have_names_it(model, plan):

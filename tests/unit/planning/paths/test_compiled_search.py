@@ -1,0 +1,104 @@
+"""The compiled search: found paths are proven, the same every time, and failures are explained."""
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import NoPath
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.checkpoint import Abandoned
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+from so101_motion.planning.paths.path import PathFinder
+from so101_motion.planning.paths.rrt_connect import Deadline
+
+pytestmark = pytest.mark.skipif(native().library is None, reason=native().reason or "there")
+
+POST = Scene(
+    obstacles=(
+        Obstacle(
+            name="post",
+            shape=Box(size=np.array([0.06, 0.06, 0.4])),
+            T_base_obstacle=SE3.from_translation((0.28, 0.0, 0.2)),
+        ),
+    )
+)
+LEFT, RIGHT = np.array([0.8, 0.0, 0.2, 0.9, 0.0]), np.array([-0.8, 0.0, 0.2, 0.9, 0.0])
+
+
+@pytest.fixture(scope="module")
+def model():
+    return RobotModel.load()
+
+
+def length(points):
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_path_around_a_post_is_proven_by_coal_and_the_same_at_any_width(model, seed):
+    judge = CollisionModel(model, POST, compiled=False)
+    found = []
+    for lanes in (4, 8, 16):
+        native().library.so101_start(lanes)
+        finder = PathFinder(model, CollisionModel(model, POST), seed=seed)
+        found.append(finder.find(LEFT, [RIGHT], 10.0).waypoints)
+    native().library.so101_start(native().lanes)
+    assert judge.first_blocked(found[0]) is None
+    assert len(found[0]) > 2
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+    by_coal = PathFinder(model, judge, seed=seed).find(LEFT, [RIGHT], 10.0).waypoints
+    assert length(found[0]) < 1.5 * length(by_coal)
+
+
+def test_of_several_goals_the_one_that_is_reached_is_told(model):
+    finder = PathFinder(model, CollisionModel(model, POST))
+    goals = [RIGHT, RIGHT + 0.1]
+    found = finder.find(LEFT, goals, 10.0)
+    np.testing.assert_array_equal(found.waypoints[-1], goals[found.goal])
+
+
+def test_a_search_that_fails_says_what_was_in_the_way(model):
+    turn = np.array([0.75, 0.75 + np.pi])
+    at = np.column_stack((0.039 + 0.32 * np.cos(turn), 0.32 * np.sin(turn), (0.6, 0.6)))
+    walls = tuple(
+        Obstacle(
+            name=f"wall {k}",
+            shape=Box(size=np.array([0.5, 0.01, 1.2])),
+            T_base_obstacle=SE3.from_rpy((0.0, 0.0, turn[k]), at[k]),
+        )
+        for k in range(2)
+    )
+    lid = Obstacle(
+        name="lid",
+        shape=Box(size=np.array([0.3, 0.3, 0.01])),
+        T_base_obstacle=SE3.from_translation((0.039, 0.0, 0.3)),
+    )
+    finder = PathFinder(model, CollisionModel(model, Scene(obstacles=(*walls, lid))))
+    with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
+        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.05)
+    assert "wall 0" in caught.value.blockers
+
+
+def test_a_search_that_nobody_wants_any_more_ends(model):
+    wanted = True
+
+    def give_up():
+        if not wanted:
+            raise Abandoned
+
+    collision = CollisionModel(model, POST, give_up)
+    finder = PathFinder(model, collision)
+    wanted = False
+    with pytest.raises(Abandoned):
+        finder.find(LEFT, [RIGHT], 10.0)
+    wanted = True
+    assert len(finder.find(LEFT, [RIGHT], 10.0).waypoints) > 2
+
+
+def test_a_deadline_that_has_passed_ends_it_at_once(model):
+    assert Deadline(-1.0).has_passed()
+    with pytest.raises(NoPath):
+        PathFinder(model, CollisionModel(model, POST)).find(LEFT, [RIGHT], -1.0)
