@@ -12,9 +12,10 @@ from .page.events import ArmEvents
 from .page.page_context import ArmContext
 from .page.part import Part
 from .panels.health_panel import HealthPart
+from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
-from .panels.source_banner import SourceBanner, SourcePart, waiting
+from .panels.ways_home import WaysHome, waiting
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
@@ -32,11 +33,10 @@ class Preview(ServedPage):
         self._rig: RigLike | None = None
         self._search: SourceOpener | None = None
         self.host.say = self._missed
-        self._line = SourceBanner(self.host.gui)
         if source.lasts:
             self._add_parts(source.open())
         else:
-            self._line.show(waiting(source.title))
+            waiting(self.host.bar, source.title)
         self.host.start()
         if not source.lasts:
             self._search = SourceOpener(source, found=self._found, failed=self._missed)
@@ -59,7 +59,7 @@ class Preview(ServedPage):
     # Looking for the arm
 
     def _missed(self, error: Exception) -> None:
-        self.host.post(lambda: self._line.show(waiting(self._source.title, error)))
+        self.host.post(lambda: waiting(self.host.bar, self._source.title, error))
 
     def _found(self, rig: RigLike) -> None:
         self._rig = rig
@@ -72,28 +72,32 @@ class Preview(ServedPage):
         host, title = self.host, self._source.title
         context = host.arm_context(rig)
         move = MovePart(context, title=title, stops=(self.stop, rig.gripper.stop), plan=self._plan)
-        host.windows.leave_open_as_stop(*move.stop_widgets)
+        host.windows.leave_open_as_stop(move.stop_button)
         host.say = move.page.report
+        program = ProgramPart(context, move.page)
         host.add_parts(
             move,
-            ProgramPart(context, move.page),
+            program,
             WorldPart(
                 context,
                 file=self._source.scene_file,
                 on_handles=lambda shown: move.set_handles(not shown),
             ),
             SharePart(context, move.page, title=title),
-            *self._about_the_arm(context, move),
+            *self._about_the_arm(context, move, program),
             *setup_parts(context, on_stage=move.set_visible),
         )
         host.events.add(f"{title}: connected")
 
-    def _about_the_arm(self, context: ArmContext, move: MovePart) -> tuple[Part, ...]:
-        health = HealthPart(context)
+    def _about_the_arm(
+        self, context: ArmContext, move: MovePart, program: ProgramPart
+    ) -> tuple[Part, ...]:
+        health = HealthPart(context, mark=move.mark)
         health.panel.dock_below(move.arm_panel)
         return (
             health,
-            SourcePart(context, self._line, fade=move.fade),
+            WaysHome(context, title=self._source.title, guide=program.model.guide, fade=move.fade),
+            JogPart(context, move.page),
             ArmEvents(context.rig, context.events.add),
         )
 

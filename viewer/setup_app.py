@@ -15,7 +15,7 @@ from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .setup.calibration_target import FixedArm, Ports, fixed_machine
 from .setup.part import SetupPart
-from .setup.stop import StopPanel
+from .setup.stop import SetupStop
 
 
 class SetupApp(ServedPage):
@@ -35,8 +35,8 @@ class SetupApp(ServedPage):
         setup = SetupPart(
             context, ports=ports, fixed=fixed, progress=progress, preview=serve, resumes=True
         )
-        stop = StopPanel(context, setup.setup, drop=self.host.drop_commands)
-        self.host.windows.leave_open_as_stop(*stop.widgets)
+        stop = SetupStop(context, setup.setup, drop=self.host.drop_commands)
+        self.host.windows.leave_open_as_stop(stop.button)
         self.host.add_parts(setup, stop)
         self.host.start()
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import PHONE, Visit
 from harness.browser_user import HOME, READY, Guest
+from playwright.sync_api import Locator
 from so101_viewer import Preview, serve
 
 from so101_motion.common.modes import Mode
@@ -17,7 +18,7 @@ from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 
-SMALL = (1024, 700)
+SMALL = (1120, 700)  # the least with panels on both sides
 
 
 @pytest.fixture(scope="module")
@@ -93,32 +94,46 @@ def test_control_goes_over_only_when_it_is_let_go(guest: Guest, second: Guest) -
     guest.until(lambda: not guest.button("Execute").is_enabled())
 
 
-def test_on_a_phone_stop_is_in_sight_without_opening_anything(
+def box(where: Locator) -> tuple[float, float, float, float]:
+    """Left, top, right, bottom."""
+    found = where.bounding_box()
+    assert found is not None
+    x, y = found["x"], found["y"]
+    return x, y, x + found["width"], y + found["height"]
+
+
+def overlap(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
+    return a[0] < b[2] - 1 and b[0] < a[2] - 1 and a[1] < b[3] - 1 and b[1] < a[3] - 1
+
+
+def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
     guest: Guest, crawl: Callable[[], None], visit: Visit, preview: Preview, rig: Rig
 ) -> None:
-    phone = visit(PHONE)
-    phone.open(preview.url)
+    small = visit(PHONE)
+    small.open(preview.url)
     crawl()
-    width, height = PHONE
-    stop = phone.page.locator("#so101-stop")
-    place = stop.bounding_box()
-    assert place is not None
-    assert place["x"] >= 0
-    assert place["x"] + place["width"] <= width
-    assert place["y"] + place["height"] < 0.2 * height
-    assert min(place["width"], place["height"]) >= 48  # a thumb hits it
-    narrow = phone.page.locator(".so101-narrow")
-    phone.until(lambda: narrow.inner_text().startswith("Moving"))
-    for panel in ("Arm", "Health"):
-        assert phone.page.get_by_text(panel).first.is_visible()
-    sheet = phone.button("Plan").bounding_box()
-    assert sheet is not None
-    assert sheet["x"] < 20
-    assert sheet["x"] + sheet["width"] > width - 20
+    page = small.page
+    stop, state = page.locator("#so101-stop"), page.locator("#so101-state")
+    small.until(lambda: state.inner_text().startswith("Moving"))
+    panels = page.locator(".mantine-Paper-root").first
+    for width, height in (PHONE, (820, 1180), (1024, 700)):
+        page.set_viewport_size({"width": width, "height": height})
+        small.until(lambda width=width: box(page.locator("#so101-bar"))[2] == width)
+        places = [box(part) for part in (page.locator("#so101-bar"), panels, page.locator("#root"))]
+        assert not overlap(places[0], places[1])
+        small.until(lambda: not overlap(box(panels), box(page.locator("canvas").first)))
+        left, top, right, bottom = box(stop)
+        assert left >= 0
+        assert right <= width
+        assert bottom < 0.2 * height
+        assert min(right - left, bottom - top) >= 44  # a thumb hits it
+        for name in ("Plan", "home", "Hold", "Let go"):
+            assert box(small.button(name))[3] - box(small.button(name))[1] >= 44
+        picture = box(page.locator("canvas").first)
+        assert (picture[2] - picture[0]) * (picture[3] - picture[1]) > 0.3 * width * height
     stop.click()
-    phone.until(lambda: at_rest(rig))
-    assert not guest.page.locator("#so101-stop").is_visible()
-    phone.leave()
+    small.until(lambda: at_rest(rig))
+    small.leave()
 
 
 def test_a_window_opens_dark_where_the_browser_prefers_it_and_moves_nothing(
@@ -158,9 +173,17 @@ def test_escape_stops_even_while_a_field_has_the_focus(
     guest: Guest, crawl: Callable[[], None], rig: Rig
 ) -> None:
     crawl()
+    guest.fields("Target for").first.click()  # Escape closes an open list first
+    guest.until(lambda: guest.page.get_by_role("option", name="jaw tip").is_visible())
+    guest.page.keyboard.press("Escape")
+    guest.until(lambda: not guest.page.get_by_role("option", name="jaw tip").is_visible())
+    assert rig.arm.is_moving
+    guest.page.keyboard.press("Control+k")  # no list of commands that would cover Stop
     guest.fields("Target (mm)").first.click()
     guest.page.keyboard.press("Escape")
     guest.until(lambda: at_rest(rig))
+    assert guest.page.get_by_placeholder("Search commands").count() == 0
+    assert guest.page.locator(".tabler-icon-adjustments").filter(visible=True).count() == 0
 
 
 def test_space_stops_while_a_field_that_takes_no_words_has_the_focus(
@@ -177,7 +200,9 @@ def test_space_stops_while_a_field_that_takes_no_words_has_the_focus(
         guest.until(lambda: at_rest(rig), seconds=5.0)  # it would take longer to arrive
 
 
-def test_names_never_become_part_of_the_page(rig: Rig, visit: Visit) -> None:
+def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
+    rig: Rig, visit: Visit
+) -> None:
     name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
     with serve(rig, port=0, title=name) as preview:
         window = visit(SMALL)
@@ -187,4 +212,11 @@ def test_names_never_become_part_of_the_page(rig: Rig, visit: Visit) -> None:
         window.until(lambda: window.says("connected"))
         assert window.page.locator("#bold").count() == 0
         assert window.page.evaluate("window.PWNED") is None
-        window.leave()
+        port = int(preview.url.split(":")[2].split("/")[0])
+        assert not window.says("No connection")
+    window.until(lambda: window.says("No connection: STOP does not work."))
+    window.until(lambda: window.button("STOP").is_disabled())
+    assert not window.page.locator("#so101-state b").is_visible()
+    with serve(rig, port=port):  # the same command again, with a key of its own
+        window.until(lambda: window.says("this link has expired. Copy the new one"))
+    window.leave()

@@ -124,8 +124,11 @@ def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig)
     np.testing.assert_allclose(guest.end_of_path(), [0.25, -0.12, 0.15], atol=1e-4)
     assert guest.pose_of("/live/gripper_link") == before  # planning moves nothing
 
+    buttons = [guest.button(name) for name in ("Plan", "Execute", "0.25×", "open")]
+    places = [button.bounding_box() for button in buttons]
     guest.press("Execute")
     guest.until(lambda: guest.says("Arrived"))
+    assert [button.bounding_box() for button in buttons] == places  # none takes another's place
     np.testing.assert_allclose(to_mm(rig.arm.T_base().p), [250.0, -120.0, 150.0], atol=0.2)
     T_base_gripper = RobotModel.load().frame(rig.arm.state.q, "gripper_link")
     guest.until(

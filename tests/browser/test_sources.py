@@ -21,7 +21,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 pytestmark = pytest.mark.browser
 
-SMALL = (1024, 700)
+SMALL = (1120, 700)
 BASE = "/live/base_link/"
 
 

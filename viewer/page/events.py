@@ -133,9 +133,6 @@ class ArmEvents(Part):
                 self._tell(f"Fault: {now.fault}", Tone.BAD)
         elif now.mode is not before.mode and now.mode in _MODES and not _in_motion(before):
             self._tell(_MODES[now.mode], Tone.PLAIN)
-        for joint, trouble in now.reading.alarms.items():
-            if before.reading.alarms.get(joint) != trouble and joint not in before.reading.alarms:
-                self._tell(f"{joint}: {trouble}", Tone.BAD)
 
 
 def _in_motion(state: JointState) -> bool:

@@ -22,7 +22,7 @@ _TONES = {
     Tone.WARM: "var(--so101-warm)",
     Tone.BAD: "var(--so101-bad)",
 }
-"""Legible on light and on dark; see ``head.py``."""
+"""Legible on light and on dark; see ``front.css``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +59,7 @@ NEAR_LIMIT = 0.03
 def sentence(sentence: Sentence) -> str:
     """One sentence, coloured by its tone."""
     return (
-        '<div style="padding:.35em .7em .5em;min-height:3.7em;box-sizing:border-box;'
+        '<div style="padding:.35em .7em .5em;height:4.6em;overflow-y:auto;box-sizing:border-box;'
         f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )
 
@@ -85,16 +85,6 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
     )
 
 
-def banner(sentence: Sentence) -> str:
-    """A sentence in a conspicuous box."""
-    color = _TONES[sentence.tone]
-    return (
-        f'<div style="margin:.5em .6em;padding:.5em .7em;border-left:.3em solid {color};'
-        "background:#8882;border-radius:.2em;font-size:.9em;line-height:1.35;"
-        f'overflow-wrap:anywhere">{escape(sentence.text)}</div>'
-    )
-
-
 def small(text: str) -> str:
     """Small print."""
     return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
@@ -116,11 +106,6 @@ def to_copy(about: str, text: str) -> str:
         'border-radius:.2em;background:#ffb70f;color:#000;font:inherit;cursor:pointer">Copy</button>'
         "</div>"
     )
-
-
-def on_phones(title: str, subtitle: str) -> str:
-    """The headline beside a phone's Stop, in the corner that panels leave free; see ``head.py``."""
-    return f'<div class="so101-narrow">{headline(title, subtitle)}</div>'
 
 
 def health(found: Health) -> str:

@@ -18,6 +18,7 @@ import viser
 from so101_motion.common.errors import So101Error
 from so101_motion.rig.protocols import RigLike
 
+from .bar import Bar
 from .commands import Command
 from .events import EventLog
 
@@ -35,6 +36,7 @@ class PageContext:
         workers: Runs slow calls, one after the other.
         leave_open: Lets every window press the given widgets, not only the one in control.
         events: The event log.
+        bar: The bar at the top of the page.
     """
 
     server: viser.ViserServer
@@ -43,6 +45,7 @@ class PageContext:
     workers: ThreadPoolExecutor
     leave_open: Callable[..., None] = lambda *_: None
     events: EventLog = field(default_factory=EventLog)
+    bar: Bar = field(default_factory=Bar)
 
     @property
     def gui(self) -> viser.GuiApi:
@@ -78,9 +81,8 @@ class PageContext:
         return replace(self, post=post)
 
     def on_press(self, button: Any, command: Command) -> None:
-        """Run ``command`` when ``button`` (or a key's command) is pressed."""
-        attach = button.on_trigger if hasattr(button, "on_trigger") else button.on_click
-        attach(self._on(lambda _event: command))
+        """Run ``command`` when ``button`` is pressed."""
+        button.on_click(self._on(lambda _event: command))
 
     def on_choice(self, group: Any, command: Callable[[str], None]) -> None:
         """Run ``command`` with the name on the button of ``group`` that is pressed."""

@@ -102,6 +102,15 @@ def _refused(error: ConfigError) -> str:
     return f"{quoted(error.value)} {error.reason}" if isinstance(error.value, str) else str(error)
 
 
+NO_FACTS = tuple(
+    (name, "–")
+    for name in (
+        "Duration", "Peak speed", "Peak accel.", "Tool travel", "Clearance", "Planned in"
+    )
+)  # fmt: skip
+"""The figures while there is no plan."""
+
+
 def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
     """The figures of a plan as pairs of name and value."""
     plan = view.plan

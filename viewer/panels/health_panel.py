@@ -1,21 +1,22 @@
-"""The panel under Stop: servo and bus health, and the event log.
-
-It is a panel of its own so that nothing in it can take a click away from Stop.
-"""
+"""The panel with servo and bus health and the event log; it raises the alarms."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
 
 import viser
 
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 
 from ..page import markup
+from ..page.alarms import Alarm, LateCycles, servo_alarms, state_alarms
 from ..page.events import EventLog
 from ..page.health import Health, read_health
 from ..page.page_context import ArmContext
 from ..page.part import Part
+from ..page.screen_state import Tone
 
 _EVERY = 0.5
 """How often the figures are read anew [s]; nobody reads faster."""
@@ -25,15 +26,23 @@ _LINES = 60
 
 
 class HealthPart(Part):
-    """Shows the figures of servos and bus, and the log."""
+    """Shows the figures of servos and bus, and the log.
 
-    def __init__(self, context: ArmContext) -> None:
+    Args:
+        mark: Told which joints are in alarm, and how bad it is.
+    """
+
+    def __init__(self, context: ArmContext, *, mark: Callable[[Mapping[str, Tone]], None]) -> None:
         self._rig: RigLike = context.rig
+        self._bar, self._mark = context.bar, mark
+        self._late = LateCycles()
+        self._alarms: tuple[Alarm, ...] = ()
         self._log: EventLog = context.events
         self._due, self._count = 0.0, -1
         self._health: Health | None = None
         panel = context.gui.add_panel()
-        with panel.add_tab("Health", viser.Icon.HEARTBEAT):
+        self._tab = panel.add_tab("Health", viser.Icon.HEARTBEAT)
+        with self._tab:
             self._figures = context.gui.add_html("")
         with panel.add_tab("Events", viser.Icon.LIST):
             self._events = context.gui.add_html("")
@@ -51,7 +60,33 @@ class HealthPart(Part):
             health = read_health(self._rig)
             news = news or health != self._health
             self._health = health
+            self._look_for_alarms(health)
         return news
+
+    def _look_for_alarms(self, health: Health) -> None:
+        rig, before = self._rig, {alarm.cause: alarm for alarm in self._alarms}
+        found: tuple[Alarm, ...] = ()
+        if rig.connection.problem is None:
+            setups = rig.servos.setups if isinstance(rig, HardwareRig) else {}
+            sources = {joint: setup.source for joint, setup in setups.items()}
+            found = (
+                *servo_alarms(health.servos),
+                *state_alarms(rig.arm.state, sources),
+                *self._late.alarm(time.monotonic(), health.late_ticks),
+            )
+        for alarm in found:
+            if alarm.cause not in before:
+                self._log.add(alarm.sentence.text, alarm.sentence.tone)
+        if found != self._alarms:
+            self._alarms = found
+            self._tab.icon = viser.Icon.ALERT_TRIANGLE if found else viser.Icon.HEARTBEAT
+            self._bar.alert("alarms", [alarm.sentence for alarm in found])
+            marks: dict[str, Tone] = {}
+            for alarm in found:
+                for joint in alarm.joints:
+                    if marks.get(joint) is not Tone.BAD:
+                        marks[joint] = alarm.sentence.tone
+            self._mark(marks)
 
     def show(self) -> None:
         """Update the widgets; viser sends only what differs."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import viser
 
@@ -13,6 +13,8 @@ from so101_motion.planning.request import Plan
 
 from ..page.page_context import ArmContext
 from ..page.part import Part
+from ..page.screen_state import Tone
+from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.stage import Stage
 from ..view_model import ViewModel
@@ -29,6 +31,9 @@ class MovePart(Part):
 
     Args:
         stops: What Stop calls, each in a thread of its own.
+
+    Attributes:
+        stop_button: What the bar's Stop presses.
     """
 
     def __init__(
@@ -39,7 +44,6 @@ class MovePart(Part):
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
     ) -> None:
-        self._rig = context.rig
         arm = context.rig.arm
         model = RobotModel.load()
         self.page = ViewModel(
@@ -53,8 +57,10 @@ class MovePart(Part):
         if plan is not None:
             self.page.show(plan)
         self._stage = Stage(context, model=model, on_drag=self._dragged)
-        self._arm_panel = ArmPanel(context.gui, title=title, stops=stops)
+        self.stop_button = add_stop(context.gui, *stops)
+        self._arm_panel = ArmPanel(context.gui)
         self._plan_panel = PlanPanel(context, self.page, PoseList(SavedPoses(), self.page))
+        context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button
         self._pictures = 0
 
     def _dragged(self, p_base: Array) -> None:
@@ -62,13 +68,8 @@ class MovePart(Part):
         self.page.set_target_point(p_base)
 
     @property
-    def stop_widgets(self) -> tuple[viser.GuiButtonHandle | viser.CommandHandle, ...]:
-        """What stops the arm: a button and keys."""
-        return self._arm_panel.stop_widgets
-
-    @property
     def arm_panel(self) -> viser.PanelHandle:
-        """The panel with Stop."""
+        """The panel with the joints."""
         return self._arm_panel.panel
 
     def set_visible(self, visible: bool) -> None:
@@ -83,6 +84,10 @@ class MovePart(Part):
         """Show the arm in grey, or in its own colours."""
         self._stage.fade(faded)
 
+    def mark(self, joints: Mapping[str, Tone]) -> None:
+        """Colour what these joints move, for each is in an alarm of that tone."""
+        self._stage.mark(joints)
+
     def refresh(self) -> bool:
         """Take in the state of the arm, the plan being made and the running motion."""
         return self.page.refresh()
@@ -93,6 +98,5 @@ class MovePart(Part):
         self._pictures += 1
         self._stage.show(screen)
         if not screen.state.arm_moving or self._pictures % _WORDS_EVERY == 0:
-            lost = self._rig.connection.problem is not None
-            self._arm_panel.show(screen.state, screen.range, lost=lost)
+            self._arm_panel.show(screen.state, screen.range)
             self._plan_panel.show(screen)

@@ -40,7 +40,13 @@ _HERE = "here"
 
 
 class PlanPanel:
-    """The Move tab, and the panel with the plots of the newest plan."""
+    """The Move tab, and the panel with the plots of the newest plan.
+
+    Nothing in it comes and goes: what cannot be used is grey, so no button takes another's place.
+
+    Attributes:
+        plan_button: What plans.
+    """
 
     def __init__(self, context: ArmContext, page: ViewModel, poses: PoseList) -> None:
         self._page, self._context = page, context
@@ -92,29 +98,27 @@ class PlanPanel:
         self._acceleration_deg = self._add_cap(
             gui, "Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration
         )
-        self._plan = gui.add_button("Plan", icon=viser.Icon.ROUTE)
-        self._context.on_press(self._plan, self._page.plan)
-        # No key executes: what moves the arm is pressed after looking at it.
-        key = gui.add_command("Plan (P)", hotkey="P", icon=viser.Icon.ROUTE)
-        self._context.on_press(key, self._page.plan)
-        self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, visible=False)
+        # The key P presses it, and none executes: what moves the arm is pressed after looking.
+        self.plan_button = gui.add_button("Plan", icon=viser.Icon.ROUTE)
+        self._context.on_press(self.plan_button, self._page.plan)
+        self._execute = gui.add_button(
+            "Execute", icon=viser.Icon.PLAYER_PLAY, color="green", disabled=True
+        )
+        self._context.on_press(self._execute, self._page.execute)
+        self._progress = gui.add_progress_bar(0.0, color="green")
+        self._preview = gui.add_slider("Preview (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._preview_time = SharedField(
             self._preview, self._page.preview, self._context, shown=lambda t: round(t, 2)
         )
         self._play = gui.add_button_group(
             "Play",
             tuple(_RATE_NAMES),
-            visible=False,
+            disabled=True,
             hint="Plays only the ghost, at this fraction of the arm's speed; press again to pause",
         )
         self._context.on_choice(self._play, lambda name: self._page.play(_RATE_NAMES[name]))
-        self._execute = gui.add_button(
-            "Execute", icon=viser.Icon.PLAYER_PLAY, color="green", disabled=True
-        )
-        self._context.on_press(self._execute, self._page.execute)
-        self._progress = gui.add_progress_bar(0.0, color="green")
-        self._facts = gui.add_html("", visible=False)
-        sweep = gui.add_checkbox("Swept motion", True, visible=False)
+        self._facts = gui.add_html(markup.facts(texts.NO_FACTS))
+        sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, self._page.show_sweep, self._context, shown=bool)
 
     def _add_cap(
@@ -141,12 +145,12 @@ class PlanPanel:
     def show(self, screen: Screen) -> None:
         """Show ``screen``; viser sends only what differs."""
         self._sentence.content = markup.sentence(screen.sentence)
-        self._jaw.visible = screen.state.mode not in (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
+        self._jaw.disabled = screen.state.mode in (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
         self._show_target(screen)
         self._own_poses.show()
         self._speed_deg.show(to_deg(screen.speed))
         self._acceleration_deg.show(to_deg(screen.acceleration))
-        self._plan.disabled = not screen.can_plan
+        self.plan_button.disabled = not screen.can_plan
         self._execute.disabled = not screen.can_execute
         put(self._progress, round(100.0 * screen.progress, 1))
         if screen.plan is not None and screen.plan is not self._shown:
@@ -154,9 +158,13 @@ class PlanPanel:
         if screen.tracking is not None and screen.tracking is not self._tracking:
             self._tracking = screen.tracking
             self._plots.show_tracking(screen.tracking)
-        has_plan = self._play.visible = self._facts.visible = screen.plan_is_current
-        self._preview_time.show(screen.preview_time if has_plan else None)
-        self._sweeps.show(screen.sweeps if has_plan else None)
+        has_plan = screen.plan_is_current
+        self._play.disabled = self._preview.disabled = not has_plan
+        self._facts.content = markup.facts(
+            texts.plan_facts(screen.plan) if has_plan and screen.plan else texts.NO_FACTS
+        )
+        self._preview_time.show(screen.preview_time if has_plan else 0.0)
+        self._sweeps.show(screen.sweeps)
 
     def _show_target(self, screen: Screen) -> None:
         self._target_mm.show(to_mm(screen.target.p_base))
@@ -174,7 +182,6 @@ class PlanPanel:
             self._plots_panel.expand()
         self._shown = view
         self._plots.show(view.plan, bounds)
-        self._facts.content = markup.facts(texts.plan_facts(view))
         self._preview.max = math.ceil(100.0 * view.plan.duration) / 100.0
 
     def _choose(self, name: str) -> None:

@@ -58,8 +58,6 @@ class ProgramPart(Part):
             "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
         )
         self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
-        self._guide = gui.add_button("Guide by hand", icon=viser.Icon.HAND_MOVE, color=_QUIET)
-        self._context.on_press(self._guide, model.guide)
 
     def _add_waypoint(self, gui: viser.GuiApi) -> None:
         model = self.model
@@ -150,7 +148,6 @@ class ProgramPart(Part):
         active = None if run is None else run.where.index
         rows = [(waypoint.name, words.line(waypoint)) for waypoint in program.waypoints]
         self._waypoints.content = markup.steps(rows, chosen=screen.chosen, active=active)
-        self._guide.disabled = not screen.can_guide
         self._show_waypoint(screen)
         self._rounds.show(program.rounds)
         self._endless.show(program.rounds is None)

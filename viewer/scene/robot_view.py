@@ -15,8 +15,19 @@ import viser
 from so101_description import PARTS, Surface, load_visual
 
 from so101_motion.common.geometry import SE3, Array, rotation_angle
+from so101_motion.common.state import GRIPPER_JOINT
 
 Color = tuple[int, int, int]
+
+MOVED_LINK = {
+    "shoulder_pan": "shoulder_link",
+    "shoulder_lift": "upper_arm_link",
+    "elbow_flex": "lower_arm_link",
+    "wrist_flex": "wrist_link",
+    "wrist_roll": "gripper_link",
+    GRIPPER_JOINT: "moving_jaw_so101_v1_link",
+}
+"""What each joint's motor moves; that is lit when the joint is meant."""
 
 
 class RobotView:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import viser
@@ -11,14 +11,15 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page.page_context import ArmContext
-from ..page.screen_state import PathLine, Screen
+from ..page.screen_state import PathLine, Screen, Tone
 from .lighting import set_up_view
-from .robot_view import RobotView, looks_different, segments
+from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
 
 _GHOST = (60, 130, 246)
 _GHOST_BAD = (224, 49, 49)
 _FADED = (150, 155, 160)
+_ALARM, _WARNING = (200, 20, 40), (250, 220, 0)  # the arm itself is orange
 _PATH = (240, 140, 0)
 _HINT = (120, 150, 190)
 
@@ -51,6 +52,7 @@ class Stage:
         self._path: PathLine | None = None
         self._path_node: viser.LineSegmentsHandle | None = None
         self._visible = self._has_handles = True
+        self._is_faded, self._marks = False, dict[str, Tone]()
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide all of it; takes effect at once."""
@@ -76,10 +78,21 @@ class Stage:
 
     def fade(self, faded: bool) -> None:
         """Show the arm in grey because its place is not certain, or in its own colours."""
-        if faded:
+        self._is_faded = faded
+        self._paint()
+
+    def mark(self, joints: Mapping[str, Tone]) -> None:
+        """Colour what these joints move, by the tone of their alarm."""
+        self._marks = dict(joints)
+        self._paint()
+
+    def _paint(self) -> None:
+        if self._is_faded:
             self._live.paint(_FADED)
-        else:
-            self._live.repaint()
+            return
+        self._live.repaint()
+        for joint, tone in self._marks.items():
+            self._live.paint(_ALARM if tone is Tone.BAD else _WARNING, {MOVED_LINK[joint]})
 
     def show(self, screen: Screen) -> None:
         """Draw ``screen``; sends only what differs."""

@@ -19,6 +19,7 @@ import viser
 from so101_motion.common.errors import So101Error
 from so101_motion.rig.protocols import RigLike
 
+from ..page.bar import Bar, board
 from ..page.commands import Commands
 from ..page.events import EventLog
 from ..page.page_context import ArmContext, PageContext
@@ -32,6 +33,10 @@ log = logging.getLogger(__name__)
 _PERIOD = 0.025
 """Time between two pictures [s]; browsers get at most some 57 of them a second anyway."""
 
+_BEAT = 1.0
+"""How often every browser is told that the page is there [s]; after three of silence it says that
+the connection is lost. Chosen."""
+
 _AMBER = (240, 165, 0)
 _RIGHT_WIDTH = 400
 
@@ -43,6 +48,7 @@ class Host:
         gui: Where widgets are made.
         windows: The browsers on the page.
         events: What happened, for people.
+        bar: The bar at the top.
         say: Told what a command raised; a part with a better place for it may take this over.
     """
 
@@ -55,10 +61,14 @@ class Host:
         self._closing = threading.Event()
         self._workers = ThreadPoolExecutor(max_workers=1, thread_name_prefix="so101-viewer-work")
         self._parts: tuple[Part, ...] = ()
+        self.bar = Bar()
         self.gui = server.viser.gui
         self.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_AMBER)
         self.gui.main_panel.dock_right()
         self.gui.main_panel.set_width(_RIGHT_WIDTH)
+        self._bar_html = self.gui.add_html("", visible=False)
+        self._beat_html = self.gui.add_html("", visible=False)
+        self._beats, self._beat_due = 0, 0.0
         self._tabs: viser.GuiTabGroupHandle | None = None
         self._thread = threading.Thread(target=self._run, name="so101-viewer", daemon=True)
 
@@ -84,6 +94,7 @@ class Host:
             "workers": self._workers,
             "leave_open": self.windows.leave_open,
             "events": self.events,
+            "bar": self.bar,
         }
 
     def add_parts(self, *parts: Part) -> None:
@@ -129,8 +140,16 @@ class Host:
                 news = [part for part in self._parts if part.refresh() or acted]
                 if news:
                     self._show(news)
+                self._show_bar()
             except Exception:  # the page must outlive any one picture
                 log.exception("the page could not be brought up to date")
+
+    def _show_bar(self) -> None:
+        self._bar_html.content = self.bar.text()  # viser sends it if it differs
+        if time.monotonic() >= self._beat_due:
+            self._beat_due = time.monotonic() + _BEAT
+            self._beats += 1
+            self._beat_html.content = board("beat", count=self._beats)
 
     def _show(self, parts: Iterable[Part]) -> None:
         with self._server.viser.atomic():

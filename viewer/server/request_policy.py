@@ -36,6 +36,23 @@ _POLICY = (
 server from a ``?websocket=`` parameter, and runs what that server tells it to."""
 
 
+_HTML = "text/html; charset=utf-8"
+
+_EXPIRED = """<!doctype html><html lang="en"><meta charset="utf-8">
+<meta name="viewport" content="width=device-width"><title>SO-101: the link has expired</title>
+<style>
+body { font: 18px/1.5 system-ui, sans-serif; max-width: 34em; margin: 12vh auto; padding: 0 1em;
+  color: #1c2024; background: #fff; }
+@media (prefers-color-scheme: dark) { body { color: #f1f3f5; background: #1f2224; } }
+code { font-size: .95em; background: #8883; padding: .1em .3em; border-radius: 4px; }
+</style>
+<main><h1>This link has expired</h1>
+<p>Copy the new one from the terminal: every start of the program makes a new link.</p>
+<p>If it does not run any more, start it again with <code>so101 view</code>, or
+<code>so101 setup --web</code> for the setup.</p></main></html>
+"""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RequestPolicy:
     """The rules of one running server.
@@ -78,7 +95,7 @@ class RequestPolicy:
             return None
         if "Upgrade" not in headers and self._admits(_key_in(request.path)):
             return self._greet()
-        return _reply(401, "This link has expired. Copy the new one from the terminal.\n")
+        return _reply(401, _EXPIRED, content_type=_HTML)
 
     def _is_ours(self, host: str) -> bool:
         name, separator, port = host.lower().rpartition(":")
@@ -112,7 +129,7 @@ class RequestPolicy:
         # A page that goes on by itself, not a redirect: a redirect keeps its initiator, so a
         # strict cookie would not be sent along when the link was clicked on another site.
         page = '<!doctype html><meta http-equiv="refresh" content="0;url=/"><title>SO-101</title>'
-        reply = _reply(200, page, content_type="text/html; charset=utf-8")
+        reply = _reply(200, page, content_type=_HTML)
         reply.headers["Set-Cookie"] = f"{self.cookie}={self.key}; HttpOnly; SameSite=Strict; Path=/"
         return reply
 

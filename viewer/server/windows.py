@@ -1,8 +1,9 @@
 """Keep track of the open browser windows and tell each whether it is in control.
 
-Each window gets a line above the tabs, with buttons to ask for control or to answer. viser
-ignores a window until it has drawn its first picture, but its buttons, Stop among them, are there
-before; so a window counts from its connection on.
+Each window has a line over the picture, with buttons to ask for control or to answer, while there
+is something to say; our front end shows it (``front/bar.js``). viser ignores a window until it has
+drawn its first picture, but its buttons, Stop among them, are there before; so a window counts from
+its connection on.
 """
 
 from __future__ import annotations
@@ -17,15 +18,14 @@ import viser
 from viser import _messages
 from viser.infra import ClientId, WebsockClientConnection
 
-from ..page import markup
-from ..page.screen_state import Sentence, Tone
+from ..page.bar import board, uuid_of
 from .control import PATIENCE, Role, WindowControl, WindowStatus
 from .control_filter import ControlFilter
 
 _QUIET = 3.0
 """A window that is refused again within this time is not notified again [s]."""
 
-_LET_GO, _KEEP = "Hand over", "Keep"
+_ASK, _LET_GO, _KEEP = "Ask for control", "Hand over", "Keep"
 
 
 @dataclass(slots=True, kw_only=True)
@@ -34,7 +34,7 @@ class _Window:
 
     number: int
     client: viser.ClientHandle
-    line: viser.GuiHtmlHandle
+    board: viser.GuiHtmlHandle
     ask: viser.GuiButtonHandle
     answer: viser.GuiButtonGroupHandle
     shown: WindowStatus | None = None
@@ -82,9 +82,7 @@ class Windows:
                 _show(window, standing)
                 if standing.role is Role.ASKED and was is not Role.ASKED:
                     asking = f"Window {standing.other} asks for control"
-                    _notify(
-                        window, asking, "Answer at the top of the panel with the tabs.", PATIENCE
-                    )
+                    _notify(window, asking, "Answer below the bar at the top.", PATIENCE)
 
     # The event loop's thread
 
@@ -132,7 +130,7 @@ class Windows:
         _notify(
             window,
             f"Window {other} has control",
-            "Nothing was changed. You can ask for control at the top of the panel with the tabs.",
+            "Nothing was changed. You can ask for control below the bar at the top.",
             4.0,
         )
 
@@ -158,32 +156,33 @@ def _made_for(client: viser.ClientHandle, number: int) -> _Window:
     return _Window(
         number=number,
         client=client,
-        line=gui.add_html("", order=-3.0, visible=False),
-        ask=gui.add_button("Ask for control", order=-2.0, icon=viser.Icon.HAND_GRAB, visible=False),
-        answer=gui.add_button_group("Control", (_LET_GO, _KEEP), order=-1.0, visible=False),
+        board=gui.add_html("", visible=False),
+        ask=gui.add_button(_ASK, visible=False),
+        answer=gui.add_button_group("Control", (_LET_GO, _KEEP), visible=False),
     )
 
 
 def _show(window: _Window, standing: WindowStatus) -> None:
-    text = words(standing)
-    with window.client.atomic():
-        window.line.content = "" if text is None else markup.banner(text)
-        window.line.visible = text is not None
-        window.ask.visible = standing.role is Role.WATCHING
-        window.answer.visible = standing.role is Role.ASKED
+    buttons: list[dict[str, Any]] = []
+    if standing.role is Role.WATCHING:
+        buttons = [{"label": _ASK, "press": uuid_of(window.ask), "value": True}]
+    elif standing.role is Role.ASKED:
+        answer = uuid_of(window.answer)
+        buttons = [{"label": word, "press": answer, "value": word} for word in (_LET_GO, _KEEP)]
+    controls = standing.role not in (Role.WATCHING, Role.ASKING)
+    window.board.content = board("window", text=words(standing), controls=controls, buttons=buttons)
 
 
-def words(standing: WindowStatus) -> Sentence | None:
+def words(standing: WindowStatus) -> str | None:
     """The line of a window; None when it simply has control."""
     other, seconds = standing.other, standing.seconds
-    text = {
+    return {
         Role.IN_CONTROL: None,
         Role.WATCHING: f"Window {other} has control. You see everything, and Stop works here too.",
         Role.ASKING: f"Asked window {other}; without an answer you get control in {seconds} s.",
         Role.ASKED: f"Window {other} will get control in {seconds} s.",
         Role.FREE: "No window has control; the next press takes it.",
     }[standing.role]
-    return None if text is None else Sentence(text=text, tone=Tone.WARM)
 
 
 def _notify(window: _Window, title: str, body: str, seconds: float) -> None:

@@ -11,20 +11,9 @@ import numpy as np
 import viser
 
 from so101_motion.common.geometry import Array
-from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..scene.robot_view import Color, RobotView, looks_different
-
-MOVED_LINK = {
-    "shoulder_pan": "shoulder_link",
-    "shoulder_lift": "upper_arm_link",
-    "elbow_flex": "lower_arm_link",
-    "wrist_flex": "wrist_link",
-    "wrist_roll": "gripper_link",
-    GRIPPER_JOINT: "moving_jaw_so101_v1_link",
-}
-"""What each joint's motor moves; that is lit when the joint is meant."""
+from ..scene.robot_view import MOVED_LINK, Color, RobotView, looks_different
 
 ORANGE: Color = (245, 130, 0)
 GREEN: Color = (60, 160, 80)

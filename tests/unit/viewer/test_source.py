@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import threading
 from datetime import datetime
 from types import SimpleNamespace
@@ -8,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from so101_viewer import source
-from so101_viewer.page.screen_state import Tone
-from so101_viewer.panels.source_banner import notice, waiting
+from so101_viewer.page.bar import Bar
+from so101_viewer.panels.ways_home import notice, waiting
 from so101_viewer.source import Source, SourceOpener
 
 from so101_motion.common.errors import PortUnavailable
@@ -92,32 +93,33 @@ def test_a_search_that_is_given_up_ends_and_closes_what_it_still_found() -> None
 
 
 def test_while_there_is_no_arm_the_page_says_which_why_and_that_it_looks_on() -> None:
-    content = waiting(
-        "Arm on /dev/ttyACM0", PortUnavailable("/dev/ttyACM0", "there is no such port")
-    )
-    assert content.title == "Arm on /dev/ttyACM0"
-    assert content.sentence is not None
-    assert "there is no such port" in content.sentence.text
-    assert content.sentence.text.endswith("Still looking.")
-    assert content.sentence.tone is Tone.BAD
+    bar = Bar()
+    gone = PortUnavailable("/dev/ttyACM0", "there is no such port")
+    waiting(bar, "Arm on /dev/ttyACM0", gone)
+    told = json.loads(bar.text())
+    assert (told["state"], told["title"]) == ("No arm yet", "Arm on /dev/ttyACM0")
+    (alert,) = told["alerts"]
+    assert "there is no such port" in alert["text"]
+    assert alert["text"].endswith("Still looking.")
+    assert alert["tone"] == "bad"
 
 
 def test_a_lost_arm_is_said_with_the_time_the_reason_and_what_happens_next() -> None:
     lost = ArmConnection(to="arm on /dev/ttyACM0", problem="the port went away")
-    content = notice(lost, state(Mode.FAULT, "the port went away"), AT)
-    assert content.sentence is not None
-    assert content.sentence.text.startswith(
-        "Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away."
-    )
-    assert "nothing will move" in content.sentence.text
-    assert not content.can_hold, "there is nothing to hold"
+    said = notice(lost, state(Mode.FAULT, "the port went away"), AT)
+    assert said is not None
+    assert said.text.startswith("Lost the arm on /dev/ttyACM0 at 12:30:15. The port went away.")
+    assert "nothing will move" in said.text
+    assert "Hold" not in said.text, "there is nothing to hold"
 
 
 @pytest.mark.parametrize("mode", [Mode.LIMP, Mode.GUIDING, Mode.FAULT])
 def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
-    assert notice(ArmConnection(to="arm"), state(mode), AT).can_hold
+    said = notice(ArmConnection(to="arm"), state(mode), AT)
+    assert said is not None
+    assert "press Hold" in said.text.lower().replace("hold", "Hold")
 
 
 @pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
 def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
-    assert notice(ArmConnection(to="arm"), state(mode), AT).sentence is None
+    assert notice(ArmConnection(to="arm"), state(mode), AT) is None

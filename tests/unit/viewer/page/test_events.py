@@ -71,14 +71,10 @@ def test_a_plan_is_told_once_whoever_made_it(seen: Seen) -> None:
     assert seen.after() == []
 
 
-def test_faults_and_alarms_are_told_with_their_reason(seen: Seen) -> None:
+def test_faults_are_told_with_their_reason(seen: Seen) -> None:
     assert seen.after(mode=Mode.FAULT, fault="no reply from servo 3") == [
         "Fault: no reply from servo 3"
     ]
-    reading = replace(STILL.reading, alarms={"elbow_flex": "its servo is too hot (66 degC)"})
-    assert seen.after(reading=reading) == ["elbow_flex: its servo is too hot (66 degC)"]
-    reading = replace(STILL.reading, alarms={"elbow_flex": "its servo is too hot (67 degC)"})
-    assert seen.after(reading=reading) == [], "the same trouble with another figure is no news"
 
 
 def test_a_lost_source_is_told_once_and_not_as_a_fault_too(seen: Seen) -> None:

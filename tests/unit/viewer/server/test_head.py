@@ -48,9 +48,9 @@ def test_what_is_no_page_stays_as_it_is() -> None:
         assert other.body == b"<head>"
 
 
-@pytest.mark.parametrize("name", ["good", "bad", "warm"])
+@pytest.mark.parametrize("name", ["good", "bad", "warm", "dim", "link"])
 def test_our_colours_are_legible_on_light_and_on_dark(name: str) -> None:
     """4.5 is what the web's accessibility guidelines ask of text."""
-    light, dark = re.findall(rf"--so101-{name}: (#[0-9a-f]{{6}})", head._STYLE)
+    light, dark = re.findall(rf"--so101-{name}: (#[0-9a-f]{{6}})", head.front().decode())
     assert contrast(light, LIGHT) >= 4.5
     assert contrast(dark, DARK) >= 4.5

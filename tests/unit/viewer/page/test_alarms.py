@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from so101_viewer.page.alarms import LATE_MANY, LateCycles, servo_alarms, state_alarms
+from so101_viewer.page.screen_state import Tone
+
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointReading, JointState
+from so101_motion.drivers.feetech.health import JointHealth
+
+WELL = JointHealth(
+    joint="elbow_flex", volts=12.1, amps=-0.12, servo_id=3, t=0.0, latched=(), temperature_c=34,
+    load=-0.25, faults=(), answers=1000, lost=0, corrupt=0, retries=0, is_silent=False,
+)  # fmt: skip
+STILL = JointState(
+    t=0.0, mode=Mode.HOLDING, q_ref=np.zeros(5), qd_ref=np.zeros(5), q_jaw_ref=0.0,
+    reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
+    arm_moving=False, jaw_moving=False, late_ticks=0,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("trouble", "tone", "words"),
+    [
+        ({"temperature_c": 57}, Tone.WARM, "elbow_flex: Its servo is too hot (57 degC"),
+        ({"temperature_c": 67}, Tone.BAD, "let it cool"),
+        ({"volts": 5.8}, Tone.WARM, "use a stronger supply"),
+        ({"volts": 4.9}, Tone.BAD, "switch the arm's power supply on"),
+        ({"faults": ("overload",)}, Tone.BAD, "free the joint"),
+        ({"is_silent": True}, Tone.BAD, "does not answer; check its plugs"),
+    ],
+)
+def test_what_is_wrong_with_a_servo_is_said_with_what_to_do(trouble, tone, words) -> None:
+    (alarm,) = servo_alarms([WELL, replace(WELL, joint="elbow_flex", **trouble)])
+    assert alarm.joints == ("elbow_flex",)
+    assert alarm.sentence.tone is tone
+    assert words in alarm.sentence.text
+
+
+def test_a_servo_that_is_well_raises_no_alarm() -> None:
+    assert servo_alarms([WELL]) == ()
+
+
+def test_one_supply_is_one_alarm_for_all_its_servos() -> None:
+    joints = ("shoulder_pan", "shoulder_lift", "elbow_flex")
+    (alarm,) = servo_alarms(replace(WELL, joint=joint, volts=5.1) for joint in joints)
+    assert alarm.joints == joints
+    assert "The same with shoulder_lift and elbow_flex" in alarm.sentence.text
+
+
+def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
+    reading = replace(STILL.reading, out_of_range={"wrist_flex": 1.5})
+    missing, outside = state_alarms(
+        replace(STILL, reading=reading), {"elbow_flex": "defaults", "wrist_flex": "file"}
+    )
+    assert missing.joints == ("elbow_flex",)
+    assert "Calibrate" in missing.sentence.text
+    assert outside.joints == ("wrist_flex",)
+    assert "86°" in outside.sentence.text
+    assert state_alarms(STILL, {"elbow_flex": "registers"}) == ()
+
+
+def test_many_late_cycles_are_an_alarm_until_they_have_stopped() -> None:
+    late = LateCycles()
+    assert late.alarm(0.0, 3) == ()
+    assert late.alarm(5.0, 3 + LATE_MANY)[0].cause == "late"
+    assert late.alarm(20.0, 3 + LATE_MANY) == ()

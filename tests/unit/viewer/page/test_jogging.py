@@ -1,0 +1,152 @@
+"""Jogging on the simulated arm: what is held moves it, what is not repeated stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from so101_viewer.page.jogging import DEADMAN, PERIOD, SPEEDS, Jogging, read_held
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import Interrupted
+from so101_motion.common.modes import Mode
+from so101_motion.common.named_poses import POSES
+from so101_motion.rig.hardware_rig import Rig, open_simulated
+
+READY = next(pose.q for pose in POSES if pose.name == "ready")
+PAN, X = np.array([1.0, 0, 0, 0, 0, 0, 0]), np.array([1.0, 0, 0, 0, 0, 0, 0])
+
+
+class Hand:
+    """A hand on the Jog tab, in pretended time."""
+
+    def __init__(self, rig: Rig, clock: ManualClock) -> None:
+        self.rig, self.clock = rig, clock
+        self.target: np.ndarray | None = None
+        self.jogging = Jogging(rig, lambda: self.target)
+        self.jogging.speed = "fast"
+
+    def start(self, mode: str) -> None:
+        self.jogging.start(mode)
+        for _ in range(1000):
+            if self.jogging.is_ready:
+                break
+            self.clock.advance(0.01)
+        assert self.jogging.is_ready
+
+    def hold(self, held: np.ndarray, seconds: float) -> None:
+        for _ in range(round(seconds / 0.025)):
+            self.jogging.hold(held)
+            self.clock.advance(0.025)
+
+    @property
+    def speed(self) -> float:
+        return float(np.max(np.abs(self.rig.arm.state.qd_ref)))
+
+
+@pytest.fixture
+def hand(clock: ManualClock) -> Iterator[Hand]:
+    with open_simulated(clock=clock, q_start=READY) as rig:
+        hand = Hand(rig, clock)
+        yield hand
+        hand.jogging.close()
+
+
+def test_nothing_moves_until_it_is_switched_on(hand: Hand) -> None:
+    hand.hold(PAN, 0.5)
+    np.testing.assert_array_equal(hand.rig.arm.state.q_ref, READY)
+
+
+@pytest.mark.parametrize("mode", ["joints", "base", "tool"])
+def test_what_is_held_moves_and_what_is_not_repeated_stops_within_a_tenth_of_a_second(
+    hand: Hand, mode: str
+) -> None:
+    hand.start(mode)
+    hand.hold(PAN, 1.0)
+    assert hand.speed > 0.1
+    fastest = hand.speed
+    hand.clock.advance(0.1)  # the window is lost: nothing more comes
+    assert DEADMAN + PERIOD < 0.1
+    assert hand.speed < fastest
+    hand.clock.advance(1.0)
+    assert hand.speed == 0.0
+
+
+def test_a_key_that_is_let_go_stops_at_once(hand: Hand) -> None:
+    hand.start("joints")
+    hand.hold(PAN, 1.0)
+    fastest = hand.speed
+    hand.jogging.release()
+    hand.clock.advance(0.03)
+    assert hand.speed < fastest
+
+
+def test_the_tool_goes_along_the_axis_of_the_base_at_the_speed_that_is_chosen(hand: Hand) -> None:
+    hand.start("base")
+    hand.jogging.speed = "medium"
+    hand.hold(X, 1.0)
+    before = hand.rig.arm.T_base().p
+    hand.hold(X, 0.5)
+    gone = hand.rig.arm.T_base().p - before
+    np.testing.assert_allclose(gone, [0.5 * SPEEDS["medium"].going, 0.0, 0.0], atol=0.002)
+
+
+def test_it_stops_before_the_floor_and_says_so(hand: Hand) -> None:
+    hand.start("base")
+    down = np.array([0, 0, -1.0, 0, 0, 0, 0])
+    hand.hold(down, 6.0)
+    assert any("floor" in each for each in hand.jogging.held_by)
+    assert hand.speed < 0.01
+
+
+def test_stop_switches_it_off_whatever_is_held(hand: Hand) -> None:
+    hand.start("joints")
+    hand.hold(PAN, 0.5)
+    stopped = hand.rig.arm.start_stop()
+    hand.hold(PAN, 1.0)
+    assert stopped.done()
+    assert hand.jogging.mode is None
+    assert isinstance(hand.jogging.outcome, Interrupted)
+    at = hand.rig.arm.state.q_ref
+    hand.hold(PAN, 0.5)
+    np.testing.assert_array_equal(hand.rig.arm.state.q_ref, at)
+    assert hand.rig.arm.state.mode is Mode.HOLDING
+
+
+def test_the_arm_follows_the_arrows_only_while_they_are_dragged(hand: Hand) -> None:
+    hand.target = READY + 0.3
+    hand.start("arrows")
+    still = np.zeros(7)
+    hand.hold(still, 0.5)  # the picture is turned, the target has not moved
+    np.testing.assert_allclose(hand.rig.arm.state.q_ref, READY)
+    hand.target = READY + 0.2
+    hand.hold(still, 0.3)
+    assert hand.speed > 0.0
+    hand.clock.advance(2.0)  # let go on the way
+    there = hand.rig.arm.state.q_ref
+    assert hand.speed == 0.0
+    assert 0.0 < np.max(np.abs(there - READY)) < 0.2
+
+
+def test_the_jaw_closes_while_it_is_held(hand: Hand) -> None:
+    hand.start("joints")
+    opening = np.array([0, 0, 0, 0, 0, 0, 1.0])
+    before = hand.rig.arm.state.q_jaw_ref
+    hand.hold(opening, 0.3)
+    assert hand.rig.arm.state.q_jaw_ref > before
+    hand.clock.advance(1.0)
+    at = hand.rig.arm.state.q_jaw_ref
+    hand.clock.advance(0.5)
+    assert hand.rig.arm.state.q_jaw_ref == at
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", "3 1 0 0", "3 1 0 0 0 0 0 nan", "3 2 0 0 0 0 0 0", "x y", "3 a 0 0 0 0 0 0"]
+)
+def test_what_cannot_be_meant_is_held_by_nobody(text: str) -> None:
+    assert read_held(text) is None
+
+
+def test_what_a_browser_sends_is_read() -> None:
+    np.testing.assert_array_equal(read_held("12 1 0 0 -0.5 0 0 1"), [1, 0, 0, -0.5, 0, 0, 1])

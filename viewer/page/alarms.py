@@ -1,0 +1,127 @@
+"""Find what is wrong with an arm that still answers: hot servos, a weak supply, no calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from so101_motion.common.state import JointState
+from so101_motion.common.units import to_deg
+from so101_motion.drivers.feetech.health import JointHealth
+from so101_motion.drivers.feetech.servo_judgement import judge
+
+from .screen_state import Sentence, Tone
+from .texts import capital
+
+LATE_WITHIN, LATE_MANY = 10.0, 10
+"""So many late setpoints within this time [s] are worth an alarm. Chosen: a busy computer has one
+or two; ten are seen as a jerk."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alarm:
+    """One thing that is wrong.
+
+    Attributes:
+        cause: What it is about; there is one alarm for each cause.
+        joints: The joints it is about.
+        sentence: What is wrong and what to do.
+    """
+
+    cause: str
+    joints: tuple[str, ...]
+    sentence: Sentence
+
+
+def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
+    """What is wrong with servos, one alarm a cause, of the joint that suffers most."""
+    found: dict[str, list[tuple[str, str, Tone]]] = {}
+    for servo in servos:
+        if servo.is_silent:
+            text = "its servo does not answer; check its plugs and its power"
+            found.setdefault("silence", []).append((servo.joint, text, Tone.BAD))
+            continue
+        for trouble in judge(
+            volts=servo.volts,
+            celsius=servo.temperature_c,
+            load=servo.load,
+            amps=servo.amps,
+            faults=servo.faults,
+        ):
+            tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
+            found.setdefault(trouble.kind, []).append((servo.joint, str(trouble), tone))
+    return tuple(_alarm(cause, cases) for cause, cases in found.items())
+
+
+def state_alarms(state: JointState, sources: Mapping[str, str]) -> tuple[Alarm, ...]:
+    """What is wrong with the joints' places and calibration.
+
+    Args:
+        state: The arm.
+        sources: Where the calibration of each joint is from, as ``JointSetup.source``.
+    """
+    found = []
+    plain = tuple(joint for joint, source in sources.items() if source == "defaults")
+    if plain:
+        text = (
+            f"No calibration: {_listed(plain)} may stand elsewhere than it is drawn. Calibrate on"
+            " the Setup tab before you move the arm."
+        )
+        found.append(_warm("calibration", plain, text))
+    outside = tuple(state.reading.out_of_range)
+    if outside:
+        where = ", ".join(
+            f"{joint} by the limit at {to_deg(limit):.0f}°"
+            for joint, limit in state.reading.out_of_range.items()
+        )
+        text = f"Outside its range: {where}. The next motion takes it back in slowly."
+        found.append(_warm("range", outside, text))
+    return tuple(found)
+
+
+class LateCycles:
+    """Counts late setpoints of the last ``LATE_WITHIN`` seconds."""
+
+    def __init__(self) -> None:
+        self._seen: list[tuple[float, int]] = []
+
+    def alarm(self, t: float, late_ticks: int) -> tuple[Alarm, ...]:
+        """The alarm for many late setpoints.
+
+        Args:
+            t: The time [s].
+            late_ticks: How many there have been since the start.
+        """
+        self._seen.append((t, late_ticks))
+        while self._seen[0][0] < t - LATE_WITHIN:
+            self._seen.pop(0)
+        late = late_ticks - self._seen[0][1]
+        if late < LATE_MANY:
+            return ()
+        text = (
+            f"{late} setpoints came late in the last {LATE_WITHIN:.0f} s, so motions may jerk."
+            " Close other programs on this computer."
+        )
+        return (_warm("late", (), text),)
+
+
+def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
+    worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
+    joint, text, tone = worst
+    others = tuple(each for each, _, _ in cases if each != joint)
+    more = f" The same with {_listed(others)}." if others else ""
+    return Alarm(
+        cause=cause,
+        joints=(joint, *others),
+        sentence=Sentence(text=f"{joint}: {capital(text)}{more}", tone=tone),
+    )
+
+
+def _warm(cause: str, joints: tuple[str, ...], text: str) -> Alarm:
+    return Alarm(cause=cause, joints=joints, sentence=Sentence(text=text, tone=Tone.WARM))
+
+
+def _listed(joints: tuple[str, ...]) -> str:
+    if len(joints) < 3:
+        return " and ".join(joints)
+    return f"{joints[0]} and {len(joints) - 1} other joints"

@@ -1,0 +1,87 @@
+"""The content of the bar at the top of the page, which our own front end shows.
+
+It says what the arm does and what is wrong, and has the buttons that must always be in the same
+place: Stop and the ways home. The browser gets it as JSON in a piece of HTML that is not to be
+seen, and finds the buttons by the ids of invisible widgets (``server/front/bar.js``).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import viser
+
+from .screen_state import Sentence
+
+
+@dataclass(slots=True, kw_only=True)
+class Way:
+    """A button of the bar that is always there.
+
+    Attributes:
+        label: What it says.
+        button: The invisible widget that hears of it.
+        can: Whether it may be pressed now.
+        asks: What it asks before it does anything; None if it does not ask.
+    """
+
+    label: str
+    button: viser.GuiButtonHandle
+    can: bool = False
+    asks: str | None = None
+
+
+class Bar:
+    """The content of the bar. For the page's thread.
+
+    Attributes:
+        state: What the arm does, in a word or two.
+        title: Which arm it is.
+        ways: The ways home, in their order.
+        stop: The widget that Stop presses; None until there is something to stop.
+        plan: The widget that the key P presses, or None.
+    """
+
+    def __init__(self) -> None:
+        self.state = self.title = ""
+        self.ways: tuple[Way, ...] = ()
+        self.stop: viser.GuiButtonHandle | None = None
+        self.plan: viser.GuiButtonHandle | None = None
+        self._alerts: dict[str, tuple[Sentence, ...]] = {}
+
+    def alert(self, source: str, sentences: Iterable[Sentence] = ()) -> None:
+        """Set what is wrong according to ``source``; nothing when all is well."""
+        self._alerts[source] = tuple(sentences)
+
+    def text(self) -> str:
+        """The content as the front end takes it."""
+        alerts = [
+            {"tone": each.tone.value, "text": each.text}
+            for sentences in self._alerts.values()
+            for each in sentences
+        ]
+        return board(
+            "bar",
+            state=self.state,
+            title=self.title,
+            stop=uuid_of(self.stop),
+            plan=uuid_of(self.plan),
+            alerts=alerts,
+            ways=[
+                {"label": way.label, "press": uuid_of(way.button), "can": way.can, "asks": way.asks}
+                for way in self.ways
+            ],
+        )
+
+
+def board(name: str, **content: Any) -> str:
+    """A piece of HTML that is not to be seen and tells our front end something as JSON."""
+    return json.dumps({"so101": name, **content}, separators=(",", ":"))
+
+
+def uuid_of(widget: Any) -> str | None:
+    """The id by which a browser presses ``widget``."""
+    return None if widget is None else str(widget._impl.uuid)

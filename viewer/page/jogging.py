@@ -1,0 +1,267 @@
+"""Jog the arm while somebody holds a button, a key or a gamepad's stick.
+
+The browser says again and again what is held (``server/front/jog.js``). What it has not said for
+``DEADMAN`` is held no longer: a key that was let go, a window that lost its focus or its network,
+a browser that hangs. The thread ``so101-viewer-jog`` leads the arm meanwhile, through the guarded
+motions of ``Arm.open_following`` and ``Arm.open_jog``. Stop and any other motion end it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_m, to_rad
+from so101_motion.control.cartesian_jog import Jog
+from so101_motion.control.following import Following
+from so101_motion.rig.protocols import RigLike
+
+DEADMAN = 0.075
+"""How long something is held that the browser does not repeat [s]; chosen: three of its repeats,
+and with ``PERIOD`` less than a tenth of a second."""
+
+PERIOD = 0.02
+"""How often the arm is led [s]; chosen: two control cycles."""
+
+_AHEAD = 0.15
+"""How long before the joints their target may be [s]; chosen: else it would run away from joints
+that something holds back."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JogSpeed:
+    """A step of the speed.
+
+    Attributes:
+        turning: Of a joint, or of the tool about an axis [rad/s].
+        going: Of the tool along an axis [m/s].
+    """
+
+    turning: float
+    going: float
+
+
+SPEEDS = {
+    "slow": JogSpeed(turning=to_rad(6.0), going=to_m(12.0)),
+    "medium": JogSpeed(turning=to_rad(20.0), going=to_m(40.0)),
+    "fast": JogSpeed(turning=to_rad(45.0), going=to_m(100.0)),
+}
+"""Chosen: slow for the last millimetre, fast for the way there."""
+
+JOINTS, BASE, TOOL, ARROWS = "joints", "base", "tool", "arrows"
+MODES = (JOINTS, BASE, TOOL, ARROWS)
+"""What is moved: each joint, the tool along the axes of the base or of itself, or the arrows of the
+target, which the arm follows while they are dragged."""
+
+AXES = 7
+"""Numbers that the browser sends: five joints and a spare one, or the tool's three directions and
+three turns; then the jaw. Each from -1 to 1."""
+
+
+class _Lead(Protocol):
+    """A motion that is led."""
+
+    motion: Any
+
+    def move(self, held: Array | None, speed: JogSpeed, dt: float) -> None:
+        """Lead it for ``dt`` [s]; None when nothing is held."""
+
+
+class _JointLead:
+    """Leads the joints."""
+
+    def __init__(self, motion: Following) -> None:
+        self.motion = motion
+        self._q: Array | None = None
+
+    def move(self, held: Array | None, speed: JogSpeed, dt: float) -> None:
+        if held is None or not held[:5].any():
+            if self._q is not None:
+                self.motion.hold()
+            self._q = None
+            return
+        qd, q = speed.turning * held[:5], self.motion.now.q
+        wanted = (q if self._q is None else self._q) + dt * qd
+        ahead = _AHEAD * np.abs(qd)
+        self._q = np.where(qd != 0.0, np.clip(wanted, q - ahead, q + ahead), wanted)
+        self.motion.aim(self._q, qd)
+
+
+class _ToolLead:
+    """Leads the tool along straight lines."""
+
+    def __init__(self, motion: Jog, *, in_tool: bool) -> None:
+        self.motion, self._in_tool = motion, in_tool
+        self._moves = False
+
+    def move(self, held: Array | None, speed: JogSpeed, dt: float) -> None:
+        moves = held is not None and bool(held[:6].any())
+        if moves and held is not None:
+            self.motion.twist(
+                speed.going * held[:3], speed.turning * held[3:6], in_tool=self._in_tool
+            )
+        elif self._moves:
+            self.motion.twist(np.zeros(3))
+        self._moves = moves
+
+
+class _TargetLead:
+    """Leads the joints to a target, as long as it is being dragged."""
+
+    def __init__(self, motion: Following, target: Callable[[], Array | None]) -> None:
+        self.motion, self._target = motion, target
+        self._found: Array | None = None
+        self._is_held = False
+
+    def move(self, held: Array | None, speed: JogSpeed, dt: float) -> None:
+        target = self._target()
+        if held is None:
+            if self._is_held:
+                self.motion.hold()
+            self._is_held = False
+            return
+        if not self._is_held:  # a drag begins: what was the target before is not gone to
+            self._found, self._is_held = target, True
+        if target is not None and target is not self._found:
+            self._found = None
+            self.motion.aim(target)
+
+
+class Jogging:
+    """Moves an arm while somebody holds something. Off until it is started.
+
+    Args:
+        rig: The arm and the jaw.
+        target: Where the dragged arrows want the joints, shape (5,), [rad]; None where they cannot
+            be.
+
+    Attributes:
+        mode: One of ``MODES``; None while it is off.
+        speed: One of ``SPEEDS``.
+        outcome: Why it ended last, if something ended it.
+    """
+
+    def __init__(self, rig: RigLike, target: Callable[[], Array | None]) -> None:
+        self._rig, self._clock, self._target = rig, rig.clock, target
+        self.mode: str | None = None
+        self.speed = "slow"
+        self.outcome: So101Error | None = None
+        self._held: tuple[Array, float] | None = None
+        self._jaw = 0.0
+        self._jaw_motion: Motion | None = None
+        self._motion: Any = None
+        self._ends, self._wake = threading.Event(), threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether something that is held moves the arm now."""
+        return self._motion is not None
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """What keeps the arm from moving as asked."""
+        motion = self._motion
+        return () if motion is None else tuple(motion.held_by)
+
+    def start(self, mode: str) -> None:
+        """Switch it on, or to another mode."""
+        self.close()
+        self.mode, self.outcome = mode, None
+        self._ends = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(mode, self._ends), name="so101-viewer-jog", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Switch it off; the arm slows to rest."""
+        self._held = None
+        self._ends.set()
+        self._wake.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            self._clock.join(thread)
+
+    def hold(self, held: Array) -> None:
+        """Take note of what is held; any thread.
+
+        Args:
+            held: Shape (``AXES``,), -1 to 1; all zero for a drag that goes on.
+        """
+        self._held = held, self._clock.now()
+        self._wake.set()
+
+    def release(self) -> None:
+        """Take note that nothing is held any more; any thread."""
+        self._held = None
+        self._wake.set()
+
+    def _run(self, mode: str, ends: threading.Event) -> None:
+        try:
+            lead = self._open(mode)
+            self._motion = lead.motion
+            with self._clock.attend():
+                self._lead(lead, ends)
+            lead.motion.close()
+        except So101Error as error:
+            self.outcome = error
+        finally:
+            self._turn_jaw(0.0)
+            self._motion, self._held = None, None
+            self.mode = None
+
+    def _open(self, mode: str) -> _Lead:
+        arm = self._rig.arm
+        if mode in (BASE, TOOL):
+            return _ToolLead(arm.open_jog(), in_tool=mode == TOOL)
+        following = arm.open_following()
+        return _TargetLead(following, self._target) if mode == ARROWS else _JointLead(following)
+
+    def _lead(self, lead: _Lead, ends: threading.Event) -> None:
+        before = self._clock.now()
+        while not ends.is_set():
+            self._clock.wait(before + PERIOD, self._wake)
+            if lead.motion.future.done():
+                lead.motion.future.result()
+                return
+            now = self._clock.now()
+            held = self._still_held(now)
+            lead.move(held, SPEEDS[self.speed], min(now - before, 2.0 * PERIOD))
+            self._turn_jaw(0.0 if held is None else float(np.sign(held[6])))
+            before = now
+
+    def _still_held(self, now: float) -> Array | None:
+        held = self._held
+        return None if held is None or now - held[1] > DEADMAN else held[0]
+
+    def _turn_jaw(self, way: float) -> None:
+        if way == self._jaw:
+            return
+        self._jaw, gripper = way, self._rig.gripper
+        if self._jaw_motion is not None:
+            self._jaw_motion.interrupt("jog")
+            self._jaw_motion = None
+        if way != 0.0:
+            self._jaw_motion = gripper.start_move(1.0) if way > 0.0 else gripper.start_grab()
+
+
+def read_held(text: str) -> Array | None:
+    """What the browser says is held: a count, then ``AXES`` numbers; None for nothing.
+
+    Anything that cannot be meant counts as nothing held.
+    """
+    try:
+        held = np.array([float(word) for word in text.split()[1:]])
+    except ValueError:
+        return None
+    if held.shape != (AXES,) or not np.all(np.abs(held) <= 1.0):
+        return None
+    return held

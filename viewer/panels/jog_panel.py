@@ -1,0 +1,124 @@
+"""The Jog tab: move joints or tool while a button, a key or a gamepad's stick is held."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import viser
+
+from so101_motion.common.errors import Interrupted
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+
+from ..page import markup, texts
+from ..page.bar import uuid_of
+from ..page.jog_markup import jog_buttons
+from ..page.jogging import MODES, SPEEDS, Jogging, read_held
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.screen_state import Sentence, Tone
+from ..view_model import ViewModel
+
+_OFF = Sentence(text="Off. Start jogging, then hold a button or key: the arm moves while you do.")
+_OPENS = Sentence(text="Starting …")
+_ON = Sentence(
+    text="Hold a button or its key. Gamepad: hold a shoulder button and use the sticks.",
+    tone=Tone.GOOD,
+)
+_ARROWS = Sentence(
+    text="Drag the target's arrows in the picture: the arm follows while you drag.", tone=Tone.GOOD
+)
+_STOPPED = Sentence(text="Stopped. Start jogging to go on.")
+
+
+class JogPart(Part):
+    """The widgets of the Jog tab.
+
+    Args:
+        page: Has the target whose arrows can be dragged.
+    """
+
+    def __init__(self, context: ArmContext, page: ViewModel) -> None:
+        self._context, self._page, self._arm = context, page, context.rig.arm
+        self.jogging = Jogging(context.rig, self._wanted)
+        self._mode = MODES[0]
+        self._shown: object = None
+        gui = context.gui
+        with context.tabs.add_tab("Jog", viser.Icon.ARROWS_MOVE):
+            self._sentence = gui.add_html("")
+            self._switch = gui.add_button("Start jogging", icon=viser.Icon.HAND_FINGER)
+            modes = gui.add_button_group("Moves", MODES, hint="Joints, or the tool along axes")
+            speeds = gui.add_button_group("Speed", tuple(SPEEDS))
+            self._buttons = gui.add_html("")
+            self._hand = gui.add_text("Held", "", visible=False)
+        context.on_press(self._switch, self._toggle)
+        context.on_choice(modes, self._choose)
+        context.on_choice(speeds, self._set_speed)
+        self._hand.on_update(self._hear)
+
+    async def _hear(self, event: viser.GuiEvent[Any]) -> None:
+        """On the server's own thread, for nothing may delay it."""
+        held = read_held(event.target.value)
+        if held is None:
+            self.jogging.release()
+        else:
+            self.jogging.hold(held)
+
+    def _wanted(self) -> Array | None:
+        target = self._page.target
+        return target.q if target.problem is None else None
+
+    def _toggle(self) -> None:
+        if self.jogging.mode is not None:
+            self.jogging.close()
+        elif self._arm.state.mode is Mode.HOLDING:
+            self.jogging.start(self._mode)
+
+    def _choose(self, mode: str) -> None:
+        self._mode = mode
+        if self.jogging.mode is not None:
+            self.jogging.start(mode)
+
+    def _set_speed(self, speed: str) -> None:
+        self.jogging.speed = speed
+
+    def refresh(self) -> bool:
+        """Return whether anything is new."""
+        jogging, state = self.jogging, self._arm.state
+        if jogging.mode is not None and state.mode in (Mode.MOVING, Mode.HOLDING):
+            self._context.bar.state = "Jogging"
+        before = self._shown
+        self._shown = (
+            jogging.mode, jogging.speed, self._mode, jogging.is_ready, jogging.held_by,
+            jogging.outcome, state.mode is Mode.HOLDING,
+        )  # fmt: skip
+        return before != self._shown
+
+    def show(self) -> None:
+        """Update the widgets."""
+        jogging = self.jogging
+        is_on = jogging.mode is not None
+        self._sentence.content = markup.sentence(self._words())
+        self._switch.label = "End jogging" if is_on else "Start jogging"
+        self._switch.disabled = not is_on and self._arm.state.mode is not Mode.HOLDING
+        self._buttons.content = jog_buttons(
+            self._mode, jogging.speed, hand=uuid_of(self._hand) or "", is_on=jogging.is_ready
+        )
+
+    def _words(self) -> Sentence:
+        jogging = self.jogging
+        if jogging.mode is None:
+            if jogging.outcome is None:
+                return texts.blocked(self._arm.state) or _OFF
+            ended = jogging.outcome
+            return _STOPPED if isinstance(ended, Interrupted) else texts.ended(ended)
+        if not jogging.is_ready:
+            return _OPENS
+        if jogging.held_by:
+            held = texts.capital(", ".join(jogging.held_by))
+            return Sentence(text=f"Held back: {held}", tone=Tone.WARM)
+        return _ARROWS if jogging.mode == MODES[3] else _ON
+
+    def close(self) -> None:
+        """End the jogging."""
+        self.jogging.close()

@@ -1,0 +1,147 @@
+// The bar at the top of every page: what the arm does, the ways home, Stop, and what is wrong.
+(() => {
+  const link = window.so101;
+  const SURE = 700;  // ms until a question may be answered, so that a double click is no answer
+  const ASKED = 5000;  // ms for which it is asked
+  const board = () => link.boards.bar ?? {};
+
+  const make = (tag, id, parent) => {
+    const node = document.createElement(tag);
+    if (id) node.id = id;
+    if (tag === 'button') node.type = 'button';
+    parent?.append(node);
+    return node;
+  };
+
+  const stop = () => link.send(board().stop, true);
+
+  // Keys. Escape closes an open list first; Space writes where words are written.
+  addEventListener('keydown', (event) => {
+    const { tagName, type, inputMode, readOnly } = event.target;
+    const isField = ['INPUT', 'TEXTAREA', 'SELECT'].includes(tagName);
+    const words =
+      isField && !readOnly && type !== 'checkbox' && !['numeric', 'decimal'].includes(inputMode);
+    if (event.key === 'Escape') {
+      if (event.target.getAttribute?.('aria-expanded') !== 'true' || !isField) stop();
+    } else if (event.key === ' ' && !words) {
+      event.preventDefault();  // else it would press the button that has the focus as well
+      event.stopPropagation();
+      stop();
+    } else if (event.key.toLowerCase() === 'p' && !isField && !event.repeat) {
+      if (!event.ctrlKey && !event.metaKey && !event.altKey) link.send(board().plan, true);
+    }
+  }, true);
+
+  addEventListener('DOMContentLoaded', () => {
+    document.title = 'SO-101 motion';
+    document.documentElement.lang = 'en';
+    const bar = make('header', 'so101-bar', document.body);
+    const state = make('div', 'so101-state', bar);
+    state.setAttribute('role', 'status');
+    const mode = make('b', '', state);
+    const title = make('small', '', state);
+    const ways = make('div', 'so101-ways', bar);
+    const button = make('button', 'so101-stop', bar);
+    button.textContent = 'STOP';
+    button.title = 'Space or Escape does the same';
+    const alerts = make('div', 'so101-alerts', document.body);
+    const own = make('div', 'so101-window', alerts);
+    const list = make('div', '', alerts);
+    list.setAttribute('role', 'alert');
+    const lost = make('div', 'so101-lost', document.body);
+    lost.setAttribute('role', 'alert');
+    lost.hidden = true;
+
+    let pressed = 0;
+    button.addEventListener('pointerdown', () => { pressed = Date.now(); stop(); });
+    button.addEventListener('click', () => { if (Date.now() - pressed > 400) stop(); });
+
+    // Ways home: always in their places, some after a question.
+    const way = ({ label, press, can, asks }, k) => {
+      const node = ways.children[k] ?? make('button', '', ways);
+      node.disabled = !can || !link.connected;
+      if (node.disabled || !asks) node.classList.remove('asks');
+      if (!node.classList.contains('asks')) node.textContent = label;
+      node.onclick = () => {
+        if (asks && !node.classList.contains('asks')) {
+          node.classList.add('asks');
+          node.textContent = asks;
+          node.dataset.since = Date.now();
+          setTimeout(() => { node.classList.remove('asks'); show(); }, ASKED);
+          return;
+        }
+        if (asks && Date.now() - node.dataset.since < SURE) return;
+        node.classList.remove('asks');
+        link.send(press, true);
+        show();
+      };
+    };
+
+    const shown = new Map();
+    const changed = (name, value) => {
+      const text = JSON.stringify(value ?? null);
+      if (shown.get(name) === text) return false;
+      shown.set(name, text);
+      return true;
+    };
+
+    function show() {
+      const { state: says = '', title: about = '', alerts: wrong = [] } = board();
+      const mine = link.boards.window ?? {};
+      const root = document.documentElement;
+      if (mode.textContent !== says) mode.textContent = says;
+      if (title.textContent !== about) title.textContent = about;
+      button.disabled = !link.connected || !board().stop;
+      (board().ways ?? []).forEach(way);
+      root.classList.toggle('so101-empty', !board().so101);
+      root.classList.toggle('so101-watching', mine.controls === false);
+      if (changed('alerts', wrong)) {
+        list.replaceChildren(...wrong.map(({ tone, text }) => {
+          const line = make('p');
+          line.className = tone;
+          line.textContent = text;
+          return line;
+        }));
+      }
+      if (changed('window', mine)) {
+        own.hidden = !mine.text;
+        own.replaceChildren(make('span'));
+        own.firstChild.textContent = mine.text ?? '';
+        for (const { label, press, value } of mine.buttons ?? []) {
+          const answer = make('button', '', own);
+          answer.textContent = label;
+          answer.onclick = () => link.send(press, value);
+        }
+      }
+      if (!board().so101 || link.connected) {
+        lost.hidden = true;
+        root.classList.remove('so101-lost');
+      } else if (lost.hidden) {
+        lost.hidden = false;
+        root.classList.add('so101-lost');
+        tell(TRYING);
+        ask();
+      }
+    }
+
+    const TRYING = 'The page comes back by itself as soon as the program answers again.';
+    const EXPIRED =
+      'The program was started anew, so this link has expired. Copy the new one from its terminal.';
+    const tell = (more) => {
+      lost.replaceChildren(make('b'), make('span'));
+      lost.firstChild.textContent = 'No connection: STOP does not work.';
+      lost.lastChild.textContent = `Switch off the arm's power supply to stop it. ${more}`;
+    };
+    async function ask() {
+      while (!link.connected) {
+        try {
+          const reply = await fetch('/', { cache: 'no-store' });
+          tell(reply.status === 401 ? EXPIRED : TRYING);
+        } catch { tell(TRYING); }
+        await new Promise((go) => setTimeout(go, 3000));
+      }
+    }
+    link.changed.push(show);
+    show();
+  });
+})();

@@ -1,0 +1,81 @@
+// What the server says to our own front end, and what that says back.
+//
+// viser's connection lives in a worker. We listen to what the worker tells viser, and hand it
+// messages of our own, so Stop needs neither React nor a picture. The server speaks through pieces
+// of HTML that are not to be seen and hold JSON instead: the boards.
+(() => {
+  const MARK = '{"so101":';
+  const SILENT = 3500;  // ms; the server says something every second
+  const link = (window.so101 = { connected: false, boards: {}, changed: [] });
+  const boards = new Map();  // by the id of the widget that holds it
+  let worker = null;
+  let heard = 0;
+  let silent = 0;
+
+  function publish() {
+    link.boards = {};
+    for (const board of boards.values()) link.boards[board.so101] = board;
+    for (const tell of link.changed) tell();
+  }
+
+  function take(message) {
+    const content = message.props?.content ?? message.updates?.content;
+    if (message.type === 'GuiRemoveMessage') return boards.delete(message.uuid);
+    if (typeof content !== 'string' || !content.startsWith(MARK)) return false;
+    boards.set(message.uuid, JSON.parse(content));
+    return true;
+  }
+
+  function hear(from, data) {
+    if (data?.type === 'connected') {
+      worker = from;
+      boards.clear();
+    } else if (data?.type === 'message_batch') {
+      heard = performance.now();
+      silent = 0;
+      const was = link.connected;
+      link.connected = true;
+      if (data.messages.filter(take).length || !was) publish();
+    } else if (data?.type === 'closed') {
+      link.connected = false;
+      publish();
+    }
+  }
+
+  const Stock = window.Worker;
+  window.Worker = class extends Stock {
+    constructor(...how) {
+      super(...how);
+      this.addEventListener('message', ({ data }) => hear(this, data));
+    }
+  };
+
+  // Twice in a row, for a busy browser hears late of what has come.
+  setInterval(() => {
+    if (!link.connected) {
+      // viser tries again only while its window has the focus.
+      if (worker && !document.hasFocus()) worker.postMessage({ type: 'retry' });
+    } else if (performance.now() - heard > SILENT && ++silent > 1) {
+      link.connected = false;
+      publish();
+    }
+  }, 1000);
+
+  link.send = (uuid, value) => {
+    if (!worker || !uuid) return;
+    const message = { type: 'GuiUpdateMessage', uuid, updates: { value } };
+    worker.postMessage({ type: 'send', message });
+  };
+
+  // The phone's layout is viser's for narrow windows; ours begins at a width of our own.
+  const stock = window.matchMedia.bind(window);
+  window.matchMedia = (query) =>
+    stock(query === '(max-width: 36em)' ? '(max-width: 1099.98px)' : query);
+
+  const dark = stock('(prefers-color-scheme: dark)').matches;
+  const here = new URL(location);
+  if (dark !== here.searchParams.has('darkMode')) {
+    if (dark) here.searchParams.set('darkMode', ''); else here.searchParams.delete('darkMode');
+    history.replaceState(null, '', here);
+  }
+})();
