@@ -76,6 +76,8 @@ class ViewModel:
         self._tracker: Tracker | None = None
         self._t_begin: float | None = None
         self._tracking: Tracking | None = None
+        self._tracked = self._moved = ""
+        self._count = 0  # plans that were shown
         self._target = self._solver.first_target(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
         self._path = self._hint()
 
@@ -184,6 +186,11 @@ class ViewModel:
         return self._plan
 
     @property
+    def plan_is_current(self) -> bool:
+        """Whether that plan can still be executed."""
+        return self._plan_is_current
+
+    @property
     def tracking(self) -> Tracking | None:
         """How well the newest motion that ended was followed."""
         return self._tracking
@@ -235,6 +242,7 @@ class ViewModel:
             rate=self._playback.rate,
             progress=self._progress(),
             tracking=self._tracking,
+            tracked=self._tracked,
             speed=self._arm.speed,
             acceleration=self._arm.acceleration,
             range=self._arm.range,
@@ -302,11 +310,15 @@ class ViewModel:
         if self._state.arm_moving:
             if self._tracker is None:
                 self._tracker, self._t_begin = Tracker(), self._state.t
+                named = self._motion is not None and self._plan is not None
+                self._moved = self._plan.name if named and self._plan else "another motion"
             self._tracker.take(self._state)
             return False
         if self._tracker is None:
             return False
-        self._tracking, self._tracker = self._tracker.tracking() or self._tracking, None
+        tracking, self._tracker = self._tracker.tracking(), None
+        if tracking is not None:
+            self._tracking, self._tracked = tracking, self._moved
         return True
 
     def _collect_plan(self) -> bool:
@@ -321,7 +333,16 @@ class ViewModel:
         return True
 
     def _take_plan(self, plan: Plan) -> None:
-        view = plan_view(plan, self._solver, self._target.frame, self._state.q_jaw_ref)
+        newest, self._count = self._arm.newest, self._count + 1
+        made_for = newest[0] if newest is not None and newest[1] is plan else None
+        view = plan_view(
+            plan,
+            self._solver,
+            self._target.frame,
+            scene=self._arm.scene if made_for is None else made_for.scene,
+            q_jaw=self._state.q_jaw_ref if made_for is None else made_for.q_jaw,
+            name=f"Plan {self._count}",
+        )
         self._plan, self._plan_is_current = view, True
         self._path = view.path
         self._playback.load(plan.duration)

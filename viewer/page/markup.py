@@ -6,7 +6,7 @@ configurations and devices.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -88,6 +88,12 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 def small(text: str) -> str:
     """Small print."""
     return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
+
+
+def caption(text: str, is_old: bool) -> str:
+    """What a plot shows; what is old is grey, with its plot."""
+    old = ' class="so101-old"' if is_old else ""
+    return f'<div{old} style="padding:.2em .9em 0;font-size:.82em">{escape(text)}</div>'
 
 
 def to_copy(about: str, text: str) -> str:
@@ -184,28 +190,33 @@ def events(items: Iterable[Event]) -> str:
     )
 
 
-def steps(rows: Iterable[tuple[str, str]], *, chosen: int | None, active: int | None) -> str:
-    """A list of steps: a name and small print each.
+def steps(
+    rows: Iterable[tuple[str, str]],
+    *,
+    chosen: int | None,
+    active: int | None,
+    press: str | None,
+    values: Sequence[str],
+) -> str:
+    """A list of steps to choose from: a name and small print each.
 
     Args:
         rows: Name and small print.
         chosen: Index of the one that is edited, set in bold.
         active: Index of the one that is being done, marked.
+        press: The id of the widget that is told which row was pressed.
+        values: What it is told, a row each.
     """
     lines = []
     for k, (name, rest) in enumerate(rows):
-        weight = 700 if k in (chosen, active) else 400
+        kind = "chosen" if k in (chosen, active) else ""
         mark = "▶" if k == active else f"{k + 1}"
         lines.append(
-            f'<span style="opacity:.6;text-align:right">{mark}</span>'
-            f'<span style="font-weight:{weight};overflow-wrap:anywhere">{escape(name)}</span>'
-            f'<span style="opacity:.7;text-align:right">{escape(rest)}</span>'
+            f'<button type="button" class="{kind}" data-press="{escape(press or "")}"'
+            f' data-value="{escape(values[k])}"><i>{mark}</i><span>{escape(name)}</span>'
+            f"<small>{escape(rest)}</small></button>"
         )
-    return (
-        '<div style="display:grid;grid-template-columns:1.6em 1fr max-content;gap:.15em .6em;'
-        "padding:0 .9em .3em .3em;font-size:.85em;max-height:11em;overflow-y:auto;"
-        f'font-variant-numeric:tabular-nums">{"".join(lines)}</div>'
-    )
+    return f'<div class="so101-steps">{"".join(lines)}</div>'
 
 
 def bars(items: Iterable[Bar]) -> str:

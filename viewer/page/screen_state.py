@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime
 from enum import Enum
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.planning.collision.collision import Clearance
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.request import Plan
 
 from .target_ik import Target
@@ -54,6 +56,10 @@ class PlanView:
         sweep: Configurations along the path, both ends left out, shape (k, 5), [rad].
         closest: The closest approach of two bodies anywhere on the path.
         t_closest: When they do [s].
+        scene: What was around the arm.
+        q_jaw: Jaw angle [rad].
+        name: What the page calls it, such as ``"Plan 3"``.
+        made_at: When it was made.
     """
 
     plan: Plan
@@ -61,6 +67,10 @@ class PlanView:
     sweep: Array
     closest: Clearance
     t_closest: float
+    scene: Scene
+    q_jaw: float
+    name: str = "Plan"
+    made_at: datetime = field(default_factory=datetime.now)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,6 +93,7 @@ class Screen:
         rate: How fast it is being played; None while it stands.
         progress: Share of the motion that is done, 0 to 1.
         tracking: How well the newest motion that ended was followed; None before.
+        tracked: What that motion was: the name of its plan, or words for another one.
         speed: Speed cap of the next plan [rad/s].
         acceleration: Acceleration cap of the next plan [rad/s^2].
         range: The smallest and the largest joint angles, shapes (5,), [rad].
@@ -103,6 +114,7 @@ class Screen:
     rate: float | None
     progress: float
     tracking: Tracking | None
+    tracked: str
     speed: float
     acceleration: float
     range: tuple[Array, Array]

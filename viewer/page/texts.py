@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import ConfigError, Interrupted, So101Error, quoted
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
 
 from .screen_state import PlanView, Sentence, Tone
 from .tracking import Tracking
@@ -123,6 +125,27 @@ def plan_facts(view: PlanView) -> tuple[tuple[str, str], ...]:
         ("Clearance", clearance(view)),
         ("Planned in", f"{plan.report.stages_ms['total']:.0f} ms"),
     )
+
+
+def plotted(view: PlanView, *, is_current: bool) -> str:
+    """The plots of a plan in words, also for whoever cannot see them."""
+    trajectory = view.plan.trajectory
+    old = "" if is_current else "Old: "
+    return (
+        f"{old}{view.name}, {trajectory.duration:.2f} s; peak {_peak(trajectory.qd, '°/s')} and"
+        f" {_peak(trajectory.qdd, '°/s²')}."
+    )
+
+
+def caps(limits: MotionLimits) -> str:
+    """The largest speed and acceleration that a plan may use."""
+    speed, push = float(np.max(limits.velocity)), float(np.max(limits.acceleration))
+    return f"{to_deg(speed):.0f} °/s, {to_deg(push):.0f} °/s²"
+
+
+def opening(q_jaw: float) -> str:
+    """How far the jaw is open."""
+    return f"{100.0 * (q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED):.0f} % open"
 
 
 def clearance(view: PlanView) -> str:

@@ -86,30 +86,31 @@ class Film:
         return t, _at(t, self.t, self.q), _at(t, self.t, self.q_ghost)
 
 
-def film_of(
-    view: PlanView, scene: Scene, *, title: str, q_jaw: float, run: Run | None = None
-) -> Film:
+def film_of(view: PlanView, *, title: str, run: Run | None = None) -> Film:
     """Make a film of a plan: the arm moves along it, and its ghost waits at the goal.
 
     Args:
         view: What to show.
-        scene: What it was made for.
         title: Which arm it is, or what it does.
-        q_jaw: Jaw angle [rad].
         run: How the plan was carried out; the arm then goes as measured, its ghost as planned.
     """
     trajectory = view.plan.trajectory
-    facts = [fact for fact in texts.plan_facts(view) if fact[0] != "Planned in"]
-    if run is not None:
-        facts.append(("Shown", "as measured; the ghost is the plan"))
+    facts = [
+        ("Motion", f"{view.name}, {view.made_at:%Y-%m-%d %H:%M}"),
+        *(fact for fact in texts.plan_facts(view) if fact[0] != "Planned in"),
+        ("Limits", texts.caps(view.plan.limits)),
+        ("Gripper", texts.opening(view.q_jaw)),
+        ("Orange line", "path of the tool"),
+        ("Blue arm", "the goal" if run is None else "the plan; the other is as measured"),
+    ]
     return Film(
         title=title,
         facts=tuple(facts),
-        scene=scene,
+        scene=view.scene,
         t=trajectory.t if run is None else run.t,
         q=trajectory.q if run is None else run.q,
         q_ghost=view.plan.q_goal if run is None else run.q_ref,
-        q_jaw=q_jaw,
+        q_jaw=view.q_jaw,
         path=view.plan.tool_path,
     )
 
@@ -118,7 +119,7 @@ def film_of_plan(plan: Plan, scene: Scene, *, title: str, q_jaw: float) -> Film:
     """Make a film of a plan that no page shows."""
     model = RobotModel.load()
     solver = TargetSolver.load(Surroundings(scene=scene, range=(model.lower, model.upper)))
-    return film_of(plan_view(plan, solver, "tool", q_jaw), scene, title=title, q_jaw=q_jaw)
+    return film_of(plan_view(plan, solver, "tool", scene=scene, q_jaw=q_jaw), title=title)
 
 
 def write_recording(film: Film, path: Path) -> None:

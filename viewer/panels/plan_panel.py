@@ -157,8 +157,9 @@ class PlanPanel:
             self._show_plan(screen.plan, screen.range)
         if screen.tracking is not None and screen.tracking is not self._tracking:
             self._tracking = screen.tracking
-            self._plots.show_tracking(screen.tracking)
+            self._plots.show_tracking(screen.tracking, screen.tracked)
         has_plan = screen.plan_is_current
+        self._plots.name(screen.plan, is_current=has_plan)
         self._play.disabled = self._preview.disabled = not has_plan
         self._facts.content = markup.facts(
             texts.plan_facts(screen.plan) if has_plan and screen.plan else texts.NO_FACTS

@@ -12,11 +12,13 @@ from so101_motion.common.units import to_deg
 from so101_motion.planning.request import Plan
 
 from ..page import markup, texts
+from ..page.screen_state import PlanView
 from ..page.tracking import Tracking
 
 _COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
 _GRAY = "#868e96"
-_HEIGHT = 165
+_HEIGHT = 150
+_NO_PLAN = "No plan yet."
 _MOST_POINTS = 400
 """More samples than the plot has pixels would be wasted on the wire."""
 
@@ -29,16 +31,30 @@ class PlanPlots:
     """Four tabs of plots, empty until there is a plan."""
 
     def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle) -> None:
+        self._captions: list[viser.GuiHtmlHandle] = []
         with panel.add_tab("Velocity"):
+            self._caption(gui)
             self._velocity = _add_plot(gui, "velocity (°/s)", ("limit", "−limit"))
         with panel.add_tab("Acceleration"):
+            self._caption(gui)
             self._acceleration = _add_plot(gui, "acceleration (°/s²)", ("limit", "−limit"))
         with panel.add_tab("Position"):
+            self._caption(gui)
             self._position = _add_plot(gui, "position (°)", ("nearest limit",))
         with panel.add_tab("Tracking"):
             self._facts = gui.add_html(markup.small("After a motion: measured minus planned."))
             ends = (f"+{_LEAST_ERROR_DEG:g}°", f"−{_LEAST_ERROR_DEG:g}°")
             self._error = _add_plot(gui, "error (°)", ends, height=_HEIGHT - 25)
+
+    def _caption(self, gui: viser.GuiApi) -> None:
+        self._captions.append(gui.add_html(markup.small(_NO_PLAN)))
+
+    def name(self, view: PlanView | None, *, is_current: bool) -> None:
+        """Say which plan it is, and whether it is old."""
+        if view is not None:
+            content = markup.caption(texts.plotted(view, is_current=is_current), not is_current)
+            for caption in self._captions:
+                caption.content = content
 
     def show(self, plan: Plan, bounds: tuple[Array, Array]) -> None:
         """Draw ``plan``.
@@ -56,12 +72,12 @@ class PlanPlots:
         self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
         self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
-    def show_tracking(self, tracking: Tracking) -> None:
-        """Plot the tracking error, and show it in figures."""
+    def show_tracking(self, tracking: Tracking, name: str) -> None:
+        """Plot the tracking error of the motion that ``name`` tells, and show it in figures."""
         keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
         most = np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
-        self._facts.content = markup.small(texts.followed(tracking))
+        self._facts.content = markup.small(f"{name}: {texts.followed(tracking)}")
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from so101_motion.files.trajectory_export import LeRobot, Run, encoded
-from so101_motion.planning.collision.scene import Scene
 
 from ..page.screen_state import PlanView
 from .film import film_of, recording
@@ -48,16 +47,12 @@ class SharedMotion:
     Attributes:
         view: Its plan.
         run: How it was carried out, or None for the plan alone.
-        scene: What the plan was made for.
-        q_jaw: Jaw angle [rad].
         lerobot: How LeRobot counts for this arm.
         title: Which arm it is.
     """
 
     view: PlanView
     run: Run | None
-    scene: Scene
-    q_jaw: float
     lerobot: LeRobot
     title: str
 
@@ -81,14 +76,7 @@ def content(subject: SharedMotion, kind: FileKind) -> bytes:
         ConfigError: MCAP needs a package that is not installed.
     """
     if kind is FILM:
-        film = film_of(
-            subject.view,
-            subject.scene,
-            title=subject.title,
-            q_jaw=subject.q_jaw,
-            run=subject.run,
-        )
-        return recording(film)
+        return recording(film_of(subject.view, title=subject.title, run=subject.run))
     return encoded(
         subject.view.plan.trajectory if subject.run is None else subject.run,
         f"motion{kind.suffix}",

@@ -9,7 +9,6 @@ from datetime import datetime
 import viser
 
 from so101_motion.files.trajectory_export import Run
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.teleop.local_arms import lerobot_of
 
 from ..page import markup, texts
@@ -20,7 +19,7 @@ from ..view_model import ViewModel
 from .share import KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
 
 NOTHING = Sentence(text="Nothing to share yet: plan a motion first.")
-READY = Sentence(text="Choose a file type. The file goes to this browser's downloads.")
+READY = "Choose a file type. The file goes to this browser's downloads."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +41,7 @@ class SharePart(Part):
     def __init__(self, context: ArmContext, page: ViewModel, *, title: str) -> None:
         self._context, self._page, self._title = context, page, title
         self._plan = page.plan_view
-        self._tracking = page.tracking
+        self._tracking, self._is_current = page.tracking, page.plan_is_current
         self._ran: tuple[PlanView, Run] | None = None
         self._orders: list[_PendingFile] = []
         self._status: Sentence | None = None
@@ -58,6 +57,7 @@ class SharePart(Part):
     def refresh(self) -> bool:
         """Note what can be shared, and send the files that are ready."""
         page = self._page
+        is_current, self._is_current = self._is_current, page.plan_is_current
         news = page.plan_view is not self._plan or page.tracking is not self._tracking
         if page.tracking is not self._tracking and page.tracking and page.plan_view:
             self._ran = page.plan_view, page.tracking.run
@@ -68,14 +68,20 @@ class SharePart(Part):
         for order in done:
             self._orders.remove(order)
             self._hand_over(order)
-        return news or bool(done)
+        return news or bool(done) or is_current is not self._is_current
 
     def show(self) -> None:
         """Update the widgets."""
         has_plan = self._plan is not None
         self._download.disabled = not has_plan
         self._what.visible = self._ran is not None
-        self._sentence.content = markup.sentence(self._status or (READY if has_plan else NOTHING))
+        self._sentence.content = markup.sentence(self._status or self._offer())
+
+    def _offer(self) -> Sentence:
+        if self._plan is None:
+            return NOTHING
+        is_old = "" if self._page.plan_is_current else ", which is old"
+        return Sentence(text=f"{self._plan.name}{is_old}. {READY}")
 
     def _order(self, client: viser.ClientHandle) -> None:
         subject = self._subject()
@@ -106,22 +112,12 @@ class SharePart(Part):
             view, run = self._ran
         if view is None:
             return None
-        scene, q_jaw = self._made_for(view)
         return SharedMotion(
             view=view,
             run=run,
-            scene=scene,
-            q_jaw=q_jaw,
             lerobot=lerobot_of(rig),
             title=self._title,
         )
-
-    def _made_for(self, view: PlanView) -> tuple[Scene, float]:
-        """What a plan was made for: surroundings and jaw angle."""
-        arm = self._context.rig.arm
-        if arm.newest is not None and arm.newest[1] is view.plan:
-            return arm.newest[0].scene, arm.newest[0].q_jaw
-        return arm.scene, arm.state.q_jaw_ref
 
 
 def _size(count: int) -> str:

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from string import ascii_uppercase
 from typing import Any
-
-import numpy as np
 
 from so101_motion.arm.arm import Arm
 from so101_motion.common.clock import Clock
@@ -34,44 +32,17 @@ from so101_motion.tasks.program import (
 from so101_motion.tasks.program.rehearsal import stands_at
 
 from ..page.guiding import Guiding
+from ..page.history import History
+from ..page.playback import Playback
 from ..page.screen_state import Sentence
 from . import program_texts as words
+from .program_screen import ProgramScreen, ghost_at
+
+ALL, REST, STEP = "all", "from here", "this step"
+"""How much of a program is planned and run."""
 
 SAME_JAW = 0.05
 """A jaw that moved by less than this since the program was planned makes no difference [rad]."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProgramScreen:
-    """Everything that the tab shows at one instant.
-
-    Attributes:
-        program: What is edited, or run.
-        chosen: Index of the waypoint that is edited; None without one.
-        name: What the program is called, when it is saved or was loaded.
-        saved: The user's programs, by name.
-        sentence: What to know or to do now.
-        rehearsal: The plan of all of it, as long as it holds; else None.
-        run: What is being run; else None.
-        guided: Whether the arm yields to a hand.
-        can_edit: Whether waypoints may be changed.
-        can_plan: Whether Plan may be pressed.
-        can_run: Whether Run may be pressed.
-        can_guide: Whether the arm may be guided now.
-    """
-
-    program: Program
-    chosen: int | None
-    name: str
-    saved: tuple[str, ...]
-    sentence: Sentence
-    rehearsal: Rehearsal | None
-    run: ProgramRun | None
-    guided: bool
-    can_edit: bool
-    can_plan: bool
-    can_run: bool
-    can_guide: bool
 
 
 class ProgramModel:
@@ -95,6 +66,9 @@ class ProgramModel:
         self._arm, self._gripper, self._clock, self._submit = arm, gripper, clock, submit
         self._q_arm, self._q_target, self._aim_at = q_arm, q_target, set_target
         self._program = Program()
+        self._history = History(self._program)
+        self._first = 0
+        self._playback = Playback()
         self._chosen: int | None = None
         self._name = ""
         self._saved = self._listed()
@@ -109,11 +83,11 @@ class ProgramModel:
     # Waypoints
 
     def record_arm(self) -> None:
-        """Add a waypoint at the arm's place, with the jaw as it is."""
+        """Add a waypoint at the arm's place; the jaw stays as it is there."""
         self._record(self._q_arm())
 
     def record_target(self) -> None:
-        """Add a waypoint at the ghost's place, with the jaw as it is."""
+        """Add a waypoint at the ghost's place; the jaw stays as it is there."""
         self._record(self._q_target())
 
     def choose(self, index: int) -> None:
@@ -168,6 +142,25 @@ class ProgramModel:
         left = len(self._program)
         self._chosen = min(index, left - 1) if left else None
 
+    def duplicate(self) -> None:
+        """Add the selected waypoint once more behind itself."""
+        index = self._chosen_index()
+        again = replace(self._program.waypoints[index], name=_next_letter(self._program))
+        self._edit(self._program.with_waypoint(again).moved(len(self._program), index + 1))
+        self._chosen = index + 1
+
+    def take_place(self) -> None:
+        """Put the selected waypoint to where the arm is."""
+        self._change(q=self._q_arm())
+
+    def undo(self) -> None:
+        """Undo the last edit."""
+        self._set(self._history.undo())
+
+    def redo(self) -> None:
+        """Redo what was undone last."""
+        self._set(self._history.redo())
+
     def set_rounds(self, rounds: int | None) -> None:
         """Set the number of rounds; None for endless."""
         self._edit(self._program.with_rounds(rounds))
@@ -213,10 +206,18 @@ class ProgramModel:
         if self._can_guide():
             self._guiding.start()
 
-    def plan(self) -> None:
-        """Plan the whole program; nothing moves."""
+    def plan(self, part: str = ALL) -> None:
+        """Plan the program, or a part of it; nothing moves.
+
+        Args:
+            part: ``ALL``, ``REST`` from the selected waypoint on, or ``STEP``: that one alone.
+        """
         if self._can_plan():
             program, arm, gripper = self._program, self._arm, self._gripper
+            self._first = 0 if part == ALL else self._chosen_index()
+            if part != ALL:
+                last = self._first + 1 if part == STEP else len(program)
+                program = Program(waypoints=program.waypoints[self._first : last])
             self._made_for = self._things()
             self._rehearsing = self._submit(lambda: rehearse(arm, gripper, program))
             self._sentence = words.PLANNING
@@ -226,6 +227,15 @@ class ProgramModel:
         rehearsal = self._rehearsal
         if rehearsal is not None and self._can_run():
             self._run = start_program(self._arm, self._gripper, self._clock, rehearsal)
+
+    def preview(self, t: float) -> None:
+        """Show the ghost ``t`` seconds into the rehearsal."""
+        self._playback.seek(t)
+
+    def play(self, rate: float) -> None:
+        """Play the rehearsal with the ghost at ``rate`` times real time, or pause."""
+        if self._rehearsal is not None:
+            self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
@@ -239,8 +249,10 @@ class ProgramModel:
         self._collect_rehearsal()
         self._watch_plan()
         self._collect_run()
+        self._playback.advance(self._clock.now())
         run = self._run
         seen = (
+            self._playback.t,
             self._status(),
             self._arm.state.mode,
             run and run.where,
@@ -270,13 +282,20 @@ class ProgramModel:
             can_plan=self._can_plan(),
             can_run=self._can_run(),
             can_guide=self._can_guide(),
+            can_undo=self._history.can_undo and self._run is None,
+            can_redo=self._history.can_redo and self._run is None,
+            first=self._first,
+            t=self._playback.t,
+            q_ghost=None
+            if self._rehearsal is None
+            else ghost_at(self._rehearsal, self._playback.t),
         )
 
     # How
 
     def _status(self) -> Sentence:
         if self._run is not None:
-            return words.running(self._run)
+            return words.running(self._run, self._first)
         if self._guiding.is_on:
             return words.guided(self._guiding.left)
         return self._sentence
@@ -288,9 +307,8 @@ class ProgramModel:
             return ()
 
     def _record(self, q: Array) -> None:
-        aperture = round(float(np.clip(self._gripper.aperture, 0.0, 1.0)), 2)
         number = len(self._program) + 1
-        waypoint = Waypoint(name=_next_letter(self._program), q=q, aperture=aperture)
+        waypoint = Waypoint(name=_next_letter(self._program), q=q)
         self._edit(self._program.with_waypoint(waypoint))
         self._chosen = number - 1
         self._sentence = words.recorded(number)
@@ -308,7 +326,14 @@ class ProgramModel:
     def _edit(self, program: Program) -> None:
         if self._run is not None:
             raise ConfigError("program", None, "stop the program before you change it")
+        self._history.add(program)
+        self._set(program)
+
+    def _set(self, program: Program) -> None:
         self._program = program
+        if self._chosen is not None:
+            left = len(program)
+            self._chosen = min(self._chosen, left - 1) if left else None
         self._drop_plan(words.PRESS_PLAN if program.waypoints else words.WELCOME)
 
     def _drop_plan(self, sentence: Sentence) -> None:
@@ -355,6 +380,7 @@ class ProgramModel:
             self.report(error)
             return
         self._rehearsal = rehearsing.result()
+        self._playback.load(sum(plan.duration for plan in self._rehearsal.plans))
         self._sentence = words.PLANNED
 
     def _watch_plan(self) -> None:

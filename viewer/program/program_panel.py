@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
@@ -10,19 +11,25 @@ import viser
 
 from so101_motion.common.units import to_deg
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, Program
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
+from ..page.bar import uuid_of
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.shared_fields import SharedField, put
 from ..view_model import ViewModel
 from . import program_texts as words
-from .program_model import ProgramModel, ProgramScreen
-from .program_view import ProgramView
+from .program_model import REST, STEP, ProgramModel
+from .program_screen import ProgramScreen
+from .program_view import Ghost, ProgramView
 
 _NONE = "none"
+_PART_WAY = "part way"
+_JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
+"""What the gripper does at a waypoint, as an aperture."""
+_RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _QUIET: Final = "gray"
 
 
@@ -41,7 +48,11 @@ class ProgramPart(Part):
             set_target=page.set_target_joints,
         )
         self._context = context.reporting(self.model.report)
-        self._view = ProgramView(context.server.scene, RobotModel.load())
+        self._view = ProgramView(
+            context.server.scene,
+            RobotModel.load(),
+            lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
+        )
         with context.tabs.add_tab("Program", viser.Icon.LIST_NUMBERS):
             self._add_recording(context.gui)
             self._add_waypoint(context.gui)
@@ -76,8 +87,8 @@ class ProgramPart(Part):
             "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
         )
         self._pause = self._field(pause, model.set_pause, lambda s: round(s, 1))
-        jaw = gui.add_checkbox("Set gripper", False, visible=False)
-        self._jaw = self._field(jaw, lambda on: model.set_aperture(1.0 if on else None), bool)
+        jaw = gui.add_dropdown("Gripper", tuple(_JAW), visible=False)
+        self._jaw = self._field(jaw, lambda name: model.set_aperture(_JAW[name]), str)
         opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
         self._opening = self._field(
             opening, lambda percent: model.set_aperture(percent / 100.0), round
@@ -85,12 +96,16 @@ class ProgramPart(Part):
         self._of_waypoint = (
             self._chosen, self._name, self._pass, self._pause, self._jaw, self._opening
         )  # fmt: skip
-        self._order = gui.add_button_group("Order", ("up", "down", "delete"), visible=False)
+        self._order = gui.add_button_group(
+            "Waypoint", ("up", "down", "duplicate", "take arm's place", "delete"), visible=False
+        )
         self._on_choice(
             self._order,
             {
                 "up": partial(model.move, -1),
                 "down": partial(model.move, 1),
+                "duplicate": model.duplicate,
+                "take arm's place": model.take_place,
                 "delete": model.remove,
             },
         )
@@ -104,12 +119,24 @@ class ProgramPart(Part):
             lambda on: model.set_rounds(None if on else int(self._rounds_box.value)),
             bool,
         )
+        self._history = gui.add_button_group("Edits", ("undo", "redo"))
+        self._on_choice(self._history, {"undo": model.undo, "redo": model.redo})
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
         self._context.on_press(self._plan, model.plan)
-        self._facts = gui.add_html("", visible=False)
+        self._plan_part = gui.add_button_group(
+            "Plan only", (REST, STEP), hint="From the chosen waypoint on, or only the way to it"
+        )
+        self._context.on_choice(self._plan_part, model.plan)
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
         self._progress = gui.add_progress_bar(0.0, color="green")
+        self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
+        self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
+        self._play = gui.add_button_group(
+            "Play", tuple(_RATES), disabled=True, hint="Plays only the ghost; press again to pause"
+        )
+        self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
+        self._facts = gui.add_html(markup.facts(words.NO_FACTS))
 
     def _add_files(self, gui: viser.GuiApi) -> None:
         model = self.model
@@ -133,6 +160,9 @@ class ProgramPart(Part):
     def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
         self._context.on_choice(group, lambda name: commands[name]())
 
+    def _jaw_of_arm(self) -> float:
+        return float(self._context.rig.arm.state.q_jaw)
+
     # The page
 
     def refresh(self) -> bool:
@@ -143,24 +173,43 @@ class ProgramPart(Part):
         """Update tab and scene; viser sends only what differs."""
         screen = self.model.screen()
         program, run = screen.program, screen.run
-        self._view.show(program, screen.rehearsal)
+        ghost = None
+        if screen.q_ghost is not None and run is None:
+            ghost = Ghost(screen.q_ghost, self._jaw_of_arm())
+        self._view.show(program, screen.rehearsal, ghost)
         self._sentence.content = markup.sentence(screen.sentence)
-        active = None if run is None else run.where.index
+        active = None if run is None else run.where.index + screen.first
         rows = [(waypoint.name, words.line(waypoint)) for waypoint in program.waypoints]
-        self._waypoints.content = markup.steps(rows, chosen=screen.chosen, active=active)
+        self._waypoints.content = markup.steps(
+            rows,
+            chosen=screen.chosen,
+            active=active,
+            press=uuid_of(self._list),
+            values=_labels(program),
+        )
         self._show_waypoint(screen)
         self._rounds.show(program.rounds)
         self._endless.show(program.rounds is None)
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
-        self._facts.visible = screen.rehearsal is not None
-        if screen.rehearsal is not None:
-            self._facts.content = markup.facts(words.facts(screen.rehearsal))
+        self._plan_part.disabled = not screen.can_plan or screen.chosen is None
+        self._history.disabled = not (screen.can_undo or screen.can_redo)
+        self._show_rehearsal(screen)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
         self._called.show(screen.name)
         if self._saved.options != (screen.saved or (_NONE,)):
             self._saved.options = screen.saved or (_NONE,)
         self._use.visible = bool(screen.saved)
+
+    def _show_rehearsal(self, screen: ProgramScreen) -> None:
+        rehearsal = screen.rehearsal
+        self._slider.disabled = self._play.disabled = rehearsal is None
+        facts = words.NO_FACTS if rehearsal is None else words.facts(rehearsal)
+        self._facts.content = markup.facts(facts)
+        if rehearsal is not None:
+            ends = sum(plan.duration for plan in rehearsal.plans)
+            self._slider.max = max(math.ceil(100.0 * ends) / 100.0, 0.01)
+        self._t.show(screen.t if rehearsal is not None else 0.0)
 
     def _show_waypoint(self, screen: ProgramScreen) -> None:
         waypoints = screen.program.waypoints
@@ -170,7 +219,7 @@ class ProgramPart(Part):
             for field in self._of_waypoint:
                 field.show(None)
             return
-        labels = tuple(f"{k}  {each.name}" for k, each in enumerate(waypoints, 1))
+        labels = _labels(screen.program)
         if self._list.options != labels:
             self._list.options = labels
         chosen = waypoints[index]
@@ -179,8 +228,13 @@ class ProgramPart(Part):
         self._name.show(chosen.name)
         self._pass.show(chosen.passes)
         self._pause.show(chosen.pause if stops else None)
-        self._jaw.show(aperture is not None if stops else None)
-        self._opening.show(None if aperture is None else 100.0 * aperture)
+        jaw = next((name for name, value in _JAW.items() if value == aperture), _PART_WAY)
+        self._jaw.show(jaw)
+        self._opening.show(100.0 * aperture if aperture is not None and jaw == _PART_WAY else None)
+
+
+def _labels(program: Program) -> tuple[str, ...]:
+    return tuple(f"{k}  {each.name}" for k, each in enumerate(program.waypoints, 1))
 
 
 def _index(label: str) -> int:

@@ -60,13 +60,14 @@ def guided(left: float | None) -> Sentence:
     return Sentence(text=f"Move the arm by hand and record.{end}", tone=Tone.WARM)
 
 
-def running(run: ProgramRun) -> Sentence:
-    """The progress of a run."""
+def running(run: ProgramRun, first: int = 0) -> Sentence:
+    """The progress of a run that began with the waypoint of index ``first``."""
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
     doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
     rounds = "" if program.rounds == 1 else f" Round {where.round + 1}{_of(program)}."
-    return Sentence(text=f"{doing} {program.called(index)}.{rounds} Press Space or Stop to stop.")
+    called = f"waypoint {first + index + 1} ({program.waypoints[index].name})"
+    return Sentence(text=f"{doing} {called}.{rounds} Press Space or Stop to stop.")
 
 
 def done(run: ProgramRun) -> Sentence:
@@ -96,11 +97,19 @@ def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
     return tuple(pairs)
 
 
+NO_FACTS = (("One round", "–"), ("Waypoints", "–"))
+"""The figures while there is no plan."""
+
+
 def line(waypoint: Waypoint) -> str:
     """What happens at a waypoint besides the motion to it."""
     parts = ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
-        parts.append(f"gripper {100.0 * waypoint.aperture:.0f} %")
+        parts.append(
+            {0.0: "close", 1.0: "open"}.get(
+                waypoint.aperture, f"{100.0 * waypoint.aperture:.0f} % open"
+            )
+        )
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
     return ", ".join(parts)

@@ -5,15 +5,19 @@ Dots carry numbers, not names: typed text never becomes part of the scene.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 import viser
+from so101_description import PARTS
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Program, Rehearsal
 
-from ..scene.robot_view import segments
+from ..scene.robot_view import RobotView, segments
 
 _COLOR = (147, 51, 234)
 _ROOT = "/program"
@@ -23,22 +27,42 @@ _POINTS = 32
 """Points of the tool path that are drawn for each waypoint; chosen."""
 
 
+class Ghost(NamedTuple):
+    """Where the ghost of a rehearsal stands: ``q`` (5,) and jaw [rad]."""
+
+    q: Array
+    q_jaw: float
+
+
 class ProgramView:
     """Draws a program and its plan.
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
+        on_pick: Given each dot and its waypoint's index, to be told when it is clicked.
     """
 
-    def __init__(self, scene: viser.SceneApi, model: RobotModel) -> None:
-        self._scene, self._model = scene, model
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        model: RobotModel,
+        on_pick: Callable[[viser.SceneNodeHandle, int], None],
+    ) -> None:
+        self._scene, self._model, self._on_pick = scene, model, on_pick
+        self._ghost = RobotView(scene, f"{_ROOT}/ghost", color=_COLOR, opacity=0.35)
+        self._ghost.show(())
         self._program: Program | None = None
         self._rehearsal: Rehearsal | None = None
         self._dots: list[viser.SceneNodeHandle] = []
         self._path: viser.LineSegmentsHandle | None = None
 
-    def show(self, program: Program, rehearsal: Rehearsal | None) -> None:
-        """Draw program and plan; sends nothing if they are unchanged."""
+    def show(self, program: Program, rehearsal: Rehearsal | None, ghost: Ghost | None) -> None:
+        """Draw program, plan and ghost; sends nothing if they are unchanged."""
+        if ghost is None:
+            self._ghost.show(())
+        else:
+            self._ghost.show(PARTS)
+            self._ghost.move(self._model.link_placements(ghost.q, ghost.q_jaw))
         if program is not self._program:
             self._program = program
             self._draw_dots(np.array([self._model.frame(each.q).p for each in program.waypoints]))
@@ -52,15 +76,12 @@ class ProgramView:
         self._dots = []
         if len(points) == 0:
             return
-        self._dots.append(
-            self._scene.add_point_cloud(
-                f"{_ROOT}/dots",
-                points,
-                np.tile(np.array(_COLOR, dtype=np.uint8), (len(points), 1)),
-                point_size=0.012,
-                point_shape="circle",
+        self._dots.append(self._scene.add_frame(f"{_ROOT}/dots", show_axes=False))
+        for k, p in enumerate(points):
+            dot = self._scene.add_icosphere(
+                f"{_ROOT}/dots/{k}", radius=0.007, color=_COLOR, position=p, cast_shadow=False
             )
-        )
+            self._on_pick(dot, k)
         self._dots += [
             self._scene.add_label(f"{_ROOT}/number{k}", f"{k + 1}", position=p + _ABOVE)
             for k, p in enumerate(points)

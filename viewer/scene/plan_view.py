@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.request import Plan
 
 from ..page.screen_state import PathLine, PlanView
@@ -20,14 +21,24 @@ _LINE = 60
 """Points of the line of a frame other than the tool; chosen, it looks smooth."""
 
 
-def plan_view(plan: Plan, solver: TargetSolver, frame: str, q_jaw: float) -> PlanView:
+def plan_view(
+    plan: Plan,
+    solver: TargetSolver,
+    frame: str,
+    *,
+    scene: Scene,
+    q_jaw: float,
+    name: str = "Plan",
+) -> PlanView:
     """Compute what to draw of ``plan``.
 
     Args:
         plan: The plan.
         solver: Knows the arm and what is around it.
         frame: Whose line is drawn.
-        q_jaw: Jaw angle [rad].
+        scene: What it was made for.
+        q_jaw: Jaw angle then [rad].
+        name: What the page calls it.
     """
     trajectory = plan.trajectory
     t = np.linspace(0.0, trajectory.duration, _LOOKS)
@@ -39,6 +50,9 @@ def plan_view(plan: Plan, solver: TargetSolver, frame: str, q_jaw: float) -> Pla
         sweep=_spread(plan),
         closest=closest[k],
         t_closest=float(t[k]),
+        scene=scene,
+        q_jaw=q_jaw,
+        name=name,
     )
 
 

@@ -144,4 +144,10 @@
     link.changed.push(show);
     show();
   });
+
+  // Buttons in our own pieces of HTML: which widget they tell what.
+  addEventListener('click', (event) => {
+    const button = event.target.closest?.('[data-press]');
+    if (button) link.send(button.dataset.press, button.dataset.value);
+  });
 })();

@@ -58,12 +58,15 @@ def test_a_film_goes_from_the_start_to_the_goal_in_even_steps(film, plan):
     assert np.all(np.diff(t) <= 1.0 / FRAMES + 1e-9)
     np.testing.assert_allclose(q[[0, -1]], [plan.q_start, plan.q_goal], atol=1e-6)
     np.testing.assert_allclose(q_ghost, np.broadcast_to(plan.q_goal, q.shape))
-    assert {"Duration", "Peak speed", "Clearance"} <= {name for name, _ in film.facts}
+    told = dict(film.facts)
+    assert {"Motion", "Duration", "Peak speed", "Clearance", "Orange line"} <= set(told)
+    assert told["Limits"] == "115 °/s, 458 °/s²"
+    assert told["Gripper"].endswith("% open")
 
 
 def test_the_film_of_a_run_has_the_arm_as_measured_and_the_ghost_as_planned(plan):
     run = Run(t=np.array([0.0, 0.5]), q_ref=np.ones((2, 5)), q=np.full((2, 5), 0.9))
-    film = film_of(_seen(plan), SCENE, title="Arm", q_jaw=0.0, run=run)
+    film = film_of(_seen(plan), title="Arm", run=run)
     _, q, q_ghost = film.frames()
     np.testing.assert_allclose(q, 0.9)
     np.testing.assert_allclose(q_ghost, 1.0)
@@ -110,4 +113,4 @@ def _seen(plan):
     from so101_viewer.page.target_ik import Surroundings, TargetSolver
 
     solver = TargetSolver.load(Surroundings(scene=SCENE, range=(np.full(5, -3.0), np.full(5, 3.0))))
-    return plan_view(plan, solver, "tool", 0.0)
+    return plan_view(plan, solver, "tool", scene=SCENE, q_jaw=0.0)

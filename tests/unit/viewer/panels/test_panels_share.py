@@ -7,7 +7,6 @@ import pytest
 from so101_viewer.panels.share import FILM, KINDS, SharedMotion, content, file_name, kind_called
 
 from so101_motion.files.trajectory_export import LeRobot, Run
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 
@@ -22,8 +21,6 @@ def subject():
     return SharedMotion(
         view=SimpleNamespace(plan=SimpleNamespace(trajectory=trajectory)),
         run=None,
-        scene=Scene(),
-        q_jaw=0.0,
         lerobot=LeRobot(aperture=0.5),
         title="Arm",
     )

@@ -94,13 +94,15 @@ def tab(clock: ManualClock, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         tab.worker.shutdown()
 
 
-def test_waypoints_are_recorded_from_the_target_and_from_the_arm_with_its_jaw(tab: Tab) -> None:
+def test_waypoints_are_recorded_from_the_target_and_from_the_arm_and_keep_the_jaw(
+    tab: Tab,
+) -> None:
     tab.record(A)
     tab.model.record_arm()
     first, second = tab.model.screen().program.waypoints
     np.testing.assert_array_equal(first.q, A)
     np.testing.assert_array_equal(second.q, np.zeros(5))
-    assert first.aperture == second.aperture == 0.0
+    assert first.aperture is second.aperture is None  # else a part in the jaw would be dropped
     assert tab.model.screen().chosen == 1
     assert tab.said == "Recorded waypoint 2. Record more, or press Plan program."
 
@@ -150,6 +152,45 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab
     tab.model.choose(1)
     tab.model.set_passes(True)
     assert tab.said == "The arm stops at the last waypoint; this is passed when one follows."
+
+
+def test_edits_are_undone_and_redone_and_waypoints_duplicated(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.duplicate()
+    assert (tab.names, tab.model.screen().chosen) == ("ACB", 1)
+    tab.model.take_place()
+    np.testing.assert_array_equal(tab.model.screen().program.waypoints[1].q, np.zeros(5))
+    tab.model.undo()
+    np.testing.assert_array_equal(tab.model.screen().program.waypoints[1].q, A)
+    tab.model.undo()
+    assert tab.names == "AB"
+    tab.model.redo()
+    assert tab.names == "ACB"
+    for _ in range(9):
+        tab.model.undo()
+    assert (tab.names, tab.model.screen().chosen, tab.model.screen().can_undo) == ("", None, False)
+
+
+def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: Tab) -> None:
+    tab.record(A, B, A)
+    tab.model.choose(1)
+    tab.model.plan("from here")
+    tab.until(lambda: tab.model.screen().can_run)
+    rehearsal = tab.model.screen().rehearsal
+    assert rehearsal is not None
+    assert [each.name for each in rehearsal.program.waypoints] == ["B", "C"]
+    tab.model.preview(0.0)
+    np.testing.assert_allclose(tab.model.screen().q_ghost, np.zeros(5), atol=1e-9)
+    tab.model.preview(rehearsal.plans[0].duration)
+    np.testing.assert_allclose(tab.model.screen().q_ghost, B, atol=1e-6)
+    tab.model.run()
+    tab.until(lambda: "Going to waypoint 2 (B)." in tab.said)
+    tab.until(lambda: tab.model.screen().run is None)
+    tab.model.choose(0)
+    tab.model.plan("this step")
+    tab.until(lambda: tab.model.screen().can_run)
+    assert len(tab.model.screen().rehearsal.program) == 1
 
 
 def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
