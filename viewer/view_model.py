@@ -32,6 +32,9 @@ from .page.target_ik import FRAMES, Surroundings, Target, TargetSolver
 from .page.tracking import Tracker, Tracking
 from .scene.plan_view import plan_view
 
+ABOVE = 0.02
+"""How far above a surface that is clicked the target is [m]; chosen: the jaws stay clear of it."""
+
 SAME_POSE = to_rad(0.5)
 """Ghost and arm nearer than this are one picture, so the ghost is hidden [rad]; chosen."""
 
@@ -96,6 +99,19 @@ class ViewModel:
         q = np.array(self._target.q)
         q[i] = angle
         self.set_target_joints(q)
+
+    def set_target_above(self, p_base: Array) -> None:
+        """Set a target point above a surface, so that the gripper comes from above and stops short.
+
+        Args:
+            p_base: The point of the surface, shape (3,), [m].
+        """
+        self.set_target_point(p_base + np.array([0.0, 0.0, ABOVE]))
+
+    def take_nearest(self) -> None:
+        """Set the target to the nearest place that can be reached, if there is one."""
+        if self._nearest() is not None:
+            self.set_target_joints(self._target.q)
 
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
@@ -238,6 +254,8 @@ class ViewModel:
             plan_is_current=self._plan_is_current,
             can_plan=self._can_plan(),
             can_execute=self._can_execute(),
+            can_take_nearest=self._nearest() is not None,
+            holds=self._gripper_holds(),
             preview_time=self._playback.t,
             rate=self._playback.rate,
             progress=self._progress(),
@@ -249,6 +267,16 @@ class ViewModel:
         )
 
     # How
+
+    def _nearest(self) -> Target | None:
+        """The target where the ghost stands, if only the point asked for is out of reach."""
+        if self._target.problem is None:
+            return None
+        near = self._at_joints(self._target.q, self._target.frame)
+        return near if near.problem is None else None
+
+    def _gripper_holds(self) -> bool:
+        return bool(getattr(self._gripper, "is_holding", False))
 
     def _at_point(self, p_base: Array, frame: str) -> Target:
         state = self._state

@@ -104,6 +104,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.press("Next")
         hand.expect("connect only the motor of wrist_roll")
         hand.press("Abort the setup")
+        hand.press("Press again to abort")
         hand.expect("Aborted: nothing was moved")
         hand.until(lambda: hand.can("Motor Setup Only"), "Motor Setup Only")
         hand.press("Motor Setup Only")
@@ -164,6 +165,7 @@ def test_a_preview_of_an_arm_on_a_port_has_the_setup_beside_it(tmp_path: Path) -
         hand.expect("Torque on: the joints are held")
         hand.until(lambda: hand.can("Next"), "going on")
         hand.press("Abort the setup")
+        hand.press("Press again to abort")
         hand.expect("Aborted: nothing was changed, and nothing was moved")
         assert rig.arm.state.mode is Mode.HOLDING
 
@@ -220,6 +222,7 @@ def test_an_aborted_calibration_leaves_the_motors_as_they_were(tmp_path: Path) -
         hand.until(lambda: hand.can("Next"), "Next")
         assert not hand.can("Verify again")
         hand.press("Abort the setup")
+        hand.press("Press again to abort")
         hand.expect("the motors hold what they held before")
         assert kit.offsets == held
         hand.until(lambda: hand.can("Full Setup"), "Full Setup")

@@ -13,9 +13,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Self, TypeVar
 
+import numpy as np
 import viser
 
 from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import Array
 from so101_motion.rig.protocols import RigLike
 
 from .bar import Bar
@@ -117,6 +119,14 @@ class PageContext:
     def on_pick(self, node: Any, command: Command) -> None:
         """Run ``command`` when ``node`` of the scene is clicked."""
         node.on_click(self._on(lambda _event: command))
+
+    def on_scene_click(self, command: Callable[[Array, Array], None]) -> Callable[[Any], Any]:
+        """A handler for clicks anywhere in the scene: ``command`` is run with the click's ray."""
+
+        def command_for(event: Any) -> Command:
+            return partial(command, np.array(event.ray_origin), np.array(event.ray_direction))
+
+        return self._on(command_for)
 
     def on_file(
         self, button: viser.GuiUploadButtonHandle, command: Callable[[viser.UploadedFile], None]

@@ -89,6 +89,8 @@ class Screen:
         plan_is_current: Whether that plan can still be looked at and executed.
         can_plan: Whether Plan may be pressed.
         can_execute: Whether Execute may be pressed.
+        can_take_nearest: Whether the target is out of reach and the ghost's place is not.
+        holds: Whether the gripper holds something.
         preview_time: How far into the plan the ghost stands [s].
         rate: How fast it is being played; None while it stands.
         progress: Share of the motion that is done, 0 to 1.
@@ -110,6 +112,8 @@ class Screen:
     plan_is_current: bool
     can_plan: bool
     can_execute: bool
+    can_take_nearest: bool
+    holds: bool
     preview_time: float
     rate: float | None
     progress: float

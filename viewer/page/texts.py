@@ -13,7 +13,7 @@ from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 
-from .screen_state import PlanView, Sentence, Tone
+from .screen_state import PlanView, Screen, Sentence, Tone
 from .tracking import Tracking
 
 PRESS_PLAN = Sentence(text="Reachable. Press Plan.")
@@ -143,9 +143,20 @@ def caps(limits: MotionLimits) -> str:
     return f"{to_deg(speed):.0f} °/s, {to_deg(push):.0f} °/s²"
 
 
+def aperture(q_jaw: float) -> float:
+    """How far the jaw is open, 0 to 1."""
+    return min(max((q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED), 0.0), 1.0)
+
+
 def opening(q_jaw: float) -> str:
-    """How far the jaw is open."""
-    return f"{100.0 * (q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED):.0f} % open"
+    """The same in words."""
+    return f"{100.0 * aperture(q_jaw):.0f} % open"
+
+
+def grip(screen: Screen) -> str:
+    """What the gripper does."""
+    measured = opening(screen.state.q_jaw)
+    return f"Holding something, {measured}." if screen.holds else f"Holding nothing, {measured}."
 
 
 def clearance(view: PlanView) -> str:

@@ -16,6 +16,7 @@ from ..page.part import Part
 from ..page.screen_state import Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
+from ..scene.click import hit
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel
@@ -44,7 +45,7 @@ class MovePart(Part):
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
     ) -> None:
-        arm = context.rig.arm
+        self._arm = arm = context.rig.arm
         model = RobotModel.load()
         self.page = ViewModel(
             arm=arm,
@@ -56,12 +57,22 @@ class MovePart(Part):
         )
         if plan is not None:
             self.page.show(plan)
-        self._stage = Stage(context, model=model, on_drag=self._dragged)
+        self._stage = Stage(context, model=model, on_drag=self._dragged, on_click=self._clicked)
         self.stop_button = add_stop(context.gui, *stops)
         self._arm_panel = ArmPanel(context.gui)
-        self._plan_panel = PlanPanel(context, self.page, PoseList(SavedPoses(), self.page))
+        self._plan_panel = PlanPanel(
+            context,
+            self.page,
+            PoseList(SavedPoses(), self.page),
+            on_click=self._stage.set_clickable,
+        )
         context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button
         self._pictures = 0
+
+    def _clicked(self, p_from: Array, along: Array) -> None:
+        met = hit(self._arm.scene, p_from, along)
+        if met is not None:
+            self.page.set_target_above(met)
 
     def _dragged(self, p_base: Array) -> None:
         self._stage.dragged_to(p_base)

@@ -35,6 +35,8 @@ _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
 _RATE_NAMES = {f"{rate:g}×": rate for rate in RATES}
 _ROUNDING = 1e-6  # 110 degrees came in as a float in radians
 
+_NEAREST = "take the nearest"
+
 _HERE = "here"
 """Among the named poses: where the arm is now."""
 
@@ -42,14 +44,24 @@ _HERE = "here"
 class PlanPanel:
     """The Move tab, and the panel with the plots of the newest plan.
 
+    Args:
+        on_click: Told whether clicks in the picture shall set the target.
+
     Nothing in it comes and goes: what cannot be used is grey, so no button takes another's place.
 
     Attributes:
         plan_button: What plans.
     """
 
-    def __init__(self, context: ArmContext, page: ViewModel, poses: PoseList) -> None:
-        self._page, self._context = page, context
+    def __init__(
+        self,
+        context: ArmContext,
+        page: ViewModel,
+        poses: PoseList,
+        *,
+        on_click: Callable[[bool], None],
+    ) -> None:
+        self._page, self._context, self._on_click = page, context, on_click
         self._range: tuple[Array, Array] | None = None
         gui = context.gui
         with context.tabs.add_tab("Move", viser.Icon.ROUTE):
@@ -81,6 +93,17 @@ class PlanPanel:
             self._context,
             shown=str,
         )
+        self._nearest = gui.add_button_group(
+            "Out of reach",
+            (_NEAREST,),
+            disabled=True,
+            hint="Sets the target to where the ghost stands, the nearest place within reach",
+        )
+        self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
+        click = gui.add_checkbox(
+            "Click sets target", False, hint="A click on the table or an object, 20 mm above it"
+        )
+        self._context.on_entry(click, self._on_click)
         poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
         self._context.on_choice(poses, self._choose)
         with gui.add_folder("Joints (°)", expand_by_default=False):
@@ -137,15 +160,34 @@ class PlanPanel:
         )
 
     def _add_jaw(self, gui: viser.GuiApi) -> None:
+        gui.add_divider()
         self._jaw = gui.add_button_group(
             "Gripper", ("open", "close"), hint="Moves at once, without a plan"
         )
         self._context.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
+        self._opening = gui.add_slider(
+            "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
+        )
+        self._opened = SharedField(
+            self._opening,
+            lambda percent: self._page.move_jaw(percent / 100.0),
+            self._context,
+            shown=round,
+        )
+        self._grip = gui.add_html("")
 
     def show(self, screen: Screen) -> None:
         """Show ``screen``; viser sends only what differs."""
         self._sentence.content = markup.sentence(screen.sentence)
-        self._jaw.disabled = screen.state.mode in (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
+        self._opening.disabled = self._jaw.disabled = screen.state.mode in (
+            Mode.LIMP,
+            Mode.FAULT,
+            Mode.CALIBRATING,
+        )
+        if not screen.state.jaw_moving:
+            self._opened.show(100.0 * texts.aperture(screen.state.q_jaw_ref))
+        self._grip.content = markup.small(texts.grip(screen))
+        self._nearest.disabled = not screen.can_take_nearest
         self._show_target(screen)
         self._own_poses.show()
         self._speed_deg.show(to_deg(screen.speed))

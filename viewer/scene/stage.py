@@ -30,6 +30,8 @@ class Stage:
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
         on_drag: Called with the new target point, shape (3,), [m].
+        on_click: Called with the ray of a click, while clicks are wanted: where it begins, shape
+            (3,), [m], and its direction, shape (3,).
     """
 
     def __init__(
@@ -38,8 +40,10 @@ class Stage:
         *,
         model: RobotModel,
         on_drag: Callable[[Array], None],
+        on_click: Callable[[Array, Array], None],
     ) -> None:
         self._scene, self._model = context.server.scene, model
+        self._clicked = context.on_scene_click(on_click)
         set_up_view(context.server)
         self._live = RobotView(self._scene, "/live")
         self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
@@ -63,6 +67,13 @@ class Stage:
         self._target.visible = visible and self._has_handles
         if self._path_node is not None:
             self._path_node.visible = visible
+
+    def set_clickable(self, wanted: bool) -> None:
+        """Listen to clicks in the picture, or not."""
+        if wanted:
+            self._scene.on_click()(self._clicked)
+        else:
+            self._scene.remove_click_callback("all")
 
     def set_handles(self, shown: bool) -> None:
         """Show or hide the target's arrows.

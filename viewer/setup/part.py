@@ -7,6 +7,7 @@ what the step has begun and says how it has left the arm.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import partial
 
@@ -15,7 +16,7 @@ import viser
 from so101_motion.calib.motors.progress import NAME, SetupProgress
 from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
-from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, WORKFLOWS, Workflow
+from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, TEST, WORKFLOWS, Workflow
 
 from ..page import markup
 from ..page.page_context import ArmContext, PageContext
@@ -37,6 +38,8 @@ from .setup_context import ServesPreview, SetupContext
 from .step_wizard import StepWizard
 
 TITLE = "Setup"
+
+_ABORT, _SURE, _ASKED_FOR = "Abort the setup", "Press again to abort", 5.0
 
 _MOTORS_DONE = "All done. Screw the arm together, then choose Calibration Only."
 
@@ -80,6 +83,7 @@ class SetupPart(Part):
         self._current: StepPage | None = None
         self._left_behind = ""
         self._is_stale = True
+        self._sure_until = 0.0  # until then a second press aborts [s]
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
         if resumes:
@@ -110,7 +114,7 @@ class SetupPart(Part):
             self._why_not = gui.add_html("")
             self._next = gui.add_button("Next", icon=viser.Icon.ARROW_RIGHT)
             self._back = gui.add_button("Back", icon=viser.Icon.ARROW_LEFT, color="gray")
-            self._abort = gui.add_button("Abort the setup", icon=viser.Icon.X, color="red")
+            self._abort = gui.add_button(_ABORT, icon=viser.Icon.X, color="gray")
         on_press = self.setup.context.on_press
         on_press(self._next, self._go_on)
         on_press(self._back, self._go_back)
@@ -148,9 +152,13 @@ class SetupPart(Part):
             self._turn_to_step()
 
     def _give_up(self) -> None:
-        page = self._current
+        page, now = self._current, time.monotonic()
         if page is None or self.setup.doing:
             return
+        if now > self._sure_until:
+            self._sure_until = now + _ASKED_FOR
+            return
+        self._sure_until = 0.0
 
         def ended(sentence: str) -> None:
             self.wizard.end()
@@ -205,6 +213,8 @@ class SetupPart(Part):
         ended = self.setup.collect()
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
         news = self._current is not None and self._current.refresh()
+        if self._sure_until and time.monotonic() > self._sure_until:
+            self._sure_until, is_stale = 0.0, True
         return is_stale or ended or torque or news
 
     def show(self) -> None:
@@ -224,7 +234,9 @@ class SetupPart(Part):
         self._steps.content = cards.step_list(wizard.rows(self.setup.known))
         self._torque.content = cards.torque(self.setup.torque.shown)
         reason = self._reason()
-        self._next.label = "Finish" if wizard.is_last else "Next"
+        skips = step.name == TEST.name and self.setup.tested is None
+        self._next.label = "Skip the test" if skips else "Finish" if wizard.is_last else "Next"
+        self._abort.label = _SURE if time.monotonic() <= self._sure_until else _ABORT
         self._next.disabled = reason is not None
         self._back.disabled = self._abort.disabled = bool(self.setup.doing)
         self._why_not.content = self._words(reason)
