@@ -158,6 +158,40 @@ def test_a_window_opens_dark_where_the_browser_prefers_it_and_moves_nothing(
     assert guest.problems == dark.problems == []
 
 
+def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest: Guest, rig: Rig) -> None:
+    def moves() -> bool:
+        return bool(np.any(np.abs(rig.arm.state.qd_ref) > to_rad(1.0)))
+
+    page = guest.page
+    page.get_by_role("tab", name="Jog").click()
+    page.keyboard.press("q")  # off until it is switched on
+    guest.press("Start jogging")
+    guest.until(lambda: guest.says("Hold a button or its key."))
+    assert at_rest(rig) or not moves()
+    for let_go in (
+        lambda: page.keyboard.up("q"),
+        lambda: page.evaluate("dispatchEvent(new Event('blur'))"),  # the window is left
+    ):
+        page.keyboard.down("q")
+        guest.until(moves)
+        let_go()
+        guest.until(lambda: not moves(), seconds=5.0)
+        page.keyboard.up("q")
+    x, y, right, bottom = box(page.get_by_label("shoulder pan, less"))
+    page.mouse.move(0.5 * (x + right), 0.5 * (y + bottom))
+    page.mouse.down()
+    guest.until(moves)
+    page.mouse.up()
+    guest.until(lambda: not moves(), seconds=5.0)
+    page.keyboard.down("q")
+    guest.until(moves)
+    page.keyboard.press("Space")  # Stop ends it, whatever is held
+    guest.until(lambda: at_rest(rig) and guest.says("Stopped. Start jogging to go on."))
+    page.keyboard.up("q")
+    assert guest.problems == []
+    page.get_by_role("tab", name="Move").click()
+
+
 def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None:
     guest.page.keyboard.press("p")
     guest.until(lambda: guest.button("Execute").is_enabled())
