@@ -43,6 +43,7 @@ class Bar:
         ways: The ways home, in their order.
         stop: The widget that Stop presses; None until there is something to stop.
         plan: The widget that the key P presses, or None.
+        views: Labels and widgets of the buttons over the picture, which turn the camera.
     """
 
     def __init__(self) -> None:
@@ -50,6 +51,7 @@ class Bar:
         self.ways: tuple[Way, ...] = ()
         self.stop: viser.GuiButtonHandle | None = None
         self.plan: viser.GuiButtonHandle | None = None
+        self.views: tuple[tuple[str, viser.GuiButtonHandle], ...] = ()
         self._alerts: dict[str, tuple[Sentence, ...]] = {}
 
     def alert(self, source: str, sentences: Iterable[Sentence] = ()) -> None:
@@ -70,6 +72,7 @@ class Bar:
             stop=uuid_of(self.stop),
             plan=uuid_of(self.plan),
             alerts=alerts,
+            views=[{"label": label, "press": uuid_of(button)} for label, button in self.views],
             ways=[
                 {"label": way.label, "press": uuid_of(way.button), "can": way.can, "asks": way.asks}
                 for way in self.ways

@@ -69,14 +69,14 @@ def headline(title: str, subtitle: str) -> str:
     return (
         '<div style="padding:.4em .7em .2em">'
         f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
-        f'<div style="font-size:.8em;opacity:.7">{escape(subtitle)}</div></div>'
+        f'<div style="font-size:.8em;color:var(--so101-dim)">{escape(subtitle)}</div></div>'
     )
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
     """Names and values in two columns."""
     rows = "".join(
-        f'<span style="opacity:.7">{escape(name)}</span><span>{escape(value)}</span>'
+        f'<span style="color:var(--so101-dim)">{escape(name)}</span><span>{escape(value)}</span>'
         for name, value in pairs
     )
     return (
@@ -87,7 +87,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 def small(text: str) -> str:
     """Small print."""
-    return f'<div style="padding:0 .9em .5em;font-size:.78em;opacity:.65">{escape(text)}</div>'
+    return f'<div style="padding:0 .9em .5em;font-size:.78em;color:var(--so101-dim)">{escape(text)}</div>'
 
 
 def caption(text: str, is_old: bool) -> str:
@@ -104,7 +104,7 @@ def to_copy(about: str, text: str) -> str:
     )
     return (
         '<div style="padding:.3em .7em .5em;font-size:.82em;line-height:1.35">'
-        f'<div style="opacity:.7">{escape(about)}</div>'
+        f'<div style="color:var(--so101-dim)">{escape(about)}</div>'
         '<textarea readonly spellcheck="false" style="display:block;width:100%;height:14em;'
         "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
         f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
@@ -124,7 +124,7 @@ def health(found: Health) -> str:
         servos = (
             '<div style="display:grid;grid-template-columns:1fr repeat(5,max-content);'
             'gap:.15em .75em;text-align:right;font-variant-numeric:tabular-nums">'
-            f'<div style="display:contents;opacity:.6">{head}</div>{rows}</div>'
+            f'<div style="display:contents;color:var(--so101-dim)">{head}</div>{rows}</div>'
         )
     lines = []
     if found.period is not None:
@@ -178,7 +178,7 @@ def _figure(text: str, tone: Tone) -> str:
 def events(items: Iterable[Event]) -> str:
     """The events, the newest first."""
     rows = "".join(
-        f'<span style="opacity:.6">{event.at:%H:%M:%S}</span>'
+        f'<span style="color:var(--so101-dim)">{event.at:%H:%M:%S}</span>'
         f'<span style="color:{_TONES[event.tone]};overflow-wrap:anywhere">'
         f"{escape(event.text)}</span>"
         for event in items
@@ -228,7 +228,7 @@ def _bar(bar: Bar) -> str:
     near = bar.warns and min(bar.share, 1.0 - bar.share) < NEAR_LIMIT
     color = "#e03131" if near else "#f08c00"
     ends = f"{bar.lower:.0f} to {bar.upper:.0f} {bar.unit}"
-    limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;opacity:.55"
+    limit = "position:absolute;top:.75em;font-size:.72em;line-height:1;color:var(--so101-dim)"
     return (
         f'<div title="{escape(bar.name)}: {escape(ends)}" style="display:grid;'
         "grid-template-columns:7em 1fr 4.2em;gap:.6em;align-items:center;font-size:.82em;"

@@ -49,6 +49,17 @@ class SharedField:
             put(self._widget, shown)
 
 
+def grey(group: Any, greyed: bool) -> None:
+    """Disable a group of buttons, or not; viser's browser can, its Python only says that it cannot.
+
+    Presses of a group that is disabled elsewhere meanwhile must be harmless.
+    """
+    inside = group._impl
+    if inside.props.disabled != greyed:
+        inside.props.disabled = greyed
+        group._queue_update("disabled", greyed)
+
+
 def put(widget: Any, value: object) -> None:
     """Set a widget's value; viser's types declare it read-only, which it is not."""
     widget.value = value

@@ -20,7 +20,7 @@ from ..page import markup, texts
 from ..page.page_context import ArmContext
 from ..page.playback import RATES
 from ..page.screen_state import PlanView, Screen
-from ..page.shared_fields import SharedField, put, tenth, tenths
+from ..page.shared_fields import SharedField, grey, put, tenth, tenths
 from ..page.target_ik import FRAMES
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
@@ -96,7 +96,6 @@ class PlanPanel:
         self._nearest = gui.add_button_group(
             "Out of reach",
             (_NEAREST,),
-            disabled=True,
             hint="Sets the target to where the ghost stands, the nearest place within reach",
         )
         self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
@@ -136,7 +135,6 @@ class PlanPanel:
         self._play = gui.add_button_group(
             "Play",
             tuple(_RATE_NAMES),
-            disabled=True,
             hint="Plays only the ghost, at this fraction of the arm's speed; press again to pause",
         )
         self._context.on_choice(self._play, lambda name: self._page.play(_RATE_NAMES[name]))
@@ -179,15 +177,17 @@ class PlanPanel:
     def show(self, screen: Screen) -> None:
         """Show ``screen``; viser sends only what differs."""
         self._sentence.content = markup.sentence(screen.sentence)
-        self._opening.disabled = self._jaw.disabled = screen.state.mode in (
+        is_off = screen.state.mode in (
             Mode.LIMP,
             Mode.FAULT,
             Mode.CALIBRATING,
         )
+        self._opening.disabled = is_off
+        grey(self._jaw, is_off)
         if not screen.state.jaw_moving:
             self._opened.show(100.0 * texts.aperture(screen.state.q_jaw_ref))
         self._grip.content = markup.small(texts.grip(screen))
-        self._nearest.disabled = not screen.can_take_nearest
+        grey(self._nearest, not screen.can_take_nearest)
         self._show_target(screen)
         self._own_poses.show()
         self._speed_deg.show(to_deg(screen.speed))
@@ -202,7 +202,8 @@ class PlanPanel:
             self._plots.show_tracking(screen.tracking, screen.tracked)
         has_plan = screen.plan_is_current
         self._plots.name(screen.plan, is_current=has_plan)
-        self._play.disabled = self._preview.disabled = not has_plan
+        self._preview.disabled = not has_plan
+        grey(self._play, not has_plan)
         self._facts.content = markup.facts(
             texts.plan_facts(screen.plan) if has_plan and screen.plan else texts.NO_FACTS
         )

@@ -18,7 +18,7 @@ from ..page import markup
 from ..page.bar import uuid_of
 from ..page.page_context import ArmContext
 from ..page.part import Part
-from ..page.shared_fields import SharedField, put
+from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
 from .program_model import REST, STEP, ProgramModel
@@ -133,7 +133,7 @@ class ProgramPart(Part):
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
         self._play = gui.add_button_group(
-            "Play", tuple(_RATES), disabled=True, hint="Plays only the ghost; press again to pause"
+            "Play", tuple(_RATES), hint="Plays only the ghost; press again to pause"
         )
         self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
         self._facts = gui.add_html(markup.facts(words.NO_FACTS))
@@ -192,8 +192,8 @@ class ProgramPart(Part):
         self._endless.show(program.rounds is None)
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
-        self._plan_part.disabled = not screen.can_plan or screen.chosen is None
-        self._history.disabled = not (screen.can_undo or screen.can_redo)
+        grey(self._plan_part, not screen.can_plan or screen.chosen is None)
+        grey(self._history, not (screen.can_undo or screen.can_redo))
         self._show_rehearsal(screen)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
         self._called.show(screen.name)
@@ -203,7 +203,8 @@ class ProgramPart(Part):
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
         rehearsal = screen.rehearsal
-        self._slider.disabled = self._play.disabled = rehearsal is None
+        self._slider.disabled = rehearsal is None
+        grey(self._play, rehearsal is None)
         facts = words.NO_FACTS if rehearsal is None else words.facts(rehearsal)
         self._facts.content = markup.facts(facts)
         if rehearsal is not None:

@@ -13,6 +13,16 @@ _FIELD_OF_VIEW = math.radians(36.0)
 """Chosen: the whole workspace in the picture, the arm a little above the middle."""
 
 
+_VIEWS = {
+    "Home": _CAMERA,
+    "Top": (0.169, -0.02, 1.45),
+    "Front": (1.5, -0.02, 0.12),
+    "Side": (0.17, -1.45, 0.12),
+}
+"""Where the camera stands for each of the buttons over the picture, [m]; all look at the middle of
+the workspace. Chosen."""
+
+
 _TALL_CAMERA = (0.93, -1.42, 0.56)
 _TALL_LOOK_AT = (0.17, -0.02, -0.15)
 """On a phone held upright, where the panels cover the lower part of the picture."""
@@ -39,6 +49,26 @@ def set_up_view(server: viser.ViserServer) -> None:
         "/sky", ground_color=_GROUND, intensity=1.4, position=(0.0, 0.0, 1.0)
     )
     scene.add_light_directional("/key", intensity=1.6, position=_KEY_LIGHT)
+
+
+def add_views(gui: viser.GuiApi) -> tuple[tuple[str, viser.GuiButtonHandle], ...]:
+    """Make the invisible widgets of the buttons that turn a window's camera, with their labels."""
+    return tuple((label, _view_button(gui, label, p)) for label, p in _VIEWS.items())
+
+
+def _view_button(
+    gui: viser.GuiApi, label: str, p: tuple[float, float, float]
+) -> viser.GuiButtonHandle:
+    button = gui.add_button(label, visible=False)
+
+    async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        if event.client is not None:
+            with event.client.atomic():
+                event.client.camera.position = p
+                event.client.camera.look_at = _LOOK_AT
+
+    button.on_click(look)
+    return button
 
 
 def set_up_recording(server: viser.ViserServer) -> None:

@@ -12,7 +12,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page.page_context import ArmContext
 from ..page.screen_state import PathLine, Screen, Tone
-from .lighting import set_up_view
+from .lighting import add_views, set_up_view
 from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
 
@@ -45,6 +45,8 @@ class Stage:
         self._scene, self._model = context.server.scene, model
         self._clicked = context.on_scene_click(on_click)
         set_up_view(context.server)
+        context.bar.views = add_views(context.gui)
+        context.leave_open(*(button for _, button in context.bar.views))
         self._live = RobotView(self._scene, "/live")
         self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
         self._target = self._scene.add_transform_controls(

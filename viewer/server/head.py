@@ -13,7 +13,7 @@ from pathlib import Path
 from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
-_SCRIPTS = ("link.js", "bar.js", "jog.js")
+_SCRIPTS = ("link.js", "bar.js", "jog.js", "names.js")
 
 
 @lru_cache(maxsize=1)

@@ -95,6 +95,7 @@ class PretendedArm:
         self.speed = self.acceleration = 1.0
         self.scene: object = object()
         self.range = (np.full(5, -2.0), np.full(5, 2.0))
+        self.newest = None
         self.failure: Exception | None = None
         self.executed: list[PretendedPlan] = []
         self.motion = SimpleNamespace(future=Future())

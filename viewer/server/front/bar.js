@@ -44,6 +44,8 @@
     const button = make('button', 'so101-stop', bar);
     button.textContent = 'STOP';
     button.title = 'Space or Escape does the same';
+    const views = make('nav', 'so101-views', document.body);
+    views.setAttribute('aria-label', 'Views');
     const alerts = make('div', 'so101-alerts', document.body);
     const own = make('div', 'so101-window', alerts);
     const list = make('div', '', alerts);
@@ -101,6 +103,14 @@
           line.className = tone;
           line.textContent = text;
           return line;
+        }));
+      }
+      if (changed('views', board().views)) {
+        views.replaceChildren(...(board().views ?? []).map(({ label, press }) => {
+          const view = make('button');
+          view.textContent = label;
+          view.onclick = () => link.send(press, true);
+          return view;
         }));
       }
       if (changed('window', mine)) {

@@ -133,6 +133,7 @@ def test_a_waypoint_is_passed_without_pause_and_jaw_or_it_is_stopped_at(tab: Tab
 
     tab.record(A, B)
     tab.model.choose(0)
+    tab.model.set_aperture(0.0)
     tab.model.set_passes(True)
     assert first() == (True, 0.0, None)
     assert tab.said.endswith("so without a pause, and the gripper stays as it is.")

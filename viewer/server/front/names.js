@@ -1,0 +1,38 @@
+// Names for what viser leaves nameless: people who cannot see the page are told these.
+(() => {
+  const NAMELESS =
+    '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +
+    '#root input:not([type="hidden"]):not([aria-label])';
+  let due = 0;
+
+  function label(node) {
+    for (let around = node.parentElement; around; around = around.parentElement) {
+      const found = around.querySelector('label');
+      if (found) {
+        const fields = [...around.querySelectorAll('input:not([type="hidden"])')];
+        const k = fields.length === 3 ? fields.indexOf(node) : -1;
+        return found.textContent + (k < 0 ? '' : ` ${'XYZ'[k]}`);
+      }
+    }
+    return '';
+  }
+
+  function name() {
+    due = 0;
+    for (const node of document.querySelectorAll(NAMELESS)) {
+      const text = label(node);
+      if (text) node.setAttribute('aria-label', text);
+    }
+    for (const node of document.querySelectorAll('[role="progressbar"]:not([aria-label])')) {
+      node.setAttribute('aria-label', 'Progress');
+    }
+    for (const node of document.querySelectorAll('.mantine-CloseButton-root:not([aria-label])')) {
+      node.setAttribute('aria-label', 'Close');
+    }
+  }
+
+  addEventListener('DOMContentLoaded', () => {
+    new MutationObserver(() => { due ||= setTimeout(name, 300); })
+      .observe(document.body, { childList: true, subtree: true });
+  });
+})();
