@@ -87,7 +87,8 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 def small(text: str) -> str:
     """Small print."""
-    return f'<div style="padding:0 .9em .5em;font-size:.78em;color:var(--so101-dim)">{escape(text)}</div>'
+    look = "padding:0 .9em .5em;font-size:.78em;color:var(--so101-dim)"
+    return f'<div style="{look}">{escape(text)}</div>'
 
 
 def caption(text: str, is_old: bool) -> str:
