@@ -74,7 +74,7 @@ class Preview(ServedPage):
         move = MovePart(context, title=title, stops=(self.stop, rig.gripper.stop), plan=self._plan)
         host.windows.leave_open_as_stop(move.stop_button)
         host.say = move.page.report
-        program = ProgramPart(context, move.page)
+        jog, program = JogPart(context, move.page), ProgramPart(context, move.page)
         host.add_parts(
             move,
             program,
@@ -86,6 +86,7 @@ class Preview(ServedPage):
             SharePart(context, move.page, title=title),
             *self._about_the_arm(context, move, program),
             *setup_parts(context, on_stage=move.set_visible),
+            jog,
         )
         host.events.add(f"{title}: connected")
 
@@ -97,7 +98,6 @@ class Preview(ServedPage):
         return (
             health,
             WaysHome(context, title=self._source.title, guide=program.model.guide, fade=move.fade),
-            JogPart(context, move.page),
             ArmEvents(context.rig, context.events.add),
         )
 
