@@ -234,7 +234,9 @@ class SetupPart(Part):
         self._steps.content = cards.step_list(wizard.rows(self.setup.known))
         self._torque.content = cards.torque(self.setup.torque.shown)
         reason = self._reason()
-        skips = step.name == TEST.name and self.setup.tested is None
+        target = self.setup.target
+        can_test = step.name == TEST.name and target is not None and target.rig is not None
+        skips = can_test and self.setup.tested is None
         self._next.label = "Skip the test" if skips else "Finish" if wizard.is_last else "Next"
         self._abort.label = _SURE if time.monotonic() <= self._sure_until else _ABORT
         self._next.disabled = reason is not None
