@@ -6,9 +6,10 @@ kinematics alone: within 0.1 mm, inside the limits, and within 1 degree of the a
 whole rotation) where it counts. A solve is what callers pay: the public call with its checks of the
 goal, judgement by the model and the making of the solution.
 
-The points out of reach are random ones that were refused. The peer is pin-pink, on the same targets
-in the same run: its differential inverse kinematics, repeated until it is within 0.1 mm, at most
-200 times, with joint limits, and with the faster of its solvers that is installed.
+The points out of reach are random ones that were refused. Peers are on the same targets in the same
+run: pin-pink, its differential inverse kinematics repeated until it is within 0.1 mm, at most 200
+times, with joint limits, and with the faster of its solvers that is installed; and roboticstoolbox
+if it is installed, its compiled Levenberg-Marquardt with joint limits and up to 100 restarts.
 """
 
 from __future__ import annotations
@@ -69,7 +70,9 @@ def main() -> None:
     ):
         row = peer(pink, model, targets(model, configurations, metric, frame))
         rows.append({**row, "times_ours": row["median"] / medians[metric, frame]})
-    _common.write("bench_ik", rows, peers=("pin-pink", "qpsolvers", pink.solver))
+    rows += toolbox_rows(model, configurations, medians)
+    peers = ("pin-pink", "qpsolvers", pink.solver, "roboticstoolbox-python")
+    _common.write("bench_ik", rows, peers=peers)
 
 
 def targets(
@@ -192,6 +195,36 @@ class Pink:
                 return None  # its QP has no solution, or the solver says so
             configuration.integrate_inplace(v, PINK_DT)
         return np.array(configuration.q)
+
+
+def toolbox_rows(
+    model: RobotModel, configurations: Array, medians: dict[tuple[GoalMetric, str], float]
+) -> list[dict[str, Any]]:
+    """The same points by roboticstoolbox; none if it is not installed."""
+    try:
+        from roboticstoolbox import ET, ETS
+    except ImportError:
+        return []
+    rows = []
+    for frame in FRAMES:
+        arm = model.pin_model
+        chain = ETS()
+        for joint in range(1, 6):
+            limits = [model.lower[joint - 1], model.upper[joint - 1]]
+            chain *= ET.SE3(arm.jointPlacements[joint].homogeneous) * ET.Rz(qlim=limits)
+        chain *= ET.SE3(arm.frames[arm.getFrameId(frame)].placement.homogeneous)
+        within = {"mask": np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), "tol": 0.5 * WITHIN**2}
+
+        def solve(goal: PoseGoal, chain: Any = chain, within: Any = within) -> Array | None:
+            T = goal.T_base_tool.matrix
+            found = chain.ik_LM(T, q0=HOME, slimit=100, joint_limits=True, **within)
+            return np.asarray(found.q) if found.success else None
+
+        goals = targets(model, configurations, frame=frame)
+        row = judged(model, goals, solve, f"roboticstoolbox LM position_only, {frame}")
+        ours = medians[GoalMetric.POSITION_ONLY, frame]
+        rows.append({**row, "times_ours": row["median"] / ours})
+    return rows
 
 
 def peer(pink: Pink, model: RobotModel, goals: Sequence[PoseGoal]) -> dict[str, Any]:

@@ -181,6 +181,10 @@ class ArmStructure:
         height = p_base[2] - m.shoulder[1]
         return hypot(max(ahead, 0.0), height) < self._longest[frame]
 
+    def longest(self, frame: str) -> float:
+        """How far from the shoulder a frame can be, whatever the joints [m]; not exact."""
+        return self._longest[frame]
+
     def on_axis(self, frame: str) -> bool:
         """Whether a frame's origin is on the roll axis, so that the roll does not move it."""
         return self._on_axis[frame]

@@ -46,6 +46,7 @@ from so101_motion.planning.kinematics.ik_task import (
     judge,
 )
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
 
 __all__ = ["IkSolution", "IkSolver"]
 
@@ -78,7 +79,7 @@ class IkSolver:
     def __init__(self, model: RobotModel) -> None:
         self.model = model
         self.structure = measure_structure(model)
-        self._source = ClosedForms(self.structure)
+        self._source = ClosedForms(self.structure, native().library)
         chain_of = lru_cache(maxsize=8)(partial(ArmChain, model))
         self._clouds = CloudSolver(self.structure, chain_of)
 

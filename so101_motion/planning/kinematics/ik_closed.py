@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from math import atan2, cos, dist, hypot, inf, pi, sin
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from so101_motion.planning.kinematics.arm_geometry import (
     Side,
     to_joints,
 )
+from so101_motion.planning.kinematics.compiled_ik import CompiledForms
 from so101_motion.planning.kinematics.ik_task import Task
 from so101_motion.planning.kinematics.nearest_pitch import nearest_bend
 from so101_motion.planning.kinematics.orientation_fit import Orientation
@@ -40,10 +42,16 @@ _ROUNDS = 10
 
 
 class ClosedForms:
-    """Configurations for an arm with our structure."""
+    """Configurations for an arm with our structure. Belongs to one thread.
 
-    def __init__(self, structure: ArmStructure) -> None:
+    Args:
+        structure: The arm.
+        library: The compiled library, if there is one; see ``compiled_ik.py``.
+    """
+
+    def __init__(self, structure: ArmStructure, library: Any = None) -> None:
         self._structure = structure
+        self._compiled = CompiledForms(structure, library) if library else None
         self._workspaces: dict[str, Workspace] = {}
 
     def nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:
@@ -52,6 +60,11 @@ class ClosedForms:
         For an approach, the seed's roll comes before all others, and what cannot have the approach
         comes last, as evidence.
         """
+        if self._compiled is not None:
+            return iter(self._compiled.nearest(task, seed))
+        return self._nearest(task, seed)
+
+    def _nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:
         structure = self._structure
         if task.metric is GoalMetric.POSITION_ONLY:
             found = nearest_position(structure, task, seed)

@@ -133,6 +133,12 @@ class ThreeBars:
         elevations = [self._elevation_a - limit for limit in (bars.lower[0], bars.upper[0])]
         self._elbows = [(a * cos(elevation), a * sin(elevation)) for elevation in elevations]
 
+    @property
+    def constants(self) -> tuple[float, ...]:
+        """What is worked out once, in the order in which ``arm_ik.c`` takes it."""
+        shortest = self._shortest[False], self._shortest[True]
+        return (self.straight, self._squares, self._twice, self._slack, self.cos_max, *shortest)
+
     def points(self, angles: Angles, hand: Hand) -> tuple[tuple[float, float], ...]:
         """Shoulder, elbow, wrist and the hand's end, forward and up from the shoulder [m]."""
         lift, elbow, wrist = angles
@@ -193,7 +199,9 @@ class ThreeBars:
             ends.sort()
             for end in ends:
                 away = abs(remainder(home - 0.5 * (low + end), TAU)) - 0.5 * (end - low)
-                found.append((away if away > 0.0 else 0.0, aligned + low, aligned + end))
+                # Two bends that are equally near shall be so whatever the last digit says.
+                away = round(away, 9) if away > 0.0 else 0.0
+                found.append((away, aligned + low, aligned + end))
                 low = end
         found.sort()
         return found

@@ -1,0 +1,52 @@
+/* What planar.c and arm_ik.c share: an arm, and the closed forms of its three parallel joints.
+ *
+ * Compile both without contraction of products and sums (-ffp-contract=off) and without
+ * -ffast-math: a comparison that comes out otherwise than in Python would choose another
+ * configuration. */
+
+#ifndef SO101_ARM_IK_H
+#define SO101_ARM_IK_H
+
+#include <math.h>
+#include <stdbool.h>
+
+#define TAU 6.283185307179586
+#define JOINT_SLACK 1e-6 /* chosen in planar_3r.py */
+
+/* An arm and one frame of its gripper: `_packed` in compiled_ik.py writes it in this order. */
+typedef struct {
+    double pan_x, pan_y, pan_sign, azimuth, shoulder_x, shoulder_z;
+    double a, elevation_a, b, elevation_b;
+    double lower[5], upper[5];
+    double forward[3], left[3], up[3];
+    double longest, on_axis, approach_elevation;
+    double R_base_tool[9], R_base_axes[9];
+    /* From ThreeBars. */
+    double straight, squares, twice, slack, cos_max, shortest[2]; /* elbow down, elbow up */
+} Arm;
+
+/* Where the hand shall end within the plane, from the shoulder, and the hand: planar_3r.py. */
+typedef struct {
+    double x, z, hand, hand_elevation;
+} Target;
+
+typedef struct {
+    double angles[3];
+    bool elbow_up;
+} Bend;
+
+static inline double clipped(double value, double low, double high)
+{
+    value = value > low ? value : low;
+    return value < high ? value : high;
+}
+
+/* The configurations whose pitch is nearest to a given one; returns how many, at most 2. */
+int so101_nearest_pitch(const Arm *arm, Target target, double pitch, Bend *found);
+
+/* The configuration nearest to `seed` (lift, elbow, wrist) over all pitches, if its squared
+ * distance is below `*ceiling`, which it then becomes. */
+bool so101_nearest_bend(const Arm *arm, Target target, const double *seed, double *ceiling,
+                        Bend *best);
+
+#endif
