@@ -1,9 +1,9 @@
 """Find the pairs of links no check need look at: ``python -m urdf.make_allowed_pairs``.
 
 Draws configurations uniformly inside the URDF's limits, the jaw's angle too, and counts for every
-pair of links how often their hulls meet, and how often what the hulls contain really does: the
-boxes fitted to the official solids, and the triangles we draw. Run it after ``make_hulls`` or a
-change of limits; takes a minute or two. The result is ``allowed_pairs.json``.
+pair of links how often their hulls meet, and how often the triangles we draw really do, which are
+inside. Run it after ``make_hulls`` and ``make_meshes`` or a change of limits; takes a minute or
+two. The result is ``allowed_pairs.json``.
 """
 
 import itertools
@@ -18,7 +18,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from . import ALLOWED_PAIRS_PATH, GROUND, PARTS, URDF_PATH, TriangleMesh, load_hull, load_visual
-from .make_hulls import box_corners
 
 SAMPLES: Final = 100_000
 SEED: Final = 20261121
@@ -42,15 +41,6 @@ def _triangles(mesh: TriangleMesh) -> Any:
         shape.addTriangle(*(mesh.vertices[i] for i in face))
     shape.endModel()
     return shape
-
-
-def _boxes(link: str) -> TriangleMesh:
-    """The boxes of a link as twelve triangles each."""
-    corners = box_corners(link)
-    cube = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
-    cube += [(2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]
-    faces = [np.array(cube) + 8 * i for i in range(len(corners) // 8)]
-    return TriangleMesh(vertices=corners, faces=np.concatenate(faces).astype(np.int32))
 
 
 def _drawn(link: str) -> TriangleMesh:
@@ -116,11 +106,8 @@ def sample(samples: int, seed: int) -> dict[str, Any]:
     arm = Arm()
     # What lies inside the hulls can only meet where the hulls do.
     hulls = _shapes(lambda link: _convex(load_hull(PARTS[link])))
-    inside = {
-        "boxes_fine": _shapes(lambda link: _triangles(_boxes(link))),
-        "drawn": _shapes(lambda link: _triangles(_drawn(link))),
-    }
-    kinds = ("hulls", *inside)
+    drawn = _shapes(lambda link: _triangles(_drawn(link)))
+    kinds = ("hulls", "drawn")
     links = list(PARTS)
     pairs = [pair for pair in itertools.combinations(links, 2) if not _adjacent(pair)]
     counts = {pair: dict.fromkeys(kinds, 0) for pair in pairs}
@@ -134,10 +121,9 @@ def sample(samples: int, seed: int) -> dict[str, Any]:
             if meets(hulls, placed, pair):
                 counts[pair]["hulls"] += 1
                 found["hulls"] = True
-                for kind, shapes in inside.items():
-                    hit = meets(shapes, placed, pair)
-                    counts[pair][kind] += hit
-                    found[kind] |= hit
+                hit = meets(drawn, placed, pair)
+                counts[pair]["drawn"] += hit
+                found["drawn"] |= hit
             elif counts[pair]["hulls"] == 0:
                 nearest[pair] = min(nearest[pair], _distance(hulls, placed, pair))
         for kind in kinds:
@@ -209,7 +195,7 @@ def main() -> None:
             "touch; 'never' pairs did not meet in any sample and came no nearer than 'nearest' "
             "[m], so a check with a margin below that may leave them out. The ground is the plane "
             f"z = {FLOOR_Z} m in base_link, the table under the base. 'overlaps' counts "
-            "configurations: of the convex hulls, of the boxes they contain, of what is drawn."
+            "configurations: of the convex hulls, and of what is drawn inside them."
         ),
         **sample(SAMPLES, SEED),
     }

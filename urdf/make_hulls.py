@@ -1,58 +1,180 @@
-"""Make the collision hulls: ``python -m urdf.make_hulls``, after ``make_meshes``.
+"""Measure the collision hulls on the official solids: ``python -m urdf.make_hulls FOLDER``.
 
-One convex hull a link, on the safe side of the real arm. What we know of the official solids is
-the fine set of boxes in ``boxes.json``, fitted so that together they cover each link; the hull
-spans the corners of a link's boxes and the vertices of what we draw. It therefore contains both
-exactly, which a test proves by half-spaces. A dozen boxes have few corners that matter: no hull
-needs more than 40 vertices, so none is thinned and nothing is lost. Coordinates are whole
-micrometres throughout and written as such, so writing loses nothing either.
+``FOLDER`` is ``Simulation/SO101`` of a checkout of TheRobotStudio/SO-ARM100 (Apache-2.0); nothing
+of it is copied into this project. What is kept of a link are some dozen corners of a convex hull
+that contains all its official parts, servos included, and stands out of *their* hull by as little
+as so many corners allow: half a millimetre. The official hulls have up to 4,000 corners, most of
+them on rounded edges; so the corners here are in places where the official parts have none.
+
+How. Begin with corners of the official hull, each time the one furthest outside of what those
+before span. Then move all of them together by small steps, a linear program each: every facet has
+to reach the official point that stands out of it most, and no corner may stand out of the official
+planes by more than is necessary. What may be lacking at the end is made up by swelling the
+hull about its middle, a few micrometres. Coordinates are whole micrometres.
+
+What is drawn is cut to these hulls: run ``make_meshes`` and ``make_allowed_pairs`` afterwards.
 """
 
-import itertools
-import json
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
 from typing import Final
 
 import numpy as np
-from manifold3d import Manifold
+import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.optimize import linprog
+from scipy.sparse import csr_matrix
+from scipy.spatial import ConvexHull
 
-from . import BOXES_PATH, MESH_DIR, PARTS, TriangleMesh, load_visual
+from . import MESH_DIR, PARTS, TriangleMesh
 
-_CORNERS: Final = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+Points = NDArray[np.float64]
+
+CORNERS: Final = {
+    "base": 52,
+    "shoulder": 60,
+    "upper_arm": 60,
+    "lower_arm": 60,
+    "wrist": 60,
+    "gripper": 60,
+    "jaw": 44,
+}
+"""How many corners a hull may have. Chosen: with these each stands out by half a millimetre."""
+
+_STEPS: Final = 0.8 ** np.arange(18)
+"""How far a corner may move in each round, as a share of what lacks at the beginning. Chosen."""
+
+_LACK_COUNTS: Final = 3.0
+"""A micrometre that lacks is as bad as so many that stand out. Chosen."""
+
+_STL: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
-def box_corners(link: str, *, boxes: str = "boxes_fine") -> NDArray[np.float64]:
-    """Read the corners of the boxes that cover a link.
+def official_triangles(folder: Path) -> dict[str, Points]:
+    """Read the triangles of every link's official parts.
 
     Args:
-        link: A key of ``PARTS``.
-        boxes: The set in ``boxes.json``.
+        folder: With ``so101_new_calib.urdf`` and its meshes, binary STL.
 
     Returns:
-        Shape (8 n, 3), in the link's frame, [m].
+        By the link's name, in the link's frame, shape (n, 3, 3), [m].
     """
-    sets = json.loads(BOXES_PATH.read_text(encoding="utf-8"))["sets"]
-    rows = np.array(sets[boxes][link], dtype=np.float64)
-    corners = rows[:, None, :3] + _CORNERS * rows[:, None, 3:]
-    return np.asarray(corners.reshape(-1, 3), dtype=np.float64)
+    found = {}
+    for link in ET.parse(folder / "so101_new_calib.urdf").getroot().findall("link"):
+        triangles = []
+        for visual in link.findall("visual"):
+            origin, mesh = visual.find("origin"), visual.find("geometry/mesh")
+            assert origin is not None
+            assert mesh is not None
+            xyz, rpy = (np.array(origin.attrib[k].split(), float) for k in ("xyz", "rpy"))
+            rows = np.fromfile(folder / mesh.attrib["filename"], _STL, offset=84)
+            triangles.append(rows["corners"] @ pin.rpy.rpyToMatrix(*rpy).T + xyz)
+        if triangles:
+            found[link.attrib["name"]] = np.concatenate(triangles)
+    return found
 
 
-def hull_of(link: str) -> TriangleMesh:
-    """Span a link's boxes and visual.
+def fitted_hull(official: Points, corners: int) -> TriangleMesh:
+    """Find a hull of few corners around points.
 
     Args:
-        link: A key of ``PARTS``.
+        official: What it shall contain, shape (n, 3), [m].
+        corners: How many corners it may have.
 
     Returns:
-        The convex hull in the link's frame.
+        The hull; it contains every point.
     """
-    drawn = [surface.mesh.vertices for surface in load_visual(PARTS[link])]
-    points = np.concatenate([box_corners(link), *drawn])
-    mesh = Manifold.hull_points(points * 1e3).to_mesh64()
-    return TriangleMesh(
-        vertices=np.round(np.asarray(mesh.vert_properties)[:, :3] * 1e-3, 6) + 0.0,
-        faces=np.asarray(mesh.tri_verts, dtype=np.int32),
+    points = official[ConvexHull(official).vertices]
+    planes = ConvexHull(points).equations
+    fitted = _moved(_first_corners(points, corners), points, planes)
+    hull = ConvexHull(np.round(_swollen(fitted, points), 6) + 0.0)
+    number = np.full(len(fitted), -1)
+    number[hull.vertices] = np.arange(len(hull.vertices))
+    faces = hull.simplices.copy()
+    a, b, c = (hull.points[faces[:, i]] for i in range(3))
+    inwards = np.sum(np.cross(b - a, c - a) * hull.equations[:, :3], axis=1) < 0.0
+    faces[inwards] = faces[inwards, ::-1]
+    return TriangleMesh(vertices=hull.points[hull.vertices], faces=number[faces].astype(np.int32))
+
+
+def _first_corners(points: Points, count: int) -> Points:
+    """Points whose hull is nearly that of all: the furthest outside, one after the other."""
+    axes = np.concatenate([np.eye(3), -np.eye(3)])
+    chosen = list(dict.fromkeys(np.argmax(points @ axes.T, axis=0).tolist()))
+    while len(chosen) < count:
+        planes = ConvexHull(points[chosen]).equations
+        outside = points @ planes[:, :3].T + planes[:, 3]
+        chosen.append(int(np.argmax(outside.max(axis=1))))
+    return points[chosen]
+
+
+def _moved(corners: Points, points: Points, planes: Points) -> Points:
+    """Move corners until their hull contains the points and hardly stands out of the planes."""
+    best, least = corners, np.inf
+    for step in _STEPS * _lack(corners, points):
+        corners = _step(corners, points, planes, step)
+        lack, excess = _lack(corners, points), _excess(corners, planes)
+        if excess + _LACK_COUNTS * lack < least:
+            best, least = corners, excess + _LACK_COUNTS * lack
+    return best
+
+
+def _step(corners: Points, points: Points, planes: Points, step: float) -> Points:
+    """One linear program: moves of the corners, then what stands out, then what lacks."""
+    hull = ConvexHull(corners)
+    n = corners.size
+    rows: list[NDArray[np.float64]] = []
+    bounds: list[float] = []
+    for triangle, (*normal, _) in zip(hull.simplices, hull.equations, strict=True):
+        furthest = points[np.argmax(points @ normal)]
+        for shares in _shares(corners[triangle], furthest):
+            row = np.zeros(n + 2)
+            row[(3 * triangle[:, None] + np.arange(3)).ravel()] = -np.outer(shares, normal).ravel()
+            row[n + 1] = -1.0
+            rows.append(row)
+            bounds.append(float((shares @ corners[triangle] - furthest) @ normal))
+    outside = corners @ planes[:, :3].T + planes[:, 3]
+    for i, k in zip(*np.nonzero(outside > -2.5 * step), strict=True):
+        row = np.zeros(n + 2)
+        row[3 * i : 3 * i + 3] = planes[k, :3]
+        row[n] = -1.0
+        rows.append(row)
+        bounds.append(float(-outside[i, k]))
+    solved = linprog(
+        np.array([*np.zeros(n), 1.0, _LACK_COUNTS]),
+        A_ub=csr_matrix(np.array(rows)),
+        b_ub=bounds,
+        bounds=[(-step, step)] * n + [(0.0, None)] * 2,
     )
+    return corners if solved.x is None else corners + solved.x[:n].reshape(-1, 3)
+
+
+def _shares(triangle: Points, point: Points) -> list[Points]:
+    """Of which mixtures of its corners a triangle's place counts: its middle, and at a point."""
+    middle = np.full(3, 1.0 / 3.0)
+    there, *_ = np.linalg.lstsq(np.vstack([triangle.T, np.ones(3)]), np.append(point, 1.0))
+    return [middle, there] if there.min() > -0.05 else [middle]
+
+
+def _lack(corners: Points, points: Points) -> float:
+    """How far points stand out of the corners' hull, at the most [m]."""
+    planes = ConvexHull(corners).equations
+    return float((points @ planes[:, :3].T + planes[:, 3]).max())
+
+
+def _excess(corners: Points, planes: Points) -> float:
+    """How far corners stand out of planes, at the most [m]."""
+    return float((corners @ planes[:, :3].T + planes[:, 3]).max())
+
+
+def _swollen(corners: Points, points: Points) -> Points:
+    """The same corners, as far from their middle as it takes to contain points and rounding."""
+    middle = corners.mean(axis=0)
+    planes = ConvexHull(corners - middle).equations
+    room = -planes[:, 3]
+    needed = ((points - middle) @ planes[:, :3].T).max(axis=0) + 2e-6
+    return np.asarray(middle + (corners - middle) * max(1.0, float((needed / room).max())))
 
 
 def to_obj(hull: TriangleMesh, link: str) -> str:
@@ -64,11 +186,18 @@ def to_obj(hull: TriangleMesh, link: str) -> str:
 
 
 def main() -> None:
-    """Make all seven hulls."""
+    """Make all seven hulls, or those of the parts that are named after the folder."""
+    folder, *parts = sys.argv[1:]
+    triangles = official_triangles(Path(folder))
     for link, part in PARTS.items():
-        hull = hull_of(link)
+        if parts and part not in parts:
+            continue
+        official = triangles[link].reshape(-1, 3)
+        hull = fitted_hull(official, CORNERS[part])
         (MESH_DIR / f"{part}_hull.obj").write_text(to_obj(hull, link), encoding="ascii")
-        print(f"{part:12}{len(hull.vertices):4d} vertices{len(hull.faces):5d} triangles")
+        planes = ConvexHull(official).equations
+        excess = 1e3 * _excess(hull.vertices, planes)
+        print(f"{part:12}{len(hull.vertices):4d} corners, {excess:.3f} mm beyond the official hull")
 
 
 if __name__ == "__main__":

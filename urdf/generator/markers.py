@@ -9,9 +9,21 @@ from collections.abc import Callable
 
 from manifold3d import Manifold
 
-from .links import GAP, HUB, Solids
 from .servo import servo_of
-from .solids import bolt_circle, box, disc, joined, outline, prism, rectangle, softened, views
+from .solids import (
+    GAP,
+    HUB,
+    Solids,
+    bolt_circle,
+    box,
+    disc,
+    joined,
+    outline,
+    prism,
+    rectangle,
+    softened,
+    views,
+)
 
 AXIS_LENGTH = 17.5  # of the published module's tool marker
 

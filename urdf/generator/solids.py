@@ -18,6 +18,13 @@ Corner: TypeAlias = tuple[float, float] | tuple[float, float, float]
 ARC_STEP = math.radians(24.0)  # chosen: coarse, the shading normals hide the facets
 FAR = 300.0  # further than any part reaches
 
+GAP = 36.4  # between the prongs, figure common to every hinge
+MIDDLE = GAP / 2
+HUB = 12.0  # radius of a prong's end
+
+Solids = dict[str, Manifold]
+"""Of one link, in its frame, by material."""
+
 
 def outline(corners: Sequence[Corner], *, radius: float = 0.0) -> CrossSection:
     """Build a polygon whose corners are rounded, the inner ones too.
@@ -153,6 +160,13 @@ def bolt_circle(
         for turn in np.radians([45.0, 135.0, 225.0, 315.0])
     ]
     return joined(prism(plane, hole) for hole in holes)
+
+
+def diamonds(
+    plane: Plane, us: list[float], vs: list[float], half: float, low: float, high: float
+) -> Manifold:
+    """Build the arm's hole pattern: a grid of diamonds."""
+    return joined(prism(plane, diamond(u, v, half), low, high) for u in us for v in vs)
 
 
 def placed(

@@ -1,16 +1,19 @@
-"""The collision hulls: convex, containing, and free where the arm is free."""
+"""The collision hulls: convex, around the official solids, and free where the arm is free."""
 
 import itertools
 import json
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import so101_description as description
 from so101_description.make_allowed_pairs import FLOOR_Z, sample
-from so101_description.make_hulls import box_corners, hull_of, to_obj
+from so101_description.make_hulls import CORNERS, fitted_hull, official_triangles, to_obj
+from so101_description.reading import read_obj
 
 LINKS = list(description.PARTS)
+SUPPORTS = Path(__file__).resolve().parents[2] / "data" / "official_supports.json"
 
 
 def furthest_outside(hull, points):
@@ -73,33 +76,68 @@ def checker(model):
     return Checker(model)
 
 
-@pytest.mark.parametrize(("link", "part"), description.PARTS.items())
-def test_hull_is_convex_and_contains_boxes_and_visual(link, part):
+@pytest.mark.parametrize("part", description.PARTS.values())
+def test_hull_is_convex_has_few_corners_and_contains_what_is_drawn(part):
     hull = description.load_hull(part)
     drawn = [surface.mesh.vertices for surface in description.load_visual(part)]
-    tolerance = 1e-9  # m; every coordinate is a whole micrometre
-    assert furthest_outside(hull, hull.vertices) < tolerance
-    assert furthest_outside(hull, box_corners(link)) < tolerance
-    assert furthest_outside(hull, np.concatenate(drawn)) < 1e-8  # stored as float
+    assert furthest_outside(hull, hull.vertices) < 1e-9  # every coordinate is a whole micrometre
+    assert furthest_outside(hull, np.concatenate(drawn)) < 1e-6
+    assert len(hull.vertices) <= CORNERS[part]
 
 
 @pytest.mark.parametrize(("link", "part"), description.PARTS.items())
-def test_hull_spans_the_official_extents(geometry, link, part):
-    vertices = description.load_hull(part).vertices * 1e3
-    low, high = geometry["extents_mm"][link]
-    assert np.all(vertices.min(axis=0) <= low)
-    assert np.all(vertices.max(axis=0) >= high)
+def test_hull_contains_the_official_solid_and_stands_out_of_its_hull_by_little(link, part):
+    measured = json.loads(SUPPORTS.read_text(encoding="utf-8"))
+    directions = spread_directions(measured["count"])
+    beyond = np.max(description.load_hull(part).vertices @ directions.T, axis=0)
+    beyond -= 1e-3 * np.array(measured["supports_mm"][link])
+    assert np.all(beyond > -0.5e-6)  # as they are rounded
+    assert np.all(beyond < 0.8e-3)
+    assert np.mean(beyond) < 0.5e-3
 
 
-def test_hulls_need_no_thinning():
-    for part in description.PARTS.values():
-        assert len(description.load_hull(part).vertices) <= 100
+def spread_directions(count):
+    """Unit vectors all over the sphere, on a Fibonacci spiral, shape (count, 3)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, k * np.pi * (1.0 + np.sqrt(5.0))
+    across = np.sqrt(1.0 - z * z)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
 
 
-@pytest.mark.parametrize(("link", "part"), description.PARTS.items())
-def test_making_a_hull_again_gives_the_committed_file(link, part):
-    committed = (description.MESH_DIR / f"{part}_hull.obj").read_text(encoding="ascii")
-    assert to_obj(hull_of(link), link) == committed
+def test_fitting_finds_few_corners_around_many_points():
+    ellipsoid = spread_directions(700) * [0.05, 0.03, 0.02]
+    hull = fitted_hull(ellipsoid, 40)
+    assert len(hull.vertices) <= 40
+    assert furthest_outside(hull, ellipsoid) <= 0.0
+    directions = spread_directions(100)
+    beyond = np.max(hull.vertices @ directions.T, axis=0)
+    beyond -= np.max(ellipsoid @ directions.T, axis=0)
+    assert np.max(beyond) < 2.5e-3
+
+
+def test_official_triangles_are_read_into_their_links_frame(tmp_path):
+    row = np.zeros(1, np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("a", "<u2")]))
+    row["corners"] = np.eye(3)
+    (tmp_path / "part.stl").write_bytes(bytes(84) + row.tobytes())
+    visual = (
+        '<visual><origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/>'
+        '<geometry><mesh filename="part.stl"/></geometry></visual>'
+    )
+    (tmp_path / "so101_new_calib.urdf").write_text(
+        f'<robot name="r"><link name="a">{visual}</link><link name="b"/></robot>'
+    )
+    triangles = official_triangles(tmp_path)
+    assert list(triangles) == ["a"]
+    expected = [[[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 1.0]]]
+    np.testing.assert_allclose(triangles["a"], expected, atol=1e-12)
+
+
+def test_a_hull_is_read_back_as_it_was_written(tmp_path):
+    hull = description.load_hull("jaw")
+    (tmp_path / "again.obj").write_text(to_obj(hull, "jaw"))
+    again = read_obj(tmp_path / "again.obj")
+    np.testing.assert_array_equal(again.vertices, hull.vertices)
+    np.testing.assert_array_equal(again.faces, hull.faces)
 
 
 def test_pinocchio_loads_one_convex_shape_a_link(checker):
@@ -177,6 +215,5 @@ def test_fresh_samples_find_no_overlap_in_a_dropped_pair():
 def test_false_alarms_are_rare_and_there_are_no_misses():
     committed = json.loads(description.ALLOWED_PAIRS_PATH.read_text(encoding="utf-8"))
     found = committed["configurations_with_an_overlap"]
-    free = committed["samples"] - found["boxes_fine"]
-    assert 0 <= found["hulls"] - found["boxes_fine"] < 0.005 * free
-    assert found["drawn"] <= found["hulls"]
+    free = committed["samples"] - found["drawn"]
+    assert 0 <= found["hulls"] - found["drawn"] < 0.01 * free

@@ -24,7 +24,7 @@ RESTING = np.radians([0, -105, 91, 77, 0])
 WAYPOINTS = np.radians(
     [[10, 5, 0, 0, 0], [20, -5, 10, 5, 0], [30, 10, 20, 0, 10], [40, -20, 30, 10, 0]]
 )
-OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 50, 10]])
+OVER_THE_TABLE = np.radians([[-90, -10, 60, -20, -40], [10, -10, 40, 60, 10]])
 
 
 @pytest.fixture(scope="module")

@@ -115,7 +115,7 @@ def test_a_motion_of_one_posture_is_that_posture(collision):
 
 def test_contact_between_free_postures_is_found(collision):
     # On the way the hand dips into the table.
-    begin, end = configuration(-90, -10, 60, -20, -40), configuration(10, -10, 40, 50, 10)
+    begin, end = configuration(-90, -10, 60, -20, -40), configuration(10, -10, 40, 60, 10)
     assert collision.is_free(begin)
     assert collision.is_free(end)
     blocked = collision.first_blocked(np.array([begin, end]))
