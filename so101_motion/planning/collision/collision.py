@@ -134,7 +134,7 @@ class CollisionModel:
         self._levers, self.reach = bodies.levers, bodies.levers.longest
         self._moved_by, self._swapped = bodies.moved_by, bodies.swapped
         self._distances = pin.GeometryData(self._bodies)
-        self._near_pairs = lru_cache(maxsize=2)(self._boxes_within)
+        self._near_pairs = lru_cache(maxsize=4)(self._boxes_within)
         self._kept: list[Any] = []  # what the checks need alive
         self.batch: BatchCheck | None = None
         if compiled:
@@ -177,6 +177,18 @@ class CollisionModel:
         self.checkpoint()
         pin.computeDistances(self._model, self._data, self._bodies, self._distances, self._q)
         return np.array([result.min_distance for result in self._distances.distanceResults])
+
+    def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
+        """How much each pair lacks of a margin, both of shape (len(pairs),), [m]; 0 of most."""
+        self._q[:5] = q
+        self._q[5] = q_jaw
+        self.checkpoint()
+        lack = np.zeros(len(self.pairs))
+        # The others are further apart than the widest margin, and so lack nothing.
+        for k in self._near_pairs(float(margins.max(initial=0.0)))(self._q):
+            distance = pin.computeDistance(self._bodies, self._distances, k).min_distance
+            lack[k] = max(margins[k] - distance, 0.0)
+        return lack
 
     def clearance(self, q: ArrayLike, q_jaw: float = 0.0) -> Clearance:
         """The pair of bodies that is closest for what it must keep."""

@@ -145,11 +145,12 @@ class Guard:
         if self._collision.first_blocked(path, q_jaw, bend=self._bend, extra=extra) is None:
             return True
         margins = self._collision.margins + (self._bend + extra)
-        lack = self._lack(path[0], q_jaw, margins)
+        lack = self._collision.lacking(path[0], q_jaw, margins)
         if not lack.any():
             return False
         places = path[[*range(-1, -len(path), -max(1, len(path) // PLACES))]]
-        return all(bool(np.all(self._lack(q, q_jaw, margins) <= lack + _CLOSER)) for q in places)
+        lacking = self._collision.lacking
+        return all(bool(np.all(lacking(q, q_jaw, margins) <= lack + _CLOSER)) for q in places)
 
     def words(self, each: Near | Heavy) -> str:
         """What has little left, such as ``"the jaw close to the floor"``."""
@@ -157,10 +158,6 @@ class Guard:
             return f"{each.joint} bearing all that it may"
         called = self._collision.scene.called
         return f"{called(each.first)} close to {called(each.second)}"
-
-    def _lack(self, q: Array, q_jaw: float, margins: Array) -> Array:
-        """How much each pair lacks of a margin [m]."""
-        return np.maximum(margins - self._collision.distances(q, q_jaw), 0.0)
 
 
 def room_of(each: Near | Heavy) -> float:

@@ -117,11 +117,10 @@ static int nearest(double (*w)[3], int n, double *v) {
     return m;
 }
 
-static int verdict(const Hull *a, const Hull *b, double margin) {
+static int verdict(const Hull *a, const Hull *b, double margin, const double *towards) {
     double w[4][3], v[3], pa[3], pb[3], last = INFINITY;
-    const double x[3] = {1.0, 0.0, 0.0};
-    furthest(a, x, -1.0, pa);
-    furthest(b, x, 1.0, pb);
+    furthest(a, towards, -1.0, pa);
+    furthest(b, towards, 1.0, pb);
     for (int c = 0; c < 3; c++) v[c] = w[0][c] = pa[c] - pb[c];
     int n = 1;
     for (int round = 0; round < ROUNDS; round++) {
@@ -145,19 +144,21 @@ static Hull hull_of(const Scene *s, const Pose *pose, int body) {
     return (Hull){s->points + 3 * b->first, b->count, pose[b->joint].R, pose[b->joint].p};
 }
 
-int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin) {
+int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin,
+                     const double *v) {
     const Pair *p = &s->pair[pair];
     const Hull a = hull_of(s, pose, p->first), b = hull_of(s, pose, p->second);
     margin += s->body[p->first].radius + s->body[p->second].radius;
-    return verdict(&a, &b, margin);
+    return verdict(&a, &b, margin, v);
 }
 
-int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin) {
+int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin,
+                      const double *v) {
     const Piece *o = &s->piece[piece];
     const Shape *shape = &s->shape[o->shape];
     const Hull a = hull_of(s, pose, body);
     const Hull b = {s->shape_points + 3 * shape->first, shape->count, 0, o->at};
-    return verdict(&a, &b, margin + s->body[body].radius + shape->radius);
+    return verdict(&a, &b, margin + s->body[body].radius + shape->radius, v);
 }
 
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin) {

@@ -284,6 +284,7 @@ typedef struct {
     struct {
         unsigned lanes;
         int what, index, body; /* a pair's index, or a piece's and a body, or a body over the floor */
+        V v[3];                /* how far the iteration has come */
     } item[MOST_OPEN];
     int count;
     unsigned lost; /* lanes for which there was no room */
@@ -291,22 +292,26 @@ typedef struct {
 
 enum { PAIR, PIECE, FLOOR };
 
-static void keep(Open *open, unsigned lanes, int what, int index, int body) {
+static void keep(Open *open, unsigned lanes, int what, int index, int body, const V *v) {
     if (open->count == MOST_OPEN) {
         open->lost |= lanes;
         return;
     }
     open->item[open->count].lanes = lanes;
     open->item[open->count].what = what;
+    for (int c = 0; c < 3; c++) open->item[open->count].v[c] = v[c];
     open->item[open->count].index = index;
     open->item[open->count++].body = body;
 }
 
-static int settle(const Scene *s, const Open *open, int k, const Pose *pose, const double *margin) {
+static int settle(const Scene *s, const Open *open, int k, int lane, const Pose *pose,
+                  const double *margin) {
     const int index = open->item[k].index, body = open->item[k].body;
+    const V *v = open->item[k].v;
+    const double from[3] = {v[0][lane], v[1][lane], v[2][lane]};
     switch (open->item[k].what) {
-    case PAIR: return so101_exact_pair(s, pose, index, margin[s->pair[index].margin]);
-    case PIECE: return so101_exact_piece(s, pose, body, index, margin[1]);
+    case PAIR: return so101_exact_pair(s, pose, index, margin[s->pair[index].margin], from);
+    case PIECE: return so101_exact_piece(s, pose, body, index, margin[1], from);
     default: return so101_exact_floor(s, pose, body, margin[1]);
     }
 }
@@ -356,7 +361,7 @@ static void against_obstacles(const Scene *s, int index, const Frame *f, const V
                            SLACK + SLACK_PER_METRE * largest, need, hit, &planes);
             if (stop && bits(*hit)) return;
             unsigned left = bits(need);
-            if (left) keep(open, left, PIECE, i, index);
+            if (left) keep(open, left, PIECE, i, index, v);
         }
     }
 }
@@ -402,7 +407,7 @@ int NAME(const Scene *s, const double *q, int n, const double *margin, int stop,
             low = base + R[0] * at[0] + R[1] * at[1] + R[2] * at[2];
             hit |= need & (low < m - slack);
             need &= ~(low < m - slack) & ~(low > m + slack);
-            if (bits(need)) keep(&open, bits(need), FLOOR, 0, k);
+            if (bits(need)) keep(&open, bits(need), FLOOR, 0, k, away);
         }
         for (int k = 0; k < s->pairs && !(stop && bits(hit)); k++) {
             const Pair *pair = &s->pair[k];
@@ -416,7 +421,7 @@ int NAME(const Scene *s, const double *q, int n, const double *margin, int stop,
             if (!bits(need)) continue;
             need = iterate(s, a, &frame[a->joint], b, &frame[b->joint], 0, 0, v, m, slack, need,
                            &hit, 0);
-            if (bits(need)) keep(&open, bits(need), PAIR, k, 0);
+            if (bits(need)) keep(&open, bits(need), PAIR, k, 0, v);
         }
         if (s->nodes)
             for (int k = 0; k < s->bodies && !(stop && bits(hit)); k++)
@@ -433,7 +438,7 @@ int NAME(const Scene *s, const double *q, int n, const double *margin, int stop,
             for (int k = 0; k < open.count && result != TOUCHING; k++) {
                 if (!(open.item[k].lanes >> i & 1)) continue;
                 if (!known) so101_poses(s, q + 6 * (begin + i), pose), known = 1;
-                int one = settle(s, &open, k, pose, margin);
+                int one = settle(s, &open, k, i, pose, margin);
                 if (one != FREE) result = one;
             }
             verdict[begin + i] = (uint8_t)result;

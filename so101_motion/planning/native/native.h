@@ -93,8 +93,10 @@ typedef struct {
 } Pose;
 
 void so101_poses(const Scene *s, const double *q, Pose *pose); /* JOINTS + 1 poses */
-int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin);
-int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin);
+/* `v`: about how the second lies from the first, to begin with. */
+int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin, const double *v);
+int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin,
+                      const double *v);
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin);
 
 /* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether

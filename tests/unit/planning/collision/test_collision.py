@@ -218,3 +218,12 @@ def test_with_leeway_a_motion_may_come_a_little_nearer(collision):
     assert collision.first_blocked(along_the_floor(0.0027)) is not None
     assert collision.first_blocked(along_the_floor(0.0027), tolerance=0.2) is None
     assert collision.first_blocked(along_the_floor(0.002), tolerance=0.2) is not None
+
+
+def test_what_pairs_lack_is_their_margin_less_their_distance(model):
+    rng = np.random.default_rng(4)
+    collision = CollisionModel(model)
+    for q in rng.uniform(model.lower, model.upper, (40, 5)):
+        margins = collision.margins + rng.uniform(0.0, 0.02)
+        expected = np.maximum(margins - collision.distances(q, 0.4), 0.0)
+        np.testing.assert_allclose(collision.lacking(q, 0.4, margins), expected, atol=2e-6)
