@@ -79,6 +79,8 @@ MEGABYTES = {"": 850, "viewer": 50, "dev": 350, "bench": 50, "site": 100}
 """The size of the environment and what each extra adds, rounded up; measured on Debian 13."""
 DOWNLOADED = 0.35
 """The wheels take this part of what becomes of them; once while pip works, once in its cache."""
+WITHOUT_COMPILER = 520
+"""So much more a machine without a C compiler needs while it installs, for COMPILER [MB]."""
 FULL = 20
 """A disk with less space than this is full [MB]."""
 
@@ -291,11 +293,13 @@ def lacking_space(extras: set[str]) -> str:
     """What to say if a disk has too little space for what is still to come; empty if none has."""
     there = sum(path.lstat().st_size for path in VENV.rglob("*")) / 1e6
     installed = max(sum(MEGABYTES[name] for name in ("", *extras)) - there, 0.0)
+    has_one = installed == 0.0 or any(shutil.which(name) for name in ("cc", "gcc", "clang"))
+    compiler = 0.0 if has_one else WITHOUT_COMPILER
     needed: dict[int, tuple[Path, float]] = {}
     cache = Path(os.path.expanduser("~/.cache"))
     for folder, size in (
         (HERE, installed),
-        (Path(os.environ.get("TMPDIR", "/tmp")), DOWNLOADED * installed),
+        (Path(os.environ.get("TMPDIR", "/tmp")), DOWNLOADED * installed + compiler),
         (cache, DOWNLOADED * installed),
     ):
         place = next(path for path in (folder, *folder.absolute().parents) if path.exists())

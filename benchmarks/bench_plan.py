@@ -1,6 +1,6 @@
 """Planning around obstacles: success, time, length of the path, and whether it is free indeed.
 
-Four sets of 100 problems (``plan_problems.py``). Two figures for each:
+Eight sets of 100 problems (``plan_problems.py``). Two figures for each:
 
 - *search*: from two postures to a path that is free, shortened and proven, without any timing; the
   same for OMPL and roboplan (``plan_peers.py``) where they are installed, problem by problem in
@@ -12,7 +12,9 @@ Every path and every trajectory is looked at again, every 0.005 rad, with the ar
 (``drawn.py``): "touching" counts those that are not free. Peers look at postures 0.05 rad apart
 and, but for OMPL with our check, keep no margin.
 
-Further the cost of single checks, and how often they are wrong about what is drawn.
+Further the cost of single checks, and how often they are wrong about what is drawn; and that of
+many at once, anywhere and sixteen to an edge, among up to 1,000 boxes and a million points as well,
+with the share of them that coal had to decide.
 """
 
 from __future__ import annotations
@@ -27,10 +29,11 @@ import numpy as np
 from benchmarks import _common
 from benchmarks.drawn import DrawnArm
 from benchmarks.plan_peers import ompl_search, roboplan_search
-from benchmarks.plan_problems import SCENES, Problem, problems
+from benchmarks.plan_problems import CROWDED, SCENES, Problem, problems
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.paths.path import PathFinder
@@ -41,6 +44,9 @@ POSTURES = 2000
 SEED = 11
 STEP = 0.005
 """How far apart the postures are that are looked at again [rad]."""
+
+BATCH, EDGE = 16_384, 0.3
+"""So many configurations are checked at once; on edges that turn each joint by at most so much."""
 
 BUDGET = 10.0
 LIMITS = MotionLimits.uniform(velocity=3.0, acceleration=10.0, jerk=500.0)
@@ -82,11 +88,37 @@ def check_rows(model: RobotModel, name: str) -> list[_common.Row]:
     return rows
 
 
+def batch_rows(model: RobotModel, name: str, scene: Scene) -> list[_common.Row]:
+    """Cost of a check where many are made at once, and how many of them coal decided."""
+    collision, random = CollisionModel(model, scene), np.random.default_rng(SEED)
+    anywhere = random.uniform(model.lower, model.upper, (BATCH, 5))
+    edges = random.uniform(-EDGE, EDGE, (BATCH // 16, 1, 5)) * np.linspace(0.0, 1.0, 16)[:, None]
+    rows: list[_common.Row] = []
+    for how, q in (
+        ("anywhere", anywhere),
+        ("on edges", (anywhere[::16, None] + edges).reshape(-1, 5)),
+    ):
+        before = collision.batch.tally() if collision.batch else (0, 0)
+        touching, times = _common.measure(collision.touching, list(q.reshape(-1, 64, 5)))
+        after = collision.batch.tally() if collision.batch else (0, 0)
+        rows.append(
+            {
+                "what": f"{name}: one of many checks, {how}",
+                **_summary(np.array(times) / 64),
+                "clock": CPU,
+                "touching": f"{np.mean(touching):.0%}",
+                "by coal": f"{(after[1] - before[1]) / max(after[0] - before[0], 1):.3%}",
+            }
+        )
+    return rows
+
+
 def search_rows(model: RobotModel, name: str, asked: list[Problem]) -> list[_common.Row]:
     """Search and shortening alone, ours and those of the peers that are installed."""
     scene = SCENES[name]
+    collision = CollisionModel(model, scene)
     prepare = {
-        "ours": _our_search(model, CollisionModel(model, scene)),
+        "ours": _our_search(model, collision),
         "OMPL RRTConnect": ompl_search(model, scene),
         "roboplan RRT-Connect": roboplan_search(model, scene),
     }
@@ -106,6 +138,11 @@ def search_rows(model: RobotModel, name: str, asked: list[Problem]) -> list[_com
                 paths[peer].append(path)
     gc.unfreeze()
     drawn = DrawnArm(scene)
+    if collision.batch is not None:
+        checks = collision.batch.tally()[0]
+        print(
+            f"{name}: {sum(times['ours']) / checks * 1e6:.2f} us of a search for each of {checks}"
+        )
     return [
         {
             "what": f"{name}: search, {peer}",
@@ -192,8 +229,10 @@ def main() -> None:
             )
             for seed, (start, goal) in enumerate(asked)
         ]
-        if name != "opposite":  # the scene is that of the table
+        if name in ("empty", "table", "shelf"):
             rows += check_rows(model, name)
+        if name != "opposite":  # the scene is that of the table
+            rows += batch_rows(model, name, scene)
         rows += search_rows(model, name, asked)
         rows += motion_rows(planner, f"{name}: motion to joint angles", requests)
         if name == "empty":
@@ -207,6 +246,8 @@ def main() -> None:
                 for seed, (start, goal) in enumerate(asked)
             ]
             rows += motion_rows(planner, f"{name}: motion to a point", points)
+    for what, crowded in CROWDED.items():
+        rows += batch_rows(model, what, crowded())
     _common.write("bench_plan", rows, peers=("ompl", "roboplan"))
 
 

@@ -134,6 +134,30 @@ SCENES: dict[str, Scene] = {
 }
 
 
+def _thousand_boxes() -> Scene:
+    random, boxes = np.random.default_rng(70), list[Obstacle]()
+    while len(boxes) < 1000:
+        at = random.uniform((-0.45, -0.45, 0.0), (0.5, 0.45, 0.5))
+        if np.hypot(at[0] - 0.04, at[1]) > 0.2:
+            boxes.append(_box(f"box {len(boxes)}", tuple(random.uniform(0.01, 0.03, 3)), tuple(at)))
+    return Scene(obstacles=tuple(boxes))
+
+
+def _million_points() -> Scene:
+    around = (
+        _box("table", (0.4, 1.0, 0.002), (0.4, 0.0, 0.001)),
+        _box("wall", (0.002, 1.0, 0.5), (0.38, 0.0, 0.25)),
+    )
+    return Scene(obstacles=(_seen(around, 1_000_000, 0.002),))
+
+
+CROWDED: dict[str, Callable[[], Scene]] = {
+    "1,000 boxes": _thousand_boxes,
+    "a million points in cubes of 2 mm": _million_points,
+}
+"""Scenes for checks alone."""
+
+
 class _Source:
     """Random free configurations in one scene."""
 
