@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 
 import click
 import numpy as np
+from harness.turn_clock import TurnClock
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import So101Error
 from so101_motion.common.modes import Mode
@@ -100,6 +100,8 @@ class TornPort:
 
     def read(self, until):
         data, self._arrived = self._arrived, b""
+        if not data:  # it was waited for
+            self._clock.jump(max(until - self._clock.now(), 0.0))
         return data
 
     def discard(self):
@@ -144,11 +146,18 @@ def _sealed(packet):
 
 
 class Episode:
-    """One arm for a few seconds, in one mode after the other."""
+    """One arm for a few seconds, in one mode after the other.
 
-    def __init__(self, seed, share, counter):
+    Args:
+        seed: Of everything.
+        share: Of the answers that are spoiled.
+        counter: Where it is counted.
+        clock: What time it is everywhere.
+    """
+
+    def __init__(self, seed, share, counter, clock):
         self._rng, self._tally, self._seed = random.Random(seed), counter, seed
-        self._clock = ManualClock()
+        self._clock = clock
         self._port = TornPort(self._clock, self._rng, counter)
         self._arm = FeetechArm(
             lambda: self._port,
@@ -293,7 +302,9 @@ def run(spoiled, seed=0, share=0.15, episodes=0):
     """Play episodes until so many answers were spoiled, and at least so many; what was seen."""
     counter, episode = ReplyCounter(), 0
     while (counter.total < spoiled or episode < episodes) and len(counter.broken) < 20:
-        Episode(seed * 1_000_000 + episode, share, counter).play()
+        clock = TurnClock()
+        with clock.everywhere():
+            Episode(seed * 1_000_000 + episode, share, counter, clock).play()
         episode += 1
     return counter
 
