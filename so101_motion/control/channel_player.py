@@ -224,9 +224,31 @@ class ChannelPlayer:
     def halt(self, error: MotionError) -> None:
         """End the motion where the joints stand, because no command went out for too long."""
         motion = self._motion
-        if motion is not None and motion.ending is None:
+        if motion is not None and motion.last is None:
             self.reference = _at_rest(self.reference.q)
-            self._slow_down(motion, error)
+            self._stop_alone(motion)
+            motion.ending, motion.waits_until = motion.ending or error, None
+
+    def resume(self, error: MotionError) -> None:
+        """Go on from rest, because the joints came to rest while no command went out.
+
+        What cannot begin in its midst ends with ``error``.
+        """
+        motion = self._motion
+        if motion is None or motion.last is not None or not self.reference.qd.any():
+            return
+        source = motion.source
+        resumed: MotionSource | None = None
+        if isinstance(source, Following):
+            source.take_over(_at_rest(self.reference.q), None)
+            resumed = source
+        elif isinstance(source, PlannedMotion) and motion.ending is None:
+            resumed = source.resumed()
+        if resumed is None:
+            self.halt(error)
+        else:
+            self.reference = _at_rest(self.reference.q)
+            motion.source, motion.start = resumed, self._k
 
     def fail(self, error: BaseException) -> None:
         """End the motion with ``error``, because the joints cannot be reached any more."""
@@ -340,11 +362,15 @@ class ChannelPlayer:
             qd=np.where(lost, 0.0, now.qd),
             qdd=np.where(lost, 0.0, now.qdd),
         )
-        motion.ending, motion.start, motion.last, motion.waits_until = error, self._k, None, None
+        motion.ending, motion.last, motion.waits_until = error, None, None
         motion.lost = lost
+        self._stop_alone(motion)
+
+    def _stop_alone(self, motion: _Motion) -> None:
+        """Let each joint stop by itself, from the reference on."""
         now = self.reference
         stop = online.stop(now.q, now.qd, now.qdd, self.stop_limits, self._dt)
-        motion.source = PlannedMotion(stop, motion.source.future)
+        motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _settle(self, motion: _Motion, last: int, q: Array, qd: Array) -> None:
         limits = self._tolerances

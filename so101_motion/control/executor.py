@@ -7,7 +7,8 @@ something moves, ticks come at ``t0 + k * dt`` against absolute deadlines, and `
 of the trajectories: what was planned and verified is, sample for sample, what is written. A tick
 that would be more than half a period late is left out and counted; two goals are never sent to
 catch up. After a pause of more than two ticks the motion goes on with the very next setpoint,
-later than planned, so that nothing jumps; after a long one it is given up. While nothing moves, the
+later than planned, so that nothing jumps; after one in which the joints came to rest it speeds up
+again as it once began, and after a long one it is given up. While nothing moves, the
 thread only looks at the arm now and then, to keep the snapshot fresh; a request wakes it at once.
 
 Two channels, the arm and the jaw, move independently on the same ticks: one write and one read for

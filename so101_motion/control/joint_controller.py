@@ -38,6 +38,10 @@ T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
+PAUSE = 0.1
+"""After how long without a setpoint a motion goes on from rest [s]. Chosen: three times what servos
+lag behind; they have reached the last goal and stand there."""
+
 STANDSTILL = 1.0
 """After how long without a setpoint a motion is given up [s]. It could go on from where the joints
 stand, but nobody expects that any more; chosen, rides out a busy machine."""
@@ -274,8 +278,8 @@ class JointController:
             missed: How many of them just before this one.
         """
         players = (self._arm, self._jaw)
-        if missed * self._dt > STANDSTILL:
-            self._give_up((missed + 1) * self._dt)
+        if missed * self._dt > PAUSE:
+            self._go_on_from_rest((missed + 1) * self._dt)
         if self.is_moving:
             for player in players:
                 player.step(self.k)
@@ -359,15 +363,18 @@ class JointController:
         self._arm.rest_at(reading.q)
         self._jaw.rest_at(np.array([reading.q_jaw]))
 
-    def _give_up(self, gap: float) -> None:
+    def _go_on_from_rest(self, gap: float) -> None:
+        """The joints came to rest while no setpoint was sent; a motion may be given up then."""
         _log.warning("no setpoint was sent for %.2f s in mid-motion", gap)
+        error = MotionError(
+            f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
+            " look for what keeps this machine or the bus busy, then move again"
+        )
         for player in (self._arm, self._jaw):
-            player.halt(
-                MotionError(
-                    f"no setpoint could be sent for {gap:.2f} s, so the arm stopped where it was;"
-                    " look for what keeps this machine or the bus busy, then move again"
-                )
-            )
+            if gap > STANDSTILL:
+                player.halt(error)
+            else:
+                player.resume(error)
 
     def _follow_players(self) -> None:
         if self.mode not in (Mode.MOVING, Mode.STOPPING):

@@ -78,6 +78,11 @@ class PlannedMotion:
         """Whether the last sample was the last setpoint."""
         return self._k >= len(self._trajectory) - 1
 
+    def resumed(self) -> PlannedMotion | None:
+        """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
+        rest = online.resume_on_path(self._trajectory, self._k * self._trajectory.dt)
+        return None if rest is None else PlannedMotion(rest, self.future)
+
     def brake(self, now: Setpoint, limits: MotionLimits) -> Trajectory:
         """Brake along the trajectory's path if possible, else each joint by itself."""
         dt = self._trajectory.dt

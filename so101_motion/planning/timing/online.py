@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array, is_finite
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.time_scaling import shortest_slowdown
+from so101_motion.planning.timing.time_scaling import shortest_slowdown, shortest_speedup
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
@@ -230,6 +230,21 @@ def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: flo
         return stopped
     now = trajectory.sample(t)
     return stop(now.q, now.qd, now.qdd, limits, dt)
+
+
+def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
+    """Go on with a motion from rest, along its path (the reverse of :func:`stop_on_path`).
+
+    No joint accelerates more, or with more jerk, than it does anywhere in the motion itself.
+
+    Args:
+        trajectory: The motion that was being played.
+        t: Where on its clock the joints stand [s].
+
+    Returns:
+        The rest of the motion; None if no way was found to begin it so.
+    """
+    return shortest_speedup(trajectory, t)
 
 
 def _vectors(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[Array]:

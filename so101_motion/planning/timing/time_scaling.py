@@ -1,4 +1,4 @@
-"""Stop on a motion's own path by slowing down its time.
+"""Stop on a motion's own path by slowing down its time, and go on after a pause by speeding it up.
 
 While a motion is being stopped it is played with its own time ``tau(t)``, whose rate falls from 1
 to 0 within a duration D. Positions are those of the motion, ``q(tau)``; by the chain rule the
@@ -11,7 +11,7 @@ joints have
 with ``r = tau'``. The rate falls along a ramp: its slope grows over the first part of D, stays,
 and shrinks over the last part, so jerk is bounded and acceleration continuous at both ends. A few
 shapes of ramp times a few durations are tried at once; where the motion is already braking hard,
-slow beginnings fit, elsewhere quick ones.
+slow beginnings fit, elsewhere quick ones. Going on is the same the other way round.
 
 Source: J. M. Hollerbach, Dynamic Scaling of Manipulator Trajectories, 1984, for scaling time.
 """
@@ -42,6 +42,11 @@ own braking can save to what a motion near all its limits needs."""
 ATTEMPTS = 6
 """How many stops are measured in full before giving up, so that a control tick can wait for it.
 Chosen: nearly always the first will do."""
+SLOWEST = 40.0
+"""How much longer than full braking speeding up may take: a motion that was just speeding up itself
+has nothing to spare for it. Chosen."""
+
+_NONE = 1e-3  # what is taken for no motion at all, in units of radians and seconds
 JERK_TOLERANCE = 0.02
 """How far a stop may exceed its jerk limit, relative. Chosen: the bar for jerk; samples of a
 motion tell its jerk no better than this."""
@@ -119,6 +124,35 @@ def shortest_slowdown(
     return _played_out(trajectory, t, dt) if left <= longest else None
 
 
+def shortest_speedup(trajectory: Trajectory, t: float) -> Trajectory | None:
+    """The shortest tried way to go on with a motion from rest at its time ``t`` [s].
+
+    Args:
+        trajectory: The motion; its own accelerations and jerks are the limits.
+        t: Where on its clock the joints stand [s].
+
+    Returns:
+        The motion from there to its end, or None if none that was tried keeps the limits.
+    """
+    dt = trajectory.dt
+    limits = MotionLimits(
+        velocity=_largest(trajectory.qd),
+        acceleration=_largest(trajectory.qdd),
+        jerk=_largest(np.diff(trajectory.qdd, axis=0) / dt),
+    )
+    shortest = _braking_time(trajectory.sample(t), limits)
+    for duration in shortest * np.geomspace(1.0, SLOWEST, 2 * ATTEMPTS):
+        resumed = _sped_up(trajectory, t, max(1, math.ceil(duration / dt)))
+        if _keeps(resumed, limits):
+            return resumed
+    return None
+
+
+def _largest(values: Array) -> Array:
+    """The largest magnitude of each column, not quite zero."""
+    return np.asarray(np.abs(values).max(axis=0, initial=_NONE))
+
+
 def _braking_time(now: Setpoint, limits: MotionLimits) -> float:
     """About how long the slowest joint needs to come to rest [s]."""
     speed, bend = np.abs(now.qd), np.abs(now.qdd)
@@ -165,6 +199,22 @@ def _slowed(
     qd = qd * rate
     qd[-1] = qdd[-1] = 0.0
     return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration)
+
+
+def _sped_up(trajectory: Trajectory, t: float, ticks: int) -> Trajectory:
+    """The motion from ``t`` to its end; its time stands at first and runs after ``ticks``."""
+    dt, duration = trajectory.dt, ticks * trajectory.dt
+    falling = ramp(SHAPES[0], 1.0 - np.arange(ticks + 1) / ticks)
+    advance = duration * (falling.advance[0] - falling.advance)
+    left = (len(trajectory) - 1) * dt - t - advance[-1]
+    running = np.arange(1, max(0, math.ceil(left / dt - 1e-9)) + 1) * dt
+    q, qd, qdd = trajectory.at(t + np.concatenate([advance, advance[-1] + running]))
+    rate, slope = np.ones((len(q), 1)), np.zeros((len(q), 1))
+    rate[: ticks + 1, 0], slope[: ticks + 1, 0] = falling.rate, -falling.slope / duration
+    qdd = qdd * rate**2 + qd * slope
+    qd = qd * rate
+    qd[[0, -1]] = qdd[[0, -1]] = 0.0  # not nearly
+    return Trajectory(dt=dt, q=q, qd=qd, qdd=qdd, duration=duration + max(left, 0.0))
 
 
 def _played_out(trajectory: Trajectory, t: float, dt: float) -> Trajectory:

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from so101_motion.planning.timing import time_scaling
+from so101_motion.planning.timing import online, time_scaling, verify
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -52,3 +54,23 @@ def test_no_way_is_found_where_the_limits_are_below_the_motion() -> None:
     )
     feeble = MotionLimits.uniform(velocity=10.0, acceleration=20.0, jerk=500.0, n=1)
     assert time_scaling.shortest_slowdown(weaving, 0.3, feeble, 0.01) is None
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**31), share=st.floats(0.1, 0.99))
+def test_a_motion_goes_on_from_rest_as_gently_as_it_began(seed, share) -> None:
+    rng = np.random.default_rng(seed)
+    limits = MotionLimits.uniform(velocity=2.0, acceleration=5.0, jerk=100.0)
+    moved = online.point_to_point(rng.uniform(-1, 1, 5), rng.uniform(-1, 1, 5), limits, 0.01)
+    t = share * moved.duration
+
+    resumed = online.resume_on_path(moved, t)
+    assert resumed is not None
+    for derivative in (resumed.qd, resumed.qdd):
+        assert not derivative[[0, -1]].any()
+    np.testing.assert_allclose(resumed.q[0], moved.sample(t).q, atol=1e-12)
+    np.testing.assert_allclose(resumed.q[-1], moved.q[-1], atol=1e-12)
+    report = verify.violations(resumed, limits)
+    assert report.acceleration.max() < 1.03
+    assert report.jerk.max() < 1.03
+    assert report.velocity.max() < 1.001
