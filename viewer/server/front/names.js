@@ -26,6 +26,10 @@
     for (const node of document.querySelectorAll('[role="progressbar"]:not([aria-label])')) {
       node.setAttribute('aria-label', 'Progress');
     }
+    // The button that opens a folded panel stands among the panel's tabs.
+    for (const node of document.querySelectorAll('[role="tablist"] [role="button"]')) {
+      node.setAttribute('role', 'tab');
+    }
     for (const node of document.querySelectorAll('.mantine-CloseButton-root:not([aria-label])')) {
       node.setAttribute('aria-label', 'Close');
     }
