@@ -53,11 +53,11 @@ def plan_or_refusal(planner, request):
         return None, error
 
 
-@given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans())
+@given(seed=seeds, q_jaw=jaws, margin=margins, held=st.booleans(), compiled=st.booleans())
 @settings(max_examples=60)
-def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held):
+def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, held, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, margin, held=held))
+    collision = CollisionModel(MODEL, random_scene(rng, margin, held=held), compiled=compiled)
     for _ in range(20):
         q = random_configuration(rng)
         room = (collision.distances(q, q_jaw) - collision.margins).min()
@@ -106,11 +106,11 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw):
                 assert np.allclose(each.gradient, 0.5 * (right + left), atol=2e-2)
 
 
-@given(seed=seeds, q_jaw=jaws, held=st.booleans())
+@given(seed=seeds, q_jaw=jaws, held=st.booleans(), compiled=st.booleans())
 @settings(max_examples=20)
-def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held):
+def test_no_contact_hides_on_a_line_that_is_proven(seed, q_jaw, held, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=held))
+    collision = CollisionModel(MODEL, random_scene(rng, held=held), compiled=compiled)
     for _ in range(6):
         start, end = (
             free_configuration(rng, collision, q_jaw),

@@ -19,9 +19,9 @@ def model():
     return RobotModel.load()
 
 
-@pytest.fixture(scope="module")
-def collision(model):
-    return CollisionModel(model)
+@pytest.fixture(scope="module", params=[True, False], ids=["compiled", "coal alone"])
+def collision(model, request):
+    return CollisionModel(model, compiled=request.param)
 
 
 class Wall:
