@@ -211,8 +211,8 @@ def toolbox_rows(
         chain = ETS()
         for joint in range(1, 6):
             limits = [model.lower[joint - 1], model.upper[joint - 1]]
-            chain *= ET.SE3(arm.jointPlacements[joint].homogeneous) * ET.Rz(qlim=limits)
-        chain *= ET.SE3(arm.frames[arm.getFrameId(frame)].placement.homogeneous)
+            chain = chain * ET.SE3(arm.jointPlacements[joint].homogeneous) * ET.Rz(qlim=limits)
+        chain = chain * ET.SE3(arm.frames[arm.getFrameId(frame)].placement.homogeneous)
         within = {"mask": np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), "tol": 0.5 * WITHIN**2}
 
         def solve(goal: PoseGoal, chain: Any = chain, within: Any = within) -> Array | None:
