@@ -2,7 +2,8 @@
 
 Every arm has servos of its own (spread 0.2: friction, play, torque, dead time, zero), holds 0 to
 0.3 kg and moves through random waypoints. Rig, driver and bus are the real ones, on one clock that
-drives all. Angles are the joints' true ones; nothing is taken out of them, no lag either.
+drives all. Angles are the joints' true ones; nothing is taken out of them, no lag either. Beside it
+is the same with goals that are the setpoints themselves, nothing made up for.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """
@@ -14,12 +15,17 @@ import importlib
 import math
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 from benchmarks import _common
+from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.servo_types import STS3215_7V4, STS3215_12V, ServoType
 from so101_motion.planning.kinematics.model import RobotModel
 
 CAPS = ((90.0, 300.0), (180.0, 500.0))
@@ -36,11 +42,23 @@ _harness: Any = importlib.import_module("harness.emulated_rig")
 _referee: Any = importlib.import_module("referee")
 
 
-def seen(seed: int, plans: int) -> dict[str, list[float]]:
+@contextmanager
+def without_compensation() -> Iterator[None]:
+    """Goals are the commands, nothing is added to them."""
+
+    def bare(limiter: Any, *_: object) -> list[float]:
+        return list(limiter._q)
+
+    with mock.patch.object(GoalLimiter, "goals", bare):
+        yield
+
+
+def seen(seed: int, plans: int, kind: ServoType) -> dict[str, list[float]]:
     """What one arm was seen to do."""
     found: dict[str, list[float]] = {"90": [], "180": [], "rest": [], "later": [], "tool": []}
+    found["errors"] = []
     model = RobotModel.load()
-    options = {"spread": 0.2, "seed": seed, "held_kg": LOADS_KG[seed % len(LOADS_KG)]}
+    options = {"kind": kind, "spread": 0.2, "seed": seed, "held_kg": LOADS_KG[seed % len(LOADS_KG)]}
     with (
         _referee.refereed(("motion",)) as referee,
         tempfile.TemporaryDirectory() as folder,
@@ -58,7 +76,7 @@ def seen(seed: int, plans: int) -> dict[str, list[float]]:
                     bench.advance(0.01)
                     q_ref = np.degrees(rig.arm.state.q_ref)
                     off = max(off, float(np.abs(bench.arm_deg(rig) - q_ref).max()))
-                motion.result(timeout=0.0)
+                found["errors"].append(float(motion.future.exception() is not None))
                 found[f"{speed:g}"].append(off)
                 bench.advance(0.5)
                 q_ref, q = rig.arm.state.q_ref, bench.arm_deg(rig)
@@ -78,10 +96,21 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=20)
     parser.add_argument("--plans", type=int, default=5, help="per arm and speed")
     asked = parser.parse_args()
-    arms = [seen(seed, asked.plans) for seed in range(asked.arms)]
+    what = f"{asked.arms} arms, {asked.plans} paths each at 90 and at 180 deg/s"
+    rows = [measured(what, STS3215_12V, asked.arms, asked.plans)]
+    few = max(asked.arms // 4, 1)
+    rows.append(measured(f"7.4 V, {few} arms", STS3215_7V4, few, asked.plans))
+    with without_compensation():
+        rows.append(measured(f"{few} arms without compensation", STS3215_12V, few, asked.plans))
+    _common.write("bench_true_arm", [rows[0], BAR, *rows[1:]])
+
+
+def measured(what: str, kind: ServoType, count: int, plans: int) -> dict[str, Any]:
+    """A row of the results."""
+    arms = [seen(seed, plans, kind) for seed in range(count)]
     found = {name: [x for arm in arms for x in arm[name]] for name in arms[0]}
-    row = {
-        "what": f"{asked.arms} arms, {asked.plans} paths each at 90 and at 180 deg/s",
+    return {
+        "what": what,
         "moving at 90, worst [deg]": max(found["90"]),
         "moving at 180, worst [deg]": max(found["180"]),
         "moving at 90, p95 [deg]": float(np.percentile(found["90"], 95.0)),
@@ -90,9 +119,9 @@ def main() -> None:
         "moved later, worst [deg]": max(found["later"]),
         "tool point, p95 [mm]": float(np.percentile(found["tool"], 95.0)),
         "tool point, worst [mm]": max(found["tool"]),
+        "motions that ended in an error": sum(found["errors"]),
         "moments of more acceleration than the referee allows": sum(found["hard"]),
     }
-    _common.write("bench_true_arm", [row, BAR])
 
 
 if __name__ == "__main__":

@@ -103,6 +103,9 @@ class Recordings:
         length: Of the arm, shape (n,), [m].
         volts: Supply, mean over the recording, shape (n,), [V].
         kind: The motion's name, shape (n,).
+        load: Torque that holds the joint of an arm where it is, shape (n, k), [N m]; NaN on the
+            pendulum, whose weight follows from mass, length and position.
+        inertia: Of the links of an arm, shape (n,), [kg m^2]; NaN on the pendulum.
     """
 
     t: Array
@@ -115,6 +118,8 @@ class Recordings:
     length: Array
     volts: Array
     kind: NDArray[np.str_]
+    load: Array
+    inertia: Array
 
     def __len__(self) -> int:
         return len(self.kp)
@@ -135,7 +140,8 @@ def load(path: Path) -> Recordings:
 
     A file has the arrays ``t_s``, ``goal_rad``, ``position_tick`` (4096 a turn), ``torque_enable``
     and ``volts``, each of shape (n, k), and ``kp``, ``mass_kg``, ``length_m`` and ``trajectory``,
-    each of shape (n,).
+    each of shape (n,). Those of ``so101 identify --record`` have ``load_nm``, shape (n, k), and
+    ``inertia_kgm2``, shape (n,), which stand for the pendulum's weight and inertia.
 
     Raises:
         FileNotFoundError: There is no such file, or no ``.npz`` file in the folder.
@@ -156,6 +162,7 @@ def load(path: Path) -> Recordings:
 def _read(file: Path) -> Recordings:
     with np.load(file, allow_pickle=False) as data:
         position = data["position_tick"].astype(float) * RAD_PER_TICK
+        n = len(position)
         around = np.pad(position, ((0, 0), (1, 1)), mode="edge")
         jumps = np.minimum(np.abs(position - around[:, :-2]), np.abs(position - around[:, 2:]))
         spikes = (np.abs(position - _SPIKE) < 0.01) & (jumps > 0.5)
@@ -170,6 +177,8 @@ def _read(file: Path) -> Recordings:
             length=data["length_m"].astype(float),
             volts=data["volts"].astype(float).mean(axis=1),
             kind=data["trajectory"].astype(str),
+            load=data["load_nm"] if "load_nm" in data else np.full(position.shape, np.nan),
+            inertia=data["inertia_kgm2"] if "inertia_kgm2" in data else np.full(n, np.nan),
         )
 
 
@@ -205,7 +214,11 @@ def _motion(recordings: Recordings, p: Parameters, dt: float, steps: int) -> Ite
     arm = np.where(recordings.length < 0.125, p.arm_mass_short, p.arm_mass_long)
     length, mass = recordings.length, recordings.mass
     weight = GRAVITY * (mass * length + arm * length / 2.0)  # torque with the arm level [N m]
-    push = dt / (p.armature + mass * length**2 + arm * length**2 / 3.0)
+    links = np.where(
+        np.isnan(recordings.inertia), (mass + arm / 3.0) * length**2, recordings.inertia
+    )
+    push = dt / (p.armature + links)
+    loads = _Schedule(recordings.t, recordings.load, np.zeros((count, 1)))
     stiffness = FIRMWARE_GAIN * recordings.kp
     goals = _Schedule(recordings.t, recordings.goal, p.goal_delay)
     switch = _Schedule(recordings.t, recordings.torque_on, np.zeros((count, 1)))
@@ -231,7 +244,8 @@ def _motion(recordings: Recordings, p: Parameters, dt: float, steps: int) -> Ite
         before = ring[(step - whole - 1) % _RING, *lanes]
         blocked = p.torque_per_volt * recordings.volts * ((1.0 - part) * now + part * before)
         brake = np.where(on, p.torque_per_volt * p.back_emf, 0.0)
-        external = -weight * np.sin(q)
+        load = loads.at(step * dt)
+        external = -np.where(np.isnan(load), weight * np.sin(q), load)
         friction = _friction(p, external, blocked - brake * w, np.abs(w))
         damped = 1.0 + push * (brake + p.viscous)
         free = (w + push * (blocked + external)) / damped

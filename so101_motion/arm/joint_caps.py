@@ -82,6 +82,7 @@ class CappedJoints:
 
     Attributes:
         slowdown: Says before each motion what share of its caps it may use, 0 to 1.
+        servo_acceleration: What each servo itself keeps up with, shape (5,), [rad/s^2].
     """
 
     def __init__(self, caps: JointCaps) -> None:
@@ -90,6 +91,7 @@ class CappedJoints:
             speed=to_rad(SPEED_RANGE_DEG[1]), acceleration=to_rad(ACCELERATION_RANGE_DEG[1])
         )
         self.slowdown: Callable[[], float] = lambda: 1.0
+        self.servo_acceleration: Array = np.full(len(ARM_JOINTS), np.inf)
 
     @property
     def speed(self) -> float:
@@ -133,7 +135,8 @@ class CappedJoints:
 
     def _below_ceiling(self, limits: MotionLimits | None) -> MotionLimits:
         wanted = limits or self.limits
-        return wanted.scaled_to(self._ceiling.speed, self._ceiling.acceleration)
+        most = np.minimum(self._ceiling.acceleration, self.servo_acceleration)
+        return wanted.scaled_to(self._ceiling.speed, most)
 
 
 def _check(name: str, value: float, bounds_deg: tuple[float, float], unit: str) -> None:

@@ -23,6 +23,7 @@ from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
 from so101_motion.cli.error_exit import ends_like_ctrl_c, reports_errors
 from so101_motion.cli.guide import guide
+from so101_motion.cli.identify import identify
 from so101_motion.cli.move_test import move_test
 from so101_motion.cli.plan_move import move, plan
 from so101_motion.cli.ports import ports
@@ -36,7 +37,16 @@ from so101_motion.cli.view import view
 
 _SECTIONS: dict[str, tuple[click.Command, ...]] = {
     "Try it": (demo,),
-    "Put an arm together": (install_udev, ports, setup, calibrate, calibration, doctor, move_test),
+    "Put an arm together": (
+        install_udev,
+        ports,
+        setup,
+        calibrate,
+        calibration,
+        doctor,
+        move_test,
+        identify,
+    ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
     "Viam": (viam,),
     "Workshop": (emulate, bench, completion),

@@ -160,10 +160,16 @@ def _with_port(seen: Findings, port: str | None, calibration: Path | None) -> Fi
 def _with_file(seen: Findings, file: Path | None) -> Findings:
     from so101_motion.calib.procedure import journal
     from so101_motion.calib.record import store
+    from so101_motion.setup.identify_report import changes_since
 
     if file is None:
         return seen
-    seen = replace(seen, file=file, is_unfinished=journal.path_for(file).exists())
+    seen = replace(
+        seen,
+        file=file,
+        is_unfinished=journal.path_for(file).exists(),
+        servo_changes=changes_since(file),
+    )
     try:
         return replace(seen, stored=store.read(file))
     except CalibrationError as error:

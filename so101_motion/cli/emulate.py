@@ -48,6 +48,12 @@ from so101_motion.cli.param_types import Finite, Link
 @click.option(
     "--seed", type=int, default=0, metavar="N", help="Which of the arms with that spread."
 )
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Servos as so101 identify found them: the file beside the calibration.",
+)
 @click.option("--fault", "faults", multiple=True, help="Such as dead:3 or unplug@4+2; repeatable.")
 @click.option(
     "--hand",
@@ -64,6 +70,7 @@ def emulate(
     corrupt: float,
     spread: float,
     seed: int,
+    like: Path | None,
     faults: tuple[str, ...],
     hand: TextIO | None,
 ) -> None:
@@ -77,12 +84,15 @@ def emulate(
     \b
     so101 emulate --link /tmp/so101          then: so101 move --port /tmp/so101 --pose ready
     so101 emulate --new --link /tmp/so101    then: so101 setup --port /tmp/so101
+    so101 emulate --like my-arm.servos.json
     """  # noqa: D301
+    from so101_motion.calib.record import servo_file
     from so101_motion.common.named_poses import POSES
     from so101_motion.drivers.emulator import emulator, pty_port, run
     from so101_motion.drivers.emulator import faults as fault_names
     from so101_motion.planning.kinematics.model import RobotModel
 
+    twin = None if like is None else servo_file.read_file(like)
     folded = next(pose.q for pose in POSES if pose.name == "rest")
     nobody_holds_it = hand is None and not new
     options = emulator.EmulatorOptions(
@@ -93,6 +103,7 @@ def emulate(
         q_start=(*folded.tolist(), 0.0) if nobody_holds_it else (0.0,) * 6,
         spread=spread,
         seed=seed,
+        figures={} if twin is None else twin.servos,
         pacing=pty_port.Pacing(realtime=realtime, latency=latency),
         wire=fault_names.WireFaults(loss=loss, corrupt=corrupt),
         faults=tuple(fault_names.parse_fault(text) for text in faults),

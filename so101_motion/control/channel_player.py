@@ -21,7 +21,6 @@ snapshot that shows their effect has been published.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -41,6 +40,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import Following
+from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
@@ -99,7 +99,7 @@ class ChannelPlayer:
         self._k = 0  # the tick that ``reference`` was commanded in
         self.reference = _at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
-        self._wanted: deque[Array] = deque(maxlen=1 + round(tolerances.following_lag / dt))
+        self._following = FollowingCheck(tolerances, dt)
 
     @property
     def is_moving(self) -> bool:
@@ -272,7 +272,7 @@ class ChannelPlayer:
                 self.reference = motion.source.sample(k - self._k)
             motion.last = k if motion.source.is_over else None
         self._k = k
-        self._wanted.append(self.reference.q)
+        self._following.want(self.reference.q)
 
     def check(self, q: Array, qd: Array, alarms: Mapping[str, str] = _NO_ALARMS) -> None:
         """Compare the measured joints of this tick with the reference; may end the motion.
@@ -288,16 +288,16 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            wanted = np.array(self._wanted)
-            # A servo lags behind, so it is measured against all the latest setpoints.
-            off = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
+            off, held_up = self._following.off(q), self._following.held_up(q)
+            held_up &= isinstance(motion.source, PlannedMotion)  # others lag by too much
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:
                     self._give_way(motion, self._recovery.mask, q, self._barred())
                     return
-                off[self._recovery.mask] = 0.0
-            if np.max(off) > self._tolerances.following_error:
-                self._give_way(motion, off > self._tolerances.following_error, q, self._lost(off))
+                off[self._recovery.mask], held_up[self._recovery.mask] = 0.0, False
+            lost = held_up | (off > self._tolerances.following_error)
+            if lost.any():
+                self._give_way(motion, lost, q, self._lost(np.where(lost, off, -np.inf), held_up))
                 return
         if motion.last is not None:
             self._settle(motion, motion.last, q, qd)
@@ -306,8 +306,7 @@ class ChannelPlayer:
 
     def _take_up(self, motion: _Motion, k: int) -> None:
         if self._motion is None:
-            self._wanted.clear()
-            self._wanted.append(self.reference.q)
+            self._following.begin(self.reference.q)
         if self._recovery:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
         self._motion, self._k = motion, k
@@ -328,12 +327,13 @@ class ChannelPlayer:
             self._give_way(motion, np.isin(joints, troubled), q, error)
         return bool(troubled)
 
-    def _lost(self, off: Array) -> FollowingError:
+    def _lost(self, off: Array, held_up: NDArray[np.bool_]) -> FollowingError:
         i = int(np.argmax(off))
+        what = "was held up and is" if held_up[i] else "is"
         return FollowingError(
-            f"{self._channel.joints[i]} is {to_deg(float(off[i])):.1f} deg from where it should be;"
-            f" the {self._channel.value} stopped and holds. Check that nothing blocks the joint and"
-            " that its servo has power, then move again",
+            f"{self._channel.joints[i]} {what} {to_deg(float(off[i])):.1f} deg from where it"
+            f" should be; the {self._channel.value} stopped and holds. Check that nothing blocks"
+            " the joint and that its servo has power, then move again",
             joint=self._channel.joints[i],
             error=float(off[i]),
             recent=self._recent(),

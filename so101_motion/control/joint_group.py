@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -35,6 +36,10 @@ class Tolerances:
         settle_timeout: How long after the last setpoint they may take to come true [s].
         following_error: How far a joint may be from where it was wanted during the last
             ``following_lag`` [rad].
+        contact_windows: Over which times a joint that is led on must move [s].
+        contact_distance: How much less than its setpoints it may move in that time [rad];
+            without a bound by default.
+        contact_share: The same as a share of what they move; the larger of the two counts.
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 
@@ -44,3 +49,6 @@ class Tolerances:
     settle_timeout: float = 1.0
     following_error: float = 0.14
     following_lag: float = 0.1
+    contact_windows: tuple[float, ...] = (0.08, 0.24)
+    contact_distance: float = math.inf
+    contact_share: float = 0.6

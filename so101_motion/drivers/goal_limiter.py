@@ -137,7 +137,7 @@ class GoalLimiter:
                 if not abs(qd) <= self._speed + _ROUNDING or not abs(qd - before) <= change:
                     self._refuse_velocity(i, before, qd, change, free)
                 v, more = min(max(abs(qd), abs(before)), v), bend
-            elif step > v * time and abs(q - here(i)) <= SEED:
+            elif (i < known or step > v * time) and abs(q - here(i)) <= SEED:
                 self._lead[i] = 0.0  # it is to stay there
                 continue
             allowed = v * time + more

@@ -6,7 +6,7 @@ emulated servo may differ from it (``emulator/spread.py``), as each real one doe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 START_DUTY = 0.016
 """Added in the direction of any demand: register 24 as delivered."""
@@ -82,6 +82,42 @@ STS3215_7V4 = ServoType(
     loop_delay=0.0, duty_shape=1.0, max_voltage_raw=80,
 )  # fmt: skip
 """Published by Rhoban (bam, Apache-2.0); the speed limit is that of the 12 V type."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoFigures:
+    """How one servo differs from its type; shares of the type's figures, 1 where it does not.
+
+    Attributes:
+        torque: Of the torque per volt.
+        friction: Of all friction, dry and viscous.
+        dead_time: Of the delays of goals and of the loop.
+        play: Between gears and output [rad]; None if it is not known.
+    """
+
+    torque: float = 1.0
+    friction: float = 1.0
+    dead_time: float = 1.0
+    play: float | None = None
+
+    def of(self, kind: ServoType) -> ServoType:
+        """The servo, as a type of its own."""
+        return replace(
+            kind,
+            coulomb=kind.coulomb * self.friction,
+            viscous=kind.viscous * self.friction,
+            load_external=kind.load_external * self.friction,
+            load_motor=kind.load_motor * self.friction,
+            still_external=kind.still_external * self.friction,
+            still_motor=kind.still_motor * self.friction,
+            torque_per_volt=kind.torque_per_volt * self.torque,
+            goal_delay=kind.goal_delay * self.dead_time,
+            loop_delay=kind.loop_delay * self.dead_time,
+        )
+
+
+AS_SOLD = ServoFigures()
+"""A servo of which nothing is known but its type."""
 
 
 def type_of(max_voltage: float) -> ServoType:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from so101_motion.calib.procedure import journal
-from so101_motion.calib.record import file_search, record, store
+from so101_motion.calib.record import file_search, record, servo_file, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.store import Stored
 from so101_motion.calib.record.zero import MIDDLE, Zero, in_force, zero_ticks
@@ -23,6 +23,7 @@ from so101_motion.common.state import GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.ticks import TICKS_PER_RAD, JointMap
+from so101_motion.drivers.servo_types import ServoFigures
 
 _log = logging.getLogger(__name__)
 
@@ -53,10 +54,12 @@ class JointSetups:
     Attributes:
         setups: By joint, for every joint that has a servo.
         notes: What a person should know.
+        figures: How servos were found to differ from their type, by joint.
     """
 
     setups: Mapping[str, JointSetup]
     notes: tuple[str, ...]
+    figures: Mapping[str, ServoFigures]
 
 
 def find_joints(
@@ -107,7 +110,8 @@ def find_joints(
         )
         setups[joint] = JointSetup(calibration=found, source=source, map=mapped, zero=zero)
         notes += (note,) if note else ()
-    return JointSetups(setups=setups, notes=notes)
+    figures, doubts = _read_figures(file)
+    return JointSetups(setups=setups, notes=notes + doubts, figures=figures)
 
 
 def joint_map(
@@ -173,6 +177,15 @@ def _read_file(path: Path | None, is_to_come: bool) -> tuple[Stored | None, tupl
         note = f"the calibration file is not used: {error}. Asking the servos instead"
         return None, (note + elsewhere,)
     return found, found.notes
+
+
+def _read_figures(path: Path | None) -> tuple[Mapping[str, ServoFigures], tuple[str, ...]]:
+    """Read what was identified of the servos; bad figures give a note, types have figures too."""
+    try:
+        found = None if path is None else servo_file.read(path)
+    except CalibrationError as error:
+        return {}, (f"what was identified of the servos is not used: {error}",)
+    return ({} if found is None else found.servos), ()
 
 
 def _elsewhere(path: Path) -> str:

@@ -37,6 +37,7 @@ from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
+from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.rig.bus_monitor import BusMonitor
 from so101_motion.rig.joint_setup import JointSetup, JointSetups
 from so101_motion.rig.port_settings import ServoSettings
@@ -62,6 +63,7 @@ class ServoDriver:
         settings: What is asked of them.
         clock: What time it is.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
+        per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
@@ -82,6 +84,7 @@ class ServoDriver:
         clock: Clock,
         *,
         gravity: Gravity,
+        per_kg: Gravity,
         reply_timeout: float = REPLY_TIMEOUT,
     ) -> None:
         self._clock = clock
@@ -92,7 +95,9 @@ class ServoDriver:
         self._losses = 0  # of arms before the present one
         self._alarms: Mapping[str, str] = {}
         self._look_due = clock.now()
-        self._finder = ServoFinder(settings, clock, gravity=gravity, reply_timeout=reply_timeout)
+        self._finder = ServoFinder(
+            settings, clock, gravity=gravity, per_kg=per_kg, reply_timeout=reply_timeout
+        )
         self._arm: FeetechArm | None = None
         self._monitor: BusMonitor | None = None
         self._is_lent = False
@@ -266,6 +271,12 @@ class ServoDriver:
     def health(self) -> tuple[JointHealth, ...]:
         """The health of each servo, base to jaw."""
         return self._arm.health if self._arm is not None else ()
+
+    @property
+    def models(self) -> Mapping[str, ServoModel]:
+        """What is known of the servos that are ours, by joint."""
+        models = self._arm.models if self._arm is not None else ()
+        return dict(zip(JOINTS, models, strict=False))
 
     @property
     def has_port(self) -> bool:

@@ -28,8 +28,9 @@ ACCELERATION_CAP = to_rad(1000.0)
 """Acceleration cap the servos keep by themselves [rad/s^2]: twice the largest that is planned."""
 
 JAW_DRIVE = 0.5
-"""Share of its drive the jaw may use at most, as in LeRobot. A jaw that closes on something
-stiff must not be able to overload itself."""
+"""Share of its drive the jaw may use at most, as in LeRobot: a jaw that closes on something stiff
+must not overload itself. For long it would be too much, 120 K on the fitted servo; but a jaw that
+falls 0.08 rad behind gives way, and then presses with a fifth (``arm/gripper.py``)."""
 
 _GLANCE = 2
 """How often silent servos are asked in one try. Chosen: a try with nobody there takes 0.02 s, which
@@ -43,6 +44,7 @@ class ServoFinder:
         settings: Which port, and at which rate it talks.
         clock: What time it is.
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
+        per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
 
     Attributes:
@@ -50,10 +52,17 @@ class ServoFinder:
     """
 
     def __init__(
-        self, settings: ServoSettings, clock: Clock, *, gravity: Gravity, reply_timeout: float
+        self,
+        settings: ServoSettings,
+        clock: Clock,
+        *,
+        gravity: Gravity,
+        per_kg: Gravity,
+        reply_timeout: float,
     ) -> None:
         self.open_port = PortOpener(settings.port, settings.baudrate)
-        self._clock, self._gravity, self._reply_timeout = clock, gravity, reply_timeout
+        self._clock, self._reply_timeout = clock, reply_timeout
+        self._gravity, self._per_kg = gravity, per_kg
         self._tallies = ReplyCounters()
 
     def find_joints(
@@ -81,10 +90,12 @@ class ServoFinder:
             self._clock,
             {joint: setup.map for joint, setup in found.setups.items()},
             gravity=self._gravity,
+            per_kg=self._per_kg,
             speed=SPEED_CAP,
             acceleration=ACCELERATION_CAP,
             reply_timeout=self._reply_timeout,
             counters=self._tallies,
+            figures=found.figures,
         )
         arm.on_command = on_command
         try:

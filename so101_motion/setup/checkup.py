@@ -276,6 +276,12 @@ def held(facts: ServoFacts) -> dict[str, int]:
     }
 
 
+def _servo_changes(seen: Findings) -> Iterator[Check]:
+    for change in seen.servo_changes:
+        fix = "look at the joint's screws and cable, then so101 identify again"
+        yield warn("servos", change, fix)
+
+
 def _zeros(seen: Findings) -> Iterator[Check]:
     *each, together = seen.zero_reports or (None,)
     if together is None:
@@ -334,5 +340,6 @@ _CHECKS: tuple[Callable[[Findings], Iterator[Check]], ...] = (
     _bus_quality,
     _calibration,
     _zeros,
+    _servo_changes,
     _speed,
 )

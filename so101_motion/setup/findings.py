@@ -62,6 +62,7 @@ class Findings:
         latency_timer: For how long the adapter holds bytes back [s].
         file: The calibration file; None when there is none.
         stored: What it says; None when it cannot be used.
+        servo_changes: How servos differ from when they were identified the time before.
         speed: Joint speed that is planned with [rad/s]; None when nothing can be moved.
         acceleration: Joint acceleration that is planned with [rad/s^2]; likewise.
         planning_time: How long a motion took to plan [s].
@@ -82,6 +83,7 @@ class Findings:
     file_trouble: str = ""
     is_unfinished: bool = False
     zero_reports: tuple[ZeroReport, ...] = ()
+    servo_changes: tuple[str, ...] = ()
     speed: float | None = None
     acceleration: float | None = None
     planning_time: float | None = None

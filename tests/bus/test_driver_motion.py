@@ -32,7 +32,7 @@ def goals(seed, count):
 def test_the_arm_holds_where_it_was_found(bench):
     bench.clock.advance(3.0)
     assert bench.state.mode is Mode.HOLDING
-    assert np.max(np.abs(bench.q)) < math.radians(0.35)
+    assert np.max(np.abs(bench.q)) < math.radians(0.35)  # arrived is within 0.33, as is told
 
 
 def test_moves_follow_their_path_and_end_within_the_tolerance(bench):

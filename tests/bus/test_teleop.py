@@ -120,7 +120,7 @@ def test_the_follower_is_20_ms_behind_a_person_and_within_a_degree(bench):
     shift, error = best_shift(leader[:, :5], follower[:, :5], PERIOD)
     each = shifts(leader[:, :5], follower[:, :5], PERIOD, window=2.0)
     assert 0.0 <= shift <= 0.025
-    assert error <= 1.55
+    assert error <= 1.55, "play of 0.85 deg and the friction of leader and follower are in it"
     assert np.median(each) <= 0.025
     assert np.percentile(each, 95.0) <= 0.045
     assert best_shift(leader[:, 5:], follower[:, 5:], PERIOD)[1] < 4.0, "the jaw comes along"
@@ -277,7 +277,9 @@ def test_a_lost_leader_makes_the_follower_hold_within_100_ms(impatient, loss):
 
     _, q, qd = setpoints(bench, lost)
     speed = np.abs(qd[:, 0])
-    assert np.all(np.diff(speed[8:]) <= 0.01), "from 0.09 s on it only gets slower"
+    assert np.all(np.diff(speed[8:]) <= 0.01), (
+        "after 0.09 s, when the delay of 22 ms shows, it only gets slower"
+    )
     assert speed[30:].max() < 0.01
     assert np.abs(bench.follower.rig.arm.state.qd).max() < np.radians(4.0)
 

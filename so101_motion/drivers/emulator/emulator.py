@@ -28,7 +28,7 @@ from so101_motion.drivers.emulator.pty_port import Pacing, PtyPort
 from so101_motion.drivers.emulator.servo import Servo
 from so101_motion.drivers.emulator.spread import differing_servos
 from so101_motion.drivers.emulator.world import Gravity, World, no_gravity
-from so101_motion.drivers.servo_types import STS3215_12V, ServoType
+from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures, ServoType
 
 ALL_IDS: Mapping[int, int] = {place: place for place in range(1, 7)}
 """A finished arm: ids 1 to 6 from the base to the gripper."""
@@ -45,6 +45,7 @@ class EmulatorOptions:
         kind: Which servo is built in.
         spread: How much the servos differ from each other, see ``spread.py``; 0 for not at all.
         seed: Which of all such arms.
+        figures: How servos differ from their type, by joint, instead of at random.
         volts: Supply voltage [V]; None for the one the servo is made for.
         q_start: Joint angles at the start, shape (6,), [rad].
         loose: Whether no servo is on the cable at the start, whatever their ids.
@@ -63,6 +64,7 @@ class EmulatorOptions:
     kind: ServoType = STS3215_12V
     spread: float = 0.0
     seed: int = 0
+    figures: Mapping[str, ServoFigures] = field(default_factory=dict)
     volts: float | None = None
     q_start: tuple[float, ...] = (0.0,) * 6
     loose: bool = False
@@ -109,6 +111,10 @@ def build_world(
     for place, ((joint, kind), q) in enumerate(
         zip(differing, options.q_start, strict=True), start=1
     ):
+        if joint.name in options.figures:
+            own = options.figures[joint.name]
+            kind = own.of(options.kind)
+            joint = joint if own.play is None else replace(joint, lash=own.play)
         factory = {
             reg.ID: options.ids.get(place, place),
             reg.MAX_VOLTAGE: options.kind.max_voltage_raw,

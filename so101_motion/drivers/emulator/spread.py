@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from so101_motion.drivers.emulator.hardware import Joint
-from so101_motion.drivers.servo_types import ServoType
+from so101_motion.drivers.servo_types import ServoFigures, ServoType
 
 _ZERO_TICKS = 100.0
 """How far a zero is off with a spread of 1 [tick]; chosen, a spread of 0.2 makes it 1.8 deg."""
@@ -30,18 +30,7 @@ def differing_servos(
         return 1.0 + rng.uniform(-spread, spread)
 
     for joint in joints:
-        friction, dead_time = factor(), factor()
-        own_kind = replace(
-            kind,
-            coulomb=kind.coulomb * friction,
-            viscous=kind.viscous * friction,
-            load_external=kind.load_external * friction,
-            load_motor=kind.load_motor * friction,
-            still_external=kind.still_external * friction,
-            still_motor=kind.still_motor * friction,
-            torque_per_volt=kind.torque_per_volt * factor(),
-            goal_delay=kind.goal_delay * dead_time,
-            loop_delay=kind.loop_delay * dead_time,
-        )
+        friction, dead_time, torque = factor(), factor(), factor()
+        own = ServoFigures(torque=torque, friction=friction, dead_time=dead_time)
         zero = joint.zero_ticks + round(_ZERO_TICKS * rng.uniform(-spread, spread))
-        yield replace(joint, lash=joint.lash * factor(), zero_ticks=zero), own_kind
+        yield replace(joint, lash=joint.lash * factor(), zero_ticks=zero), own.of(kind)

@@ -16,6 +16,7 @@ thread serves their port; hold it yourself to do several things at once.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 
@@ -197,27 +198,43 @@ class World:
         with self.lock:
             self.servo(place).drive.motor.ambient = ROOM_C
 
-    def put_object(self, width: float) -> None:
+    def put_object(self, width: float, stiffness: float = OBJECT_STIFFNESS) -> None:
         """Hold something ``width`` [m] wide between the jaw tips.
+
+        Args:
+            width: How wide [m].
+            stiffness: Of it [N m/rad at the jaw].
 
         Raises:
             ConfigError: Wider than the jaws open.
         """
-        self._jaw_limit(jaw_angle_for_gap(width), OBJECT_STIFFNESS)
+        self.put_wall("gripper", jaw_angle_for_gap(width), math.inf, stiffness)
 
     def take_object(self) -> None:
         """Nothing between the jaws any more."""
-        self._jaw_limit(self.servos[-1].joint.lower, STOP_STIFFNESS)
+        self.put_wall("gripper", -math.inf, math.inf)
 
-    def _jaw_limit(self, closed: float, stiffness: float) -> None:
+    def put_wall(
+        self, place: str | int, lower: float, upper: float, stiffness: float = STOP_STIFFNESS
+    ) -> None:
+        """Let a joint meet something at these angles, or its own stops before them.
+
+        Args:
+            place: Which joint.
+            lower: The smallest angle it reaches freely [rad].
+            upper: The largest [rad].
+            stiffness: Of what it meets [N m/rad].
+        """
         with self.lock:
-            drive, joint = self.servos[-1].drive, self.servos[-1].joint
-            ends = sorted((drive.to_ticks(closed), drive.to_ticks(joint.upper)))
-            drive.shaft.lower, drive.shaft.upper = ends
-            if joint.direction > 0:
-                drive.shaft.lower_stiffness = stiffness
-            else:
-                drive.shaft.upper_stiffness = stiffness
+            servo = self.servo(place)
+            drive, joint = servo.drive, servo.joint
+            walls = [
+                (drive.to_ticks(max(lower, joint.lower)), lower > joint.lower),
+                (drive.to_ticks(min(upper, joint.upper)), upper < joint.upper),
+            ]
+            (drive.shaft.lower, low), (drive.shaft.upper, high) = sorted(walls)
+            drive.shaft.lower_stiffness = stiffness if low else STOP_STIFFNESS
+            drive.shaft.upper_stiffness = stiffness if high else STOP_STIFFNESS
             drive.wake()
 
     def _react(self) -> None:

@@ -17,13 +17,11 @@ arm ``hand_guiding.py``.
 no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
 is taken to go where it is sent (``joint_estimate.py``), for half a second if none is. Then ``read``
 raises ``NoReply`` once, which ends what is under way; after that the others are read as before, and
-the silent one is asked along. When it answers again it is set up anew, and if it had restarted it
-is made to hold where it is and ``ServoFault`` is raised once, because the joint may stand elsewhere
-now.
+the silent one is asked along. When it answers again it is set up anew; one that had restarted is
+made to hold where it is, and ``ServoFault`` is raised once.
 
-*The port may go away.* ``read`` and ``write`` then raise ``PortUnavailable``; every later ``read``
-tries to get it back (``chain.py``) and sets the servos up again. They hold meanwhile, and
-nothing is written to them before somebody asks for it.
+*The port may go away.* Every ``read`` then tries to get it back (``chain.py``) and sets the servos
+up again. They hold meanwhile, and get nothing before somebody asks for it.
 """
 
 from __future__ import annotations
@@ -52,13 +50,14 @@ from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
 from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
 from so101_motion.drivers.feetech.presence import missing_servos, unconfirmed_position
+from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.servo_types import ServoFigures
 
 JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
 
-_NO_JOINTS: frozenset[str] = frozenset()
 _NO_GOALS: Sequence[None] = (None,) * 6
 
 _FRESH = 0.1
@@ -77,11 +76,16 @@ class FeetechArm:
         maps: The servo of each joint this arm has, by joint name. A joint without one reads as 0
             and takes no goals.
         gravity: The torque that holds a pose, see ``gravity_compensation.py``.
+        per_kg: What each kilogram in the hand adds to it; None if nobody knows.
         speed: Speed cap kept by the servos themselves [rad/s].
         acceleration: Acceleration cap kept by the servos themselves [rad/s^2]; well above what
             is planned, or the servos lag behind.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
         counters: The servos' counters so far, by id, if there has been an arm on this port before.
+        figures: How servos were found to differ from their type, by joint name.
+
+    Attributes:
+        models: What is known of the servos, base to jaw.
 
     Raises:
         BusError: The port cannot be opened, or a servo cannot be reached or set up.
@@ -95,33 +99,32 @@ class FeetechArm:
         maps: Mapping[str, JointMap],
         *,
         gravity: Gravity,
+        per_kg: Gravity | None = None,
         speed: float,
         acceleration: float,
         reply_timeout: float = REPLY_TIMEOUT,
         counters: ReplyCounters | None = None,
+        figures: Mapping[str, ServoFigures] | None = None,
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
+        ram = {
+            reg.ACCELERATION: to_acceleration_units(acceleration),
+            reg.GOAL_VELOCITY: to_speed_ticks(speed),
+        }
         self._chain = Chain(
-            open_port,
-            clock,
-            self._maps,
-            names=JOINTS,
-            ram={
-                reg.ACCELERATION: to_acceleration_units(acceleration),
-                reg.GOAL_VELOCITY: to_speed_ticks(speed),
-            },
-            on_set_up=self._take_over,
-            reply_timeout=reply_timeout,
-            counters=counters,
-        )
+            open_port, clock, self._maps, names=JOINTS, ram=ram, on_set_up=self._take_over,
+            reply_timeout=reply_timeout, counters=counters,
+        )  # fmt: skip
         self._index, self._presence = self._chain.index, self._chain.presence
         if len(self._index) != len(maps):
             raise ValueError(f"each joint needs a servo of its own: {dict(maps)}")
         self._torque = False
         self._at = JointEstimate(self._maps)
         limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
-        self._compensation = GoalCompensation(self._maps, gravity, limiter)
+        known = {JOINTS.index(joint): each for joint, each in (figures or {}).items()}
+        self._compensation = GoalCompensation(self._maps, gravity, limiter, per_kg, known)
+        self.models: Sequence[ServoModel] = self._compensation.trim.models
         self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
         self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)
         self._guide: HandGuiding | None = None
@@ -159,8 +162,8 @@ class FeetechArm:
             q_jaw=q[5],
             qd_jaw=qd[5],
             out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
-            unanswered=frozenset(JOINTS[self._index[i]] for i in silent) if silent else _NO_JOINTS,
-            unconfirmed=frozenset(JOINTS[i] for i in unconfirmed) if unconfirmed else _NO_JOINTS,
+            unanswered=frozenset(JOINTS[self._index[i]] for i in silent),
+            unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
         )
 
     def write(
@@ -277,8 +280,7 @@ class FeetechArm:
         servo_id = self._maps[JOINTS.index(joint)].servo_id
         with self._chain.watching():
             self._chain.bus()
-            limit = round(1000.0 * min(max(share, 0.0), 1.0))
-            self._chain.put(servo_id, reg.TORQUE_LIMIT, limit)
+            self._chain.put(servo_id, reg.TORQUE_LIMIT, round(1000.0 * min(max(share, 0.0), 1.0)))
 
     @property
     def on_command(self) -> CommandListener | None:
@@ -329,8 +331,7 @@ class FeetechArm:
 
     def _take_over(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up; learn how it stands."""
-        joint = self._maps[i]
-        self._chain.ram[joint.servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
+        self._chain.ram[self._maps[i].servo_id][reg.TORQUE_LIMIT] = servo.torque_limit
         self._at.found(i, servo.present_ticks, self._clock.now())
         self._compensation.found(i, servo)
         self._out_of_range.found(i, crawls=servo.crawls)

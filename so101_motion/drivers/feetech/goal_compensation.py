@@ -18,14 +18,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
-from so101_motion.drivers.feetech.lag_compensation import (
-    BRAKING,
-    DELAY,
-    braking,
-    stopping_distance,
-)
+from so101_motion.drivers.feetech.lag_compensation import DELAY, braking, stopping_distance
+from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import GoalLimiter
+from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
 
 _AHEAD = 0.06
 """How much later a goal is felt than it is sent [s]: delay and lag together, at a P gain of 32."""
@@ -52,6 +49,8 @@ class GoalCompensation:
         maps: The servo of each joint there is, by index.
         gravity: The torque that holds a pose.
         limiter: What bounds commands and goals.
+        per_kg: What each kilogram in the hand adds to that torque; None if nobody knows.
+        figures: How servos were found to differ from their type, by index.
 
     Attributes:
         trim: What is added for the weight.
@@ -61,27 +60,32 @@ class GoalCompensation:
     """
 
     def __init__(
-        self, maps: Mapping[int, JointMap], gravity: Gravity, limiter: GoalLimiter
+        self,
+        maps: Mapping[int, JointMap],
+        gravity: Gravity,
+        limiter: GoalLimiter,
+        per_kg: Gravity | None,
+        figures: Mapping[int, ServoFigures],
     ) -> None:
-        self.trim, self._limiter = Trim(gravity), limiter
+        self.trim, self._limiter = Trim(gravity, per_kg), limiter
         self.q = [0.0] * 6
         self.held: list[Ticks | None] = [None] * 6
         self.is_set = False
         self._overloaded: set[int] = set()
-        self._maps = maps
+        self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
         self._qdd: Sequence[float] | None = None
         self._foreseen = [0.0] * 6  # what share of the lag is made up for
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
         self._t_goals = 0.0
-        self._braking = list(BRAKING)
 
     def found(self, i: int, servo: ServoCondition) -> None:
         """Joint ``i``'s servo has been set up and was found like this."""
         self.held[i] = servo.goal_ticks if servo.torque else None
         self._overloaded.discard(i)
-        self.trim.set_servo(i, servo.kind, servo.p_gain)
-        self._braking[i] = braking(i, servo.max_acceleration)
+        brakes = braking(i, servo.max_acceleration)
+        own = self._figures.get(i, AS_SOLD)
+        self.trim.models[i] = ServoModel(servo.kind, servo.p_gain, brakes, own)
 
     def supplied(self, i: int, volts: float) -> None:
         """What supply joint ``i``'s servo reports [V]."""
@@ -142,10 +146,11 @@ class GoalCompensation:
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
         self._qd, self._qdd = known, qdd
+        self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
         for i, each in enumerate(qd or ()):
             if math.isnan(each):  # it is to stay where it is
                 self._setpoint_qd[i] = 0.0
-        self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
+                self.trim.give_way(i)
 
     def goals(self, now: float, absent: Collection[int] = ()) -> dict[int, Ticks]:
         """What to send to whom, by servo; ``absent`` ones are left out."""
@@ -180,12 +185,13 @@ class GoalCompensation:
             self._foreseen[i] += min(max(wanted - self._foreseen[i], -dt / _BLEND), dt / _BLEND)
         share = self._foreseen[i]
         # The set-point runs ahead of the joint; no faster than it can.
-        change = self._braking[i] * dt
+        change = model.braking * dt
         wanted, before = qd + share * qdd * (DELAY + model.lag), self._setpoint_qd[i]
         self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
-        return stopping_distance(self._setpoint_qd[i], self._braking[i]) + share * (
-            self.trim.lag(i, qd, qdd) + qd * (DELAY + model.kind.goal_delay)
-        )
+        # What is sent now is felt later, when the joint has gone on and is faster or slower.
+        later = DELAY + model.kind.goal_delay
+        behind = self.trim.lag(i, qd + qdd * later, qdd) + later * (qd + 0.5 * qdd * later)
+        return stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
         return {

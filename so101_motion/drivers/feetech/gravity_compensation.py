@@ -10,13 +10,15 @@ not rattle the goals. When the command comes to rest, friction stays on the side
 
 *What is left*, a slow integral: while command and joint stand still, the measured error is added
 up. It first turns friction over to the side it is needed on, quickly, for as long as nothing
-moves; the rest is load that the model does not know, and is kept for the motions that follow.
+moves; the rest is load that the model does not know, and is kept for the motions that follow. What
+of it a mass in the hand would explain is kept as that mass, because it weighs differently in every
+pose; the remainder stays with its joint.
 While command or joint moves the integral waits, because the error is then mostly the servo's lag.
 
 What keeps the integral from doing harm: an error too large for the arm's weight is no droop but a
 joint that is held fast or still on its way, and is left alone; the integral is bounded by the share
 of the motor's drive it can cause. Errors of a tick or two are left alone too, and half a second
-after the command has come to rest all that is within the tolerance: with play and friction a joint
+after the command has come to rest every joint that has arrived: with play and friction a joint
 would hunt from one side of its goal to the other for ever. The jaw has no trim: its error is the
 grip.
 """
@@ -31,7 +33,6 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.feetech.servo_model import ServoModel
-from so101_motion.drivers.servo_types import ServoType
 
 Gravity = Callable[[Array], Array]
 """Torque [N m] that holds the arm still at joint angles ``q`` [rad], shapes (6,), jaw included."""
@@ -61,15 +62,16 @@ the tremor of a hand that teleoperates."""
 DEAD_BAND = 2.5 * RAD_PER_TICK
 """Errors up to this are left alone [rad]; chosen."""
 
-LATE_DEAD_BAND = 3.5 * RAD_PER_TICK
-"""The same once ``LATE`` is over [rad]: within the settle tolerance."""
-
 LATE = 0.45
 """How long after the command has come to rest small errors are worth a motion [s]; chosen."""
 
 SETTLE_POSITION = to_rad(0.33)
-"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks, which is what
-is left alone, so that with the tick's own width the joint truly is within 0.4 deg."""
+"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks. The
+fitted servo breaks loose by three, so with 0.25 deg it would hunt."""
+
+LEFT_ALONE = to_rad(0.5)
+"""A joint that had arrived once ``LATE`` was over is left alone up to here [rad]. Chosen: its
+reading may change by a tick, and a motion to and fro is worse than what it would mend."""
 
 SETTLE_VELOCITY = to_rad(3.0)
 """How slow a joint at rest is [rad/s]: its encoder was seen to scatter by 3 ticks."""
@@ -91,6 +93,13 @@ LARGEST_OFFSET = LARGEST_SAG + LARGEST_DRIVE
 INERTIA = 0.01
 """Of the links that a joint moves, on top of rotor and gears [kg m^2]; chosen, an average."""
 
+HEAVIEST = 0.4
+"""Most that the hand is taken to carry, or to lack [kg]. Chosen; what a weaker motor looks like
+counts as well."""
+
+_FELT = 0.5
+"""Where a kilogram in the hand would be felt less than this [N m], nothing is learnt of it."""
+
 _STILL = 0.06
 """How long the command must have stood still [s]: twice a healthy servo's delay. Chosen."""
 
@@ -105,13 +114,16 @@ class Trim:
 
     Args:
         gravity: The torque that holds a pose.
+        per_kg: What each kilogram in the hand adds to it; None to learn of no such load.
 
     Attributes:
         models: What is known of each servo.
+        carried: The mass that the hand seems to carry [kg].
     """
 
-    def __init__(self, gravity: Gravity) -> None:
-        self._gravity = gravity
+    def __init__(self, gravity: Gravity, per_kg: Gravity | None = None) -> None:
+        self._gravity, self._load, self.carried = gravity, per_kg, 0.0
+        self._per_kg = [0.0] * 6  # [N m/kg] in the commanded pose
         self.models = [ServoModel() for _ in range(6)]
         self._weight = [0.0] * 6  # [N m]
         self._way = [0.0] * 6  # which way friction is overcome, -1 to 1
@@ -119,11 +131,9 @@ class Trim:
         self._known = [0.0] * 6  # and what that adds to the goal [rad]
         self._rest = [0.0] * 6
         self._goal: list[float] = []
+        self._arrived = [False] * 6
+        self._gives_way = [False] * 6
         self._since = self._last = 0.0
-
-    def set_servo(self, i: int, kind: ServoType, p_gain: int) -> None:
-        """Joint ``i`` has a servo of this type and P gain."""
-        self.models[i] = ServoModel(kind, p_gain)
 
     @property
     def yielding(self) -> list[float]:
@@ -143,7 +153,7 @@ class Trim:
             way: Which way and how fully friction is overcome, -1 to 1.
             qd: How fast they turn [rad/s].
         """
-        weights: list[float] = self._gravity(np.array(q)).tolist()
+        weights, _ = self._weights(q)
         return [
             _within(
                 model.distance(weight + side * model.friction(weight, side), speed),
@@ -184,10 +194,16 @@ class Trim:
         for i in range(_JAW):
             step = goal[i] - before[i]
             self._way[i] = _within(self._way[i] + step / ENGAGING, 1.0)
+            self._gives_way[i] = self._gives_way[i] and not step
         q = [at + v * ahead for at, v in zip(goal, qd, strict=False)]
         self._take_up(goal, [*q, goal[_JAW]], now)
         for i in range(_JAW):
             self._find(i, qd[i])
+
+    def give_way(self, i: int) -> None:
+        """Push no more with joint ``i``, which something holds up, until it is sent elsewhere."""
+        self._gives_way[i], self._way[i] = True, 0.0
+        self._find(i)
 
     def lag(self, i: int, qd: float, qdd: float) -> float:
         """How far joint ``i`` would stay behind its set-point [rad].
@@ -212,6 +228,7 @@ class Trim:
                 begins with what its weight explains: the servo then carries it from the first
                 moment, and no more than it, so a joint that lies on something stays there.
         """
+        self.carried, self._gives_way = 0.0, [False] * 6
         self._take_up(goal, goal, now)
         for i, off in enumerate(sag[:_JAW]):
             self._way[i] = self._rest[i] = 0.0
@@ -244,32 +261,54 @@ class Trim:
         if still < _STILL:
             self._learn_moving(q, fresh, dt)
             return
-        dead = DEAD_BAND if still < LATE else LATE_DEAD_BAND
+        steps = [0.0] * 6
         for i in range(_JAW):
-            error = self._goal[i] - q[i]
+            error, dead = self._goal[i] - q[i], DEAD_BAND
+            if still >= LATE:
+                self._arrived[i] = self._arrived[i] or abs(error) <= SETTLE_POSITION
+                dead = LEFT_ALONE if self._arrived[i] else SETTLE_POSITION
             is_droop = dead < abs(error) < LARGEST_SAG * self.models[i].yielding
+            is_droop = is_droop and not self._gives_way[i]
             if is_droop and abs(qd[i]) < _AT_REST and i in fresh:
-                self._learn(i, error, dt)
+                steps[i] = self._turn_over(i, error, dt)
+        self._learn(steps)
 
     def _learn_moving(self, q: Sequence[float], fresh: Collection[int], dt: float) -> None:
+        steps = [0.0] * 6
         for i in range(_JAW):
             error = self._goal[i] - q[i]
             if i in fresh and DEAD_BAND < abs(error) < MOVING_ERROR:
                 bears = min(abs(self._weight[i]) / BEARING, 1.0)
-                self._add(i, bears * GAIN_MOVING * dt * error)
+                steps[i] = bears * GAIN_MOVING * dt * error
+        self._learn(steps)
 
-    def _learn(self, i: int, error: float, dt: float) -> None:
+    def _turn_over(self, i: int, error: float, dt: float) -> float:
+        """Turn the friction of joint ``i`` over; once it is, what it must learn [rad]."""
         model, way = self.models[i], self._way[i]
         side = 1.0 if error > 0.0 else -1.0
-        if way * side < 1.0:
-            load = self._weight[i] + model.torque(self._rest[i])
-            turn = model.torque(TURNING * dt) / model.friction(load, side)
-            self._way[i] = _within(way + side * turn, 1.0)
-            self._find(i)
+        if way * side >= 1.0:
+            return GAIN * dt * error
+        load = self._weight[i] + model.torque(self._rest[i])
+        turn = model.torque(TURNING * dt) / model.friction(load, side)
+        self._way[i] = _within(way + side * turn, 1.0)
+        self._find(i)
+        return 0.0
+
+    def _learn(self, steps: list[float]) -> None:
+        """Let more be added to the goals by ``steps`` [rad], for whatever load that is."""
+        if not any(steps):
             return
-        before = self._rest[i]
-        self._add(i, GAIN * dt * error)
-        if self._rest[i] != before:
+        heaviness = sum(each * each for each in self._per_kg[:_JAW])
+        if heaviness > _FELT**2:
+            torques = [m.torque(step) for m, step in zip(self.models, steps, strict=True)]
+            more = sum(u * t for u, t in zip(self._per_kg, torques, strict=True)) / heaviness
+            before, self.carried = self.carried, _within(self.carried + more, HEAVIEST)
+            for i in range(_JAW):
+                change = (self.carried - before) * self._per_kg[i]
+                self._weight[i] += change
+                steps[i] -= change / self.models[i].torque(1.0)
+        for i in range(_JAW):
+            self._add(i, steps[i])
             self._find(i)
 
     def _add(self, i: int, step: float) -> None:
@@ -278,8 +317,17 @@ class Trim:
         self._rest[i] = min(max(rest + step, min(rest, -bound)), max(rest, bound))
 
     def _take_up(self, goal: list[float], q: Sequence[float], now: float) -> None:
-        self._goal, self._since = goal, now
-        self._weight = self._gravity(np.array(q)).tolist()
+        self._goal, self._since, self._arrived = goal, now, [False] * 6
+        self._weight, self._per_kg = self._weights(q)
+
+    def _weights(self, q: Sequence[float]) -> tuple[list[float], list[float]]:
+        """What holds the joints at ``q`` [rad], and what of it each kilogram carried takes."""
+        at = np.array(q)
+        own: list[float] = self._gravity(at).tolist()
+        if self._load is None:
+            return own, self._per_kg
+        per_kg: list[float] = self._load(at).tolist()
+        return [w + self.carried * u for w, u in zip(own, per_kg, strict=True)], per_kg
 
     def _find(self, i: int, speed: float = 0.0) -> None:
         """What joint ``i``'s weight and friction add to its goal."""

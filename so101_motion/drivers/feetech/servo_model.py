@@ -14,7 +14,14 @@ from __future__ import annotations
 import math
 
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
-from so101_motion.drivers.servo_types import START_DUTY, STS3215_12V, ServoType
+from so101_motion.drivers.feetech.lag_compensation import BRAKING
+from so101_motion.drivers.servo_types import (
+    AS_SOLD,
+    START_DUTY,
+    STS3215_12V,
+    ServoFigures,
+    ServoType,
+)
 
 _DEAD_ZONE = 1.0 * RAD_PER_TICK
 """Errors up to this count as none: registers 26 and 27 as delivered [rad]."""
@@ -26,20 +33,32 @@ def yielding(p_gain: int) -> float:
 
 
 class ServoModel:
-    """One servo, as its type is known to be.
+    """One servo, as its type is known to be, and as it was found to differ.
 
     Args:
-        kind: Its type.
+        sold_as: Its type.
         p_gain: Proportional gain of its position loop.
+        braking: How fast its set-point slows down [rad/s^2].
+        figures: How it differs from its type.
 
     Attributes:
-        kind: As given.
+        sold_as: As given.
+        p_gain: As given.
+        braking: As given.
+        kind: The type with its own figures.
         yielding: How far it gives way under full drive [rad].
         volts: Its supply [V]; as measured, if it was.
     """
 
-    def __init__(self, kind: ServoType = STS3215_12V, p_gain: int = 32) -> None:
-        self.kind, self.volts = kind, kind.volts
+    def __init__(
+        self,
+        sold_as: ServoType = STS3215_12V,
+        p_gain: int = 32,
+        braking: float = BRAKING[0],
+        figures: ServoFigures = AS_SOLD,
+    ) -> None:
+        self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
+        self.kind, self.volts = figures.of(sold_as), sold_as.volts
         self.yielding = yielding(p_gain)
 
     def distance(self, torque: float, speed: float = 0.0) -> float:

@@ -18,7 +18,7 @@ below its no-load speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -97,10 +97,23 @@ class Payload:
         """What a configuration says is always carried, by default at the jaw's tip; or None."""
         if load.mass <= 0.0:
             return None
-        zero = np.zeros(5)
-        tip = (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
-        x, y, z = tip.tolist() if load.com is None else load.com
+        x, y, z = place_in_hand(model).tolist() if load.com is None else load.com
         return cls(mass=load.mass, com=(x, y, z))
+
+
+def place_in_hand(model: RobotModel) -> Array:
+    """Where what the hand holds has its centre unless somebody says otherwise, in the tool frame.
+
+    Shape (3,), [m]: the tip of the jaw.
+    """
+    zero = np.zeros(5)
+    return (model.frame(zero).inverse @ model.frame(zero, "jaw_tip")).p
+
+
+def gravity_per_kg(model: RobotModel) -> Callable[[Array], Array]:
+    """What a kilogram in the hand adds to the torques that hold six joints, [rad] to [N m]."""
+    loaded = model.with_payload(1.0, place_in_hand(model))
+    return lambda q: loaded.gravity_torque(q) - model.gravity_torque(q)
 
 
 def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | None:

@@ -121,7 +121,7 @@ def test_a_joint_held_fast_far_away_is_not_pressed_harder():
 def test_the_integral_never_asks_for_more_than_its_share_of_the_drive(p_gain):
     trim = Trim(weightless)
     for i in range(5):
-        trim.set_servo(i, STS3215_12V, p_gain)
+        trim.models[i] = ServoModel(STS3215_12V, p_gain)
     start(trim, GOAL)
     hold(trim, GOAL - 0.02, 60.0)
     np.testing.assert_allclose(trim.rest[:5], LARGEST_DRIVE * yielding(p_gain))

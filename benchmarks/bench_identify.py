@@ -1,0 +1,184 @@
+"""Arms that find out what their servos are like, held against what they are.
+
+Each emulated arm has servos of its own (spread 0.2). It is identified with an empty hand, then with
+a load that it is to weigh. What the figures predict is compared with the truth: how far a joint
+droops under 1 N m, at which torque a limp joint breaks away, how far behind its setpoint a joint
+is, and play. Then random paths at 90 deg/s are followed with and without the figures, carrying the
+load. The referee watches caps and every command.
+
+The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import _common
+from so101_motion.calib.record import servo_file, store
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.spread import differing_servos
+from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.torque import place_in_hand
+from so101_motion.setup.identify import Identification
+from so101_motion.setup.identify_report import IdentifyReport
+
+LOADS_KG = (0.1, 0.15, 0.2, 0.3)
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+_following: Any = importlib.import_module("harness.path_following")
+_harness: Any = importlib.import_module("harness.emulated_rig")
+_referee: Any = importlib.import_module("referee")
+
+
+def identified(bench: Any, file: Path, *, is_empty: bool) -> tuple[IdentifyReport, float]:
+    """Identify the arm on ``bench``; the report, and how long the arm moved [s]."""
+    rig = _opened(bench, file)
+    begin = bench.clock.now()
+    identification = Identification(rig)
+    outline = identification.outline()
+    if outline.obstacles:
+        raise SystemExit(f"not all joints can be moved: {outline.obstacles}")
+    with ThreadPoolExecutor(1) as beside:
+        moving = beside.submit(identification.move_and_record, outline)
+        while not moving.done():
+            bench.advance(0.05)
+        moving.result()
+    took = bench.clock.now() - begin
+    return identification.report(hand_is_empty=is_empty, keeps=is_empty), took
+
+
+def tracking(bench: Any, file: Path, seed: int, plans: int) -> float:
+    """Mean of how far joints are from their setpoints while they move [deg]."""
+    rig = _opened(bench, file)
+    rig.arm.set_speed(math.radians(90.0))
+    rig.arm.set_acceleration(math.radians(300.0))
+    off = []
+    for k in range(plans):
+        plan, _ = _following.random_plan(rig, 100 * seed + k)
+        motion = rig.arm.start_execute(plan)
+        while not motion.future.done():
+            bench.advance(0.01)
+            off.append(np.abs(bench.arm_deg(rig) - np.degrees(rig.arm.state.q_ref)))
+        motion.result(timeout=0.0)
+    return float(np.mean(off))
+
+
+def _opened(bench: Any, file: Path) -> Any:
+    zeros = dict(zip(ARM_JOINTS, np.radians(_harness.MIDDLES_DEG), strict=True))
+    if not file.exists():
+        rig = bench.open(zero_offsets=zeros)
+        store.save(file, rig.servos.calibration)
+        bench.shut(rig)
+    rig = bench.open(zero_offsets=zeros, calibration_file=file)
+    bench.advance(1.0)
+    return rig
+
+
+def errors(true: ServoFigures, found: ServoFigures, lash: float) -> dict[str, float]:
+    """How far off predictions are, as shares of the truth."""
+    is_, seems = (ServoModel(STS3215_12V, 32, figures=each) for each in (true, found))
+
+    def share(seen: float, real: float) -> float:
+        return abs(seen / real - 1.0)
+
+    def droop(model: ServoModel) -> float:
+        return model.distance(1.0 + model.friction(1.0, 1.0))
+
+    return {
+        "droop": share(droop(seems), droop(is_)),
+        "break-away": share(seems.kind.break_away, is_.kind.break_away),
+        "lag": share(seems.lag, is_.lag),
+        "play": math.nan if found.play is None else share(found.play, lash),
+    }
+
+
+def one_arm(seed: int, plans: int) -> dict[str, Any]:
+    """What became of one arm."""
+    load = LOADS_KG[seed % len(LOADS_KG)]
+    options = {"reply_timeout": 2.0, "spread": 0.2, "seed": seed}
+    with _referee.refereed(("motion",)), tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "arm.json"
+        with _harness.hardware_bench(Path(folder), **options) as bench:
+            empty, took = identified(bench, file, is_empty=True)
+        with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
+            carrying, _ = identified(bench, file, is_empty=False)
+        with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
+            after = tracking(bench, file, seed, plans)
+        servo_file.servos_path(file).unlink()
+        with _harness.hardware_bench(Path(folder), held_kg=load, **options) as bench:
+            before = tracking(bench, file, seed, plans)
+    differing = differing_servos(SO101, STS3215_12V, spread=0.2, seed=seed)
+    by_joint = {}
+    for joint, kind in list(differing)[:5]:
+        true = ServoFigures(
+            torque=kind.torque_per_volt / STS3215_12V.torque_per_volt,
+            friction=kind.coulomb / STS3215_12V.coulomb,
+            dead_time=kind.goal_delay / STS3215_12V.goal_delay,
+        )
+        by_joint[joint.name] = errors(true, empty.found.servos[joint.name], joint.lash)
+    found = carrying.found.load
+    assert found is not None
+    place = np.linalg.norm(np.array(found.com) - place_in_hand(RobotModel.load()))
+    row = {
+        "seed": seed, "joints": by_joint, "took": took, "ratio": after / before,
+        "mass": abs(found.mass - load), "place": float(place),
+    }  # fmt: skip
+    print(row, flush=True)
+    return row
+
+
+def main() -> None:
+    """Measure, print and write the results."""
+    _common.single_thread()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--arms", type=int, default=20)
+    parser.add_argument("--plans", type=int, default=2)
+    asked = parser.parse_args()
+    arms = [one_arm(seed, asked.plans) for seed in range(1, asked.arms + 1)]
+    rows: list[dict[str, Any]] = []
+    for what, bar in (("droop", 0.1), ("break-away", 0.2), ("lag", 0.1), ("play", 0.1)):
+        for joints in (ARM_JOINTS[1:4], (ARM_JOINTS[0], ARM_JOINTS[4])):
+            off = np.array([arm["joints"][joint][what] for arm in arms for joint in joints])
+            rows.append(
+                {
+                    "what": f"{what}, predicted, share off; {' '.join(joints)}",
+                    "median": float(np.nanmedian(off)),
+                    "p90": float(np.nanpercentile(off, 90.0)),
+                    "worst": float(np.nanmax(off)),
+                    "not seen": int(np.isnan(off).sum()),
+                    "bar": bar,
+                }
+            )
+    for what, key, scale, bar in (
+        ("mass of the load off [g]", "mass", 1e3, 15.0),
+        ("its place off [mm]", "place", 1e3, 10.0),
+        ("duration [s]", "took", 1.0, 180.0),
+        ("tracking error after, share of before", "ratio", 1.0, 0.6),
+    ):
+        values = scale * np.array([arm[key] for arm in arms])
+        rows.append(
+            {
+                "what": what,
+                "median": float(np.median(values)),
+                "p90": float(np.percentile(values, 90.0)),
+                "worst": float(np.max(values)),
+                "bar": bar,
+            }
+        )
+    _common.write("bench_identify", rows)
+
+
+if __name__ == "__main__":
+    main()

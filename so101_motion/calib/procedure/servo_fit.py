@@ -1,0 +1,380 @@
+"""Find out how an arm's servos differ from their type, and what the hand carries.
+
+While a joint turns steadily, motor, friction and weight are in balance. The motor's voltage is
+known: a position loop without integral makes it from the distance between its set-point and its
+joint, and both are on record. The set-point follows from the goals that were sent, as the firmware
+makes it travel. So each stretch of steady motion is one equation. Stretches both ways tell
+friction from weight, two speeds tell friction from dead time, and different poses tell a weak motor
+from a load: a load weighs on other joints in other proportions than the arm itself.
+
+All of it is one least-squares problem with a prior: figures are near their type's, as far as the
+motions say nothing else. How sure a figure is comes from the same equations.
+
+Play has no part in steady motion. It is what lets a joint without load stand still when it turns
+round, and is found by emulating the joint on its record with one play after another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from so101_motion.calib.procedure.servo_twin import JointRecord, predicted, replayed, setpoints
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.emulator.hardware import MAX_DUTY
+from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.servo_types import START_DUTY, ServoFigures
+
+Gravity = Callable[[Array], Array]
+"""Torques that hold configurations of the arm, shapes (k, 5) [rad] and (k, 5) [N m]."""
+
+N = 5
+
+STEADY = 0.2
+"""For how long a joint must have been led at one speed [s]; chosen: its lag has built up."""
+
+STRETCH = 0.4
+"""How long a stretch of steady motion is taken together [s]; chosen: 40 readings, whose rounding
+to ticks averages out, and 6 deg at 15 deg/s, over which the weight hardly changes."""
+
+NOISE = 0.015
+"""Of one stretch [N m]: a quarter of a tick of goal minus position. Chosen."""
+
+SURE = {"torque": 0.15, "friction": 0.3, "delay": 0.008, "mass": 0.3, "moment": 0.02}
+"""Standard deviations of the prior: shares, [s], [kg], and of the load's moment about the place
+where it is expected [kg m]. Chosen: what is wider than arms are likely to differ."""
+
+KNOWN = 0.08
+"""Share of that for figures of an earlier identification. Chosen: torque is known to 1.2 %."""
+
+PLAYS = tuple(to_rad(each) for each in (0.0, 0.4, 0.8, 1.2, 1.6))
+"""What play is tried with [rad]."""
+
+PLAY_SEEN = 0.02
+"""The error of the best play must be smaller than that without play by this share of it. Chosen."""
+
+_ROUNDS = 6
+_CORRECTIONS = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What the hand carries.
+
+    Attributes:
+        mass: [kg].
+        com: Its centre of mass in the tool frame [m].
+        mass_deviation: How sure the mass is, a standard deviation [kg].
+    """
+
+    mass: float
+    com: tuple[float, float, float]
+    mass_deviation: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identified:
+    """What was found out.
+
+    Attributes:
+        servos: By joint.
+        deviations: How sure that is, standard deviations, by joint; without the play.
+        load: What the hand carries; None if it was said to be empty.
+        volts: Supply, mean over the motions [V].
+    """
+
+    servos: Mapping[str, ServoFigures]
+    deviations: Mapping[str, ServoFigures]
+    load: Load | None
+    volts: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """A stretch of steady motion of joint ``i``.
+
+    Attributes:
+        torque: What the motor makes if it is as its type, the back-EMF taken off [N m].
+        speed: [rad/s].
+        weight: What holds the joint there, without load [N m].
+        per_load: What each of mass and moments adds to it, shape (4,).
+        per_delay: What a second of delay more takes off ``torque`` [N m/s].
+    """
+
+    i: int
+    torque: float
+    speed: float
+    weight: float
+    per_load: Array
+    per_delay: float
+
+
+def load_columns(gravity_of: Callable[[float, Array], Gravity], q: Array) -> Array:
+    """What mass and moments of a load add to the torques at ``q`` (k, 5); shape (4, k, 5).
+
+    Args:
+        gravity_of: The holding torques with a mass [kg] at a place in the tool frame [m].
+        q: Configurations [rad].
+    """
+    none = gravity_of(0.0, np.zeros(3))(q)
+    mass = gravity_of(1.0, np.zeros(3))(q) - none
+    along = [gravity_of(1.0, axis)(q) - none - mass for axis in np.eye(3)]
+    return np.stack([mass, *along])
+
+
+def identify(
+    records: Mapping[str, JointRecord],
+    gravity_of: Callable[[float, Array], Gravity],
+    *,
+    hand: Array | None,
+    known: Mapping[str, ServoFigures] | None = None,
+) -> Identified:
+    """Identify servos, load and play; corrected by what ``fit`` makes of emulated joints.
+
+    Steady motion is never quite steady: joints stick and slip, and positions are whole ticks. What
+    that does to the figures is seen by fitting the records that emulated joints with those figures
+    make of the same goals, and taken off. Arguments as for ``fit``.
+    """
+    first = found = fit(records, gravity_of, hand=hand, known=known)
+    plays: dict[str, float | None] = {}
+    for _ in range(_CORRECTIONS):
+        weights = weights_of(records, gravity_of, found.load)
+        for name in records.keys() - plays.keys():
+            plays[name] = play(records[name], found.servos[name], weights[name])
+        servos = {name: replace(each, play=plays[name]) for name, each in found.servos.items()}
+        twins = {
+            name: replayed(record, servos[name], weights[name]) for name, record in records.items()
+        }
+        again = fit(twins, gravity_of, hand=hand, known=known)
+        found = _corrected(replace(found, servos=servos), first, again)
+    return found
+
+
+def weights_of(
+    records: Mapping[str, JointRecord],
+    gravity_of: Callable[[float, Array], Gravity],
+    load: Load | None,
+) -> dict[str, Array]:
+    """The torque that holds each joint at each sample, shape (k,), [N m]."""
+    gravity = gravity_of(0.0, np.zeros(3))
+    if load is not None and load.mass > 0.0:
+        gravity = gravity_of(load.mass, np.array(load.com))
+    return {name: gravity(record.q)[:, record.index] for name, record in records.items()}
+
+
+def _corrected(used: Identified, first: Identified, again: Identified) -> Identified:
+    """``used`` made ``again`` where the arm made ``first``; so the arm's are about this."""
+    servos = {
+        name: replace(
+            each,
+            torque=each.torque * first.servos[name].torque / again.servos[name].torque,
+            friction=max(
+                each.friction + first.servos[name].friction - again.servos[name].friction, 0.0
+            ),
+            dead_time=max(
+                each.dead_time + first.servos[name].dead_time - again.servos[name].dead_time, 0.0
+            ),
+        )
+        for name, each in used.servos.items()
+    }
+    load = used.load
+    if load is not None and first.load is not None and again.load is not None:
+        mass = load.mass + first.load.mass - again.load.mass
+        moment = [
+            load.mass * a + first.load.mass * b - again.load.mass * c
+            for a, b, c in zip(load.com, first.load.com, again.load.com, strict=True)
+        ]
+        if mass > 1e-3:
+            x, y, z = (each / mass for each in moment)
+            load = replace(load, mass=mass, com=(x, y, z))
+    return replace(used, servos=servos, load=load)
+
+
+def fit(
+    records: Mapping[str, JointRecord],
+    gravity_of: Callable[[float, Array], Gravity],
+    *,
+    hand: Array | None,
+    known: Mapping[str, ServoFigures] | None = None,
+) -> Identified:
+    """Identify the servos, and the load if there may be one.
+
+    Args:
+        records: What each joint did, by name; joints may be missing.
+        gravity_of: As for ``load_columns``.
+        hand: Where a load is expected in the tool frame [m]; None if the hand is empty.
+        known: Servo figures of an earlier time, which are then near the truth.
+    """
+    names = list(records)
+    models = {name: ServoModel(record.kind, record.p_gain) for name, record in records.items()}
+    rows = [
+        row
+        for i, (name, record) in enumerate(records.items())
+        for row in _rows(i, record, models[name], gravity_of)
+    ]
+    n = len(names)
+    believed = [(known or {}).get(name, ServoFigures()) for name in names]
+    delays = [models[name].kind.goal_delay for name in names]
+    prior = np.array(
+        [1.0 / each.torque for each in believed]
+        + [each.friction for each in believed]
+        + [(each.dead_time - 1.0) * delay for each, delay in zip(believed, delays, strict=True)]
+        + [0.0] * 4
+    )
+    near = KNOWN if known else 1.0
+    deviation = np.array(
+        [near * SURE["torque"]] * n + [near * SURE["friction"]] * n + [near * SURE["delay"]] * n
+        + ([SURE["mass"]] + [SURE["moment"]] * 3 if hand is not None else [1e-9] * 4)
+    )  # fmt: skip
+    place = np.zeros(3) if hand is None else np.asarray(hand, dtype=np.float64)
+    x, covariance = _solved(rows, [models[name] for name in names], prior, deviation, place)
+    sd = np.sqrt(np.diag(covariance))
+    servos = {
+        name: ServoFigures(
+            torque=float(1.0 / x[i]), friction=float(x[n + i]),
+            dead_time=float(max(1.0 + x[2 * n + i] / delays[i], 0.0)),
+        )
+        for i, name in enumerate(names)
+    }  # fmt: skip
+    deviations = {
+        name: ServoFigures(
+            torque=float(sd[i]), friction=float(sd[n + i]),
+            dead_time=float(sd[2 * n + i] / delays[i]),
+        )
+        for i, name in enumerate(names)
+    }  # fmt: skip
+    return Identified(
+        servos=servos,
+        deviations=deviations,
+        load=None if hand is None else _load(x[3 * n :], place, float(sd[3 * n])),
+        volts=float(np.mean([np.mean(record.volts) for record in records.values()])),
+    )
+
+
+def play(record: JointRecord, figures: ServoFigures, weight: Array) -> float | None:
+    """The play that explains a joint's motion best [rad]; None if play explains nothing.
+
+    Args:
+        record: What the joint did.
+        figures: Its servo's figures.
+        weight: The torque that holds it at each sample, shape (k,), [N m].
+    """
+    errors = []
+    for each in PLAYS:
+        found = predicted(record, figures, weight, each)
+        errors.append(float(np.mean(np.abs(found - record.ticks))))
+    best = int(np.argmin(errors))
+    if errors[best] > (1.0 - PLAY_SEEN) * errors[0]:
+        return None
+    if not 0 < best < len(PLAYS) - 1:
+        return PLAYS[best]
+    curve = np.polyfit(PLAYS[best - 1 : best + 2], errors[best - 1 : best + 2], 2)
+    return float(-curve[1] / (2.0 * curve[0]))
+
+
+def _load(found: Array, hand: Array, deviation: float) -> Load:
+    mass = float(found[0])
+    offset = found[1:] / mass if mass > 1e-3 else np.zeros(3)
+    x, y, z = (hand + offset).tolist()
+    return Load(mass=mass, com=(x, y, z), mass_deviation=deviation)
+
+
+def _rows(
+    i: int,
+    record: JointRecord,
+    model: ServoModel,
+    gravity_of: Callable[[float, Array], Gravity],
+) -> Iterator[_Row]:
+    kind = model.kind
+    volts = _volts(record, model)
+    weight = gravity_of(0.0, np.zeros(3))(record.q)[:, record.index]
+    columns = load_columns(gravity_of, record.q)[:, :, record.index]
+    for cut in _stretches(record):
+        t = record.t[cut]
+        turned = np.polyfit(t - t[0], record.q[cut, record.index], 1)[0]
+        begin, end = (round(float(each - record.t[0]) * 1000.0) for each in (t[0], t[-1]))
+        mean = float(np.mean(volts[begin:end]))
+        share = max(abs(mean) / float(np.mean(record.volts[cut])), START_DUTY)
+        slope = kind.duty_shape * share ** (1.0 - 1.0 / kind.duty_shape)
+        stiffness = slope * float(np.mean(record.volts[cut])) / model.yielding
+        yield _Row(
+            i=i,
+            torque=kind.torque_per_volt * (mean - kind.back_emf * float(turned)),
+            speed=float(turned),
+            weight=float(np.mean(weight[cut])),
+            per_load=columns[:, cut].mean(axis=1),
+            per_delay=kind.torque_per_volt * stiffness * float(turned),
+        )
+
+
+def _volts(record: JointRecord, model: ServoModel) -> Array:
+    """The voltage that drove the motor in every millisecond, along the joint's angle [V].
+
+    At the readings alone it would not do: they come in step with the goals, and the set-point does
+    not move evenly between two of them.
+    """
+    setpoint = setpoints(record)
+    t = record.t[0] + np.arange(len(setpoint)) / 1000.0
+    ticks = np.floor(np.interp(t, record.t, record.ticks) + 0.5)
+    error = np.floor(setpoint) - ticks
+    error = np.sign(error) * np.maximum(np.abs(error) - 1.0, 0.0)  # the dead zone
+    demand = np.trunc(error * record.p_gain / 4.0) / 1000.0
+    demand += START_DUTY * np.sign(demand)
+    duty = np.sign(demand) * np.minimum(np.abs(demand) ** model.kind.duty_shape, MAX_DUTY)
+    volts: Array = record.direction * duty * np.interp(t, record.t, record.volts)
+    return volts
+
+
+def _stretches(record: JointRecord) -> Iterator[slice]:
+    """Where the joint is led at one speed, in pieces."""
+    speed, t = record.qd_ref, record.t
+    begin: int | None = None
+    for k in range(1, len(t) + 1):
+        goes_on = k < len(t) and abs(speed[k]) > 0.05 and abs(speed[k] - speed[k - 1]) < 1e-3
+        if goes_on and begin is None:
+            begin = k
+        if begin is None:
+            continue
+        first = begin + int(np.searchsorted(t[begin:k] - t[begin], STEADY))
+        if goes_on and t[k] - t[first if first < k else k - 1] < STRETCH:
+            continue
+        if first < k and t[k - 1] - t[first] > 0.5 * STRETCH:
+            yield slice(first, k)
+        begin = None if not goes_on else max(k - int(STEADY / max(t[k] - t[k - 1], 1e-3)), begin)
+
+
+def _solved(
+    rows: list[_Row], models: list[ServoModel], prior: Array, deviation: Array, hand: Array
+) -> tuple[Array, Array]:
+    """The most likely parameters and their covariance, by Gauss-Newton."""
+    n, x = len(models), prior.copy()
+    scale = 1.0 / deviation
+    for _ in range(_ROUNDS):
+        off, slopes = _residuals(rows, models, x, n, hand)
+        for k in np.flatnonzero(deviation > 1e-8):
+            moved = x.copy()
+            step = 1e-4 * deviation[k]
+            moved[k] += step
+            slopes[:, k] = (_residuals(rows, models, moved, n, hand)[0] - off) / step
+        normal = slopes.T @ slopes / NOISE**2 + np.diag(scale**2)
+        gradient = slopes.T @ off / NOISE**2 + scale**2 * (x - prior)
+        x = x - np.linalg.solve(normal, gradient)
+    return x, np.asarray(np.linalg.inv(normal))
+
+
+def _residuals(
+    rows: list[_Row], models: list[ServoModel], x: Array, n: int, hand: Array
+) -> tuple[Array, Array]:
+    mass, moments = x[3 * n], x[3 * n + 1 :]
+    load = np.concatenate([[mass], mass * hand + moments])
+    off = np.empty(len(rows))
+    for k, row in enumerate(rows):
+        kind, way = models[row.i].kind, float(np.sign(row.speed))
+        weight = row.weight + float(row.per_load @ load)
+        dry = models[row.i].friction(weight, way, row.speed)
+        friction = x[n + row.i] * (way * dry + kind.viscous * row.speed)
+        off[k] = x[row.i] * (weight + friction) + row.per_delay * x[2 * n + row.i] - row.torque
+    return off, np.zeros((len(rows), len(x)))

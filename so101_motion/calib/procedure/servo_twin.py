@@ -1,0 +1,125 @@
+"""Emulate one joint of an arm on what was recorded of it.
+
+The record says which goals its servo was sent and when; the emulated servo gets the same, bears the
+weight that the joint had where it was, and answers with where it would have been.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.drivers.bus.ticks import TICKS_PER_RAD
+from so101_motion.drivers.emulator import registers as reg
+from so101_motion.drivers.emulator.hardware import SO101
+from so101_motion.drivers.emulator.motion import Profile
+from so101_motion.drivers.emulator.register_values import SLOWEST
+from so101_motion.drivers.emulator.servo import Servo
+from so101_motion.drivers.servo_types import ServoFigures, ServoType
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class JointRecord:
+    """What one joint did, k samples.
+
+    Attributes:
+        index: Which joint of the arm.
+        kind: The type of its servo.
+        p_gain: Register 21.
+        acceleration: Of the servo's own set-point [rad/s^2].
+        zero_ticks: Position at angle zero [tick].
+        direction: 1 if the servo counts up with the angle, else -1.
+        t: When it was read, shape (k,), [s].
+        ticks: Its position, shape (k,), [tick].
+        q: The angles of all arm joints, shape (k, 5), [rad].
+        qd_ref: How fast it was wanted, shape (k,), [rad/s].
+        volts: Supply, shape (k,), [V].
+        t_goals: When goals were sent, shape (m,), [s].
+        goals: Which, shape (m,), [tick].
+    """
+
+    index: int
+    kind: ServoType
+    p_gain: int
+    acceleration: float
+    zero_ticks: float
+    direction: int
+    t: Array
+    ticks: Array
+    q: Array
+    qd_ref: Array
+    volts: Array
+    t_goals: Array
+    goals: Array
+
+
+def setpoints(record: JointRecord) -> Array:
+    """Where the servo's own set-point was in every millisecond of the record [tick]."""
+    profile = Profile(float(record.goals[0]))
+    profile.acceleration = record.acceleration * TICKS_PER_RAD
+    profile.speed = record.kind.speed_limit * TICKS_PER_RAD
+    profile.floor = SLOWEST
+    due = (record.t_goals + record.kind.goal_delay).tolist()
+    begin, end = float(record.t[0]), float(record.t[-1])
+    found = np.empty(round((end - begin) * 1000.0) + 1)
+    at, early = 0, max(math.ceil((begin - due[0]) * 1000.0), 0)
+    for step in range(-early, len(found)):
+        now = begin + step / 1000.0
+        if step >= 0:
+            found[step] = profile.position
+        while at < len(due) and due[at] <= now:
+            profile.target = float(record.goals[at])
+            at += 1
+        profile.step()
+    return found
+
+
+def predicted(
+    record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
+) -> Array:
+    """Where the joint would have been at each sample, shape (k,), [tick].
+
+    Args:
+        record: What it was sent.
+        figures: Its servo.
+        weight: The torque that holds it at each sample, shape (k,), [N m].
+        play: Between gears and output [rad]; None for that of ``figures``, or the usual one.
+    """
+    usual = SO101[record.index]
+    play = figures.play if play is None else play
+    joint = replace(
+        usual,
+        lower=-math.pi, upper=math.pi, zero_ticks=round(record.zero_ticks),
+        direction=record.direction, lash=usual.lash if play is None else play,
+        acceleration_slope=0.0, acceleration_ceiling=math.inf,
+        acceleration_offset=record.acceleration * TICKS_PER_RAD,
+    )  # fmt: skip
+    q = record.direction * (float(record.ticks[0]) - joint.zero_ticks) / TICKS_PER_RAD
+    servo = Servo(joint, figures.of(record.kind), q=q)
+    servo.memory.keep(reg.P_GAIN, record.p_gain)
+    servo.write(bytes((reg.P_GAIN.address, record.p_gain)))
+    drive, found, at = servo.drive, np.empty(len(record.t)), 0
+    for k, now in enumerate(record.t.tolist()):
+        found[k] = drive.position
+        drive.load, drive.volts = -record.direction * float(weight[k]), float(record.volts[k])
+        end = float(record.t[k + 1]) if k + 1 < len(record.t) else now
+        for step in range(round((end - now) * 1000.0)):
+            while at < len(record.goals) and record.t_goals[at] <= now + step / 1000.0 + 1e-9:
+                goal = int(record.goals[at]).to_bytes(2, "little")
+                servo.write(bytes((reg.GOAL_POSITION.address,)) + goal)
+                at += 1
+            drive.step()
+    return found
+
+
+def replayed(
+    record: JointRecord, figures: ServoFigures, weight: Array, play: float | None = None
+) -> JointRecord:
+    """The record that the emulated joint makes of the same goals; arguments as ``predicted``."""
+    ticks = predicted(record, figures, weight, play)
+    q = record.q.copy()
+    q[:, record.index] = record.direction * (ticks - record.zero_ticks) / TICKS_PER_RAD
+    return replace(record, ticks=ticks, q=q)

@@ -1,0 +1,225 @@
+"""Keep what was identified of an arm's servos beside its calibration, in ``arm.servos.json``.
+
+Like the zeros it is not in the calibration itself, which belongs to other programs as well. Earlier
+versions are kept as those of calibrations are (``versions.py``), so one can go back.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.calib.record import versions as history
+from so101_motion.common.errors import CalibrationError
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_mm, to_rad
+from so101_motion.drivers.servo_types import ServoFigures
+from so101_motion.files import atomic, json_file
+
+_ABOUT = "shares of what the type of the servo has; see the library's documentation"
+
+_BOUNDS = {"torque": (0.3, 3.0), "friction": (0.0, 5.0), "dead_time": (0.0, 5.0)}
+"""What can be true. Chosen, generously."""
+
+_MOST_PLAY_DEG = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HandLoad:
+    """What the hand carried.
+
+    Attributes:
+        mass: [kg].
+        com: Its centre of mass in the tool frame [m].
+    """
+
+    mass: float
+    com: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoRecord:
+    """What was identified.
+
+    Attributes:
+        at: When, as an ISO date and time with its zone.
+        volts: The supply then [V].
+        servos: By joint; joints may be missing.
+        load: What the hand carried; None for nothing.
+    """
+
+    at: str
+    volts: float
+    servos: Mapping[str, ServoFigures]
+    load: HandLoad | None = None
+
+
+def servos_path(path: Path) -> Path:
+    """The path of the servo figures of the calibration at ``path``: beside it."""
+    return path.with_name(f"{path.stem}.servos.json")
+
+
+def read(path: Path) -> ServoRecord | None:
+    """Read the servo figures of the calibration at ``path``; None if there are none.
+
+    Raises:
+        CalibrationError: What there is cannot be true.
+    """
+    file = servos_path(path)
+    return _parsed(json_file.read(file), file) if file.exists() else None
+
+
+def read_file(file: Path) -> ServoRecord:
+    """Read a file of servo figures, wherever it is.
+
+    Raises:
+        CalibrationError: It cannot be read, or what it says cannot be true.
+    """
+    return _parsed(json_file.read(file), file)
+
+
+def save(path: Path, found: ServoRecord) -> Path:
+    """Save the servo figures of the calibration at ``path``; what it said becomes a version.
+
+    Joints that ``found`` says nothing of keep what was known of them.
+
+    Returns:
+        The file.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    file = servos_path(path)
+    with atomic.locked(path.parent):
+        try:
+            before = read(path)
+        except CalibrationError:
+            before = None
+        known = dict(before.servos) if before else {}
+        whole = ServoRecord(
+            at=found.at, volts=found.volts, servos={**known, **found.servos}, load=found.load
+        )
+        if file.exists():
+            history.keep(file, file.read_bytes(), None)
+        data = _text(whole)
+        atomic.write(file, data)
+        history.keep(file, data, None)
+    return file
+
+
+def before(path: Path) -> ServoRecord | None:
+    """What the file said before it said what it does now; None if that is not known."""
+    for version in history.versions(servos_path(path))[1:]:
+        try:
+            return read_file(version.path)
+        except CalibrationError:
+            continue
+    return None
+
+
+def restore(path: Path) -> ServoRecord:
+    """Let the file say what its last other version says.
+
+    Raises:
+        CalibrationError: No version says anything else.
+    """
+    file = servos_path(path)
+    with atomic.locked(path.parent):
+        now = file.read_bytes() if file.exists() else b""
+        for version in history.versions(file):
+            data, _ = history.contents(version.path)
+            if data != now:
+                found = _parsed(json_file.parse(data, str(version.path)), version.path)
+                if now:
+                    history.keep(file, now, None)
+                atomic.write(file, data)
+                return found
+    raise CalibrationError(
+        None, f"no earlier version of {file} says anything else", "identify the arm again"
+    )
+
+
+def _text(record: ServoRecord) -> bytes:
+    servos = {}
+    for joint in ARM_JOINTS:
+        if joint in record.servos:
+            each = record.servos[joint]
+            servos[joint] = {
+                "torque": round(each.torque, 4),
+                "friction": round(each.friction, 4),
+                "dead_time": round(each.dead_time, 4),
+                "play_deg": None if each.play is None else round(to_deg(each.play), 3),
+            }
+    load = record.load
+    content = {
+        "about": _ABOUT,
+        "at": record.at,
+        "volts": round(record.volts, 2),
+        "servos": servos,
+        "load": None
+        if load is None
+        else {
+            "mass_kg": round(load.mass, 4),
+            "com_mm": [round(to_mm(each), 2) for each in load.com],
+        },
+    }
+    return json.dumps(content, indent=2).encode() + b"\n"
+
+
+def _parsed(content: object, file: Path) -> ServoRecord:
+    if not isinstance(content, Mapping) or not isinstance(content.get("servos"), Mapping):
+        raise CalibrationError(None, f'{file} holds no "servos"', "identify the arm again")
+    servos = {
+        joint: _figures(joint, entry, file)
+        for joint, entry in content["servos"].items()
+        if joint in ARM_JOINTS
+    }
+    load = content.get("load")
+    carried = None
+    if isinstance(load, Mapping):
+        com = load.get("com_mm")
+        if not isinstance(com, list) or len(com) != 3:
+            raise CalibrationError(None, f'"com_mm" in {file} is not three numbers', _AGAIN)
+        x, y, z = (_number(None, file, "com_mm", each, -1000.0, 1000.0) / 1000.0 for each in com)
+        mass = _number(None, file, "mass_kg", load.get("mass_kg"), -0.5, 5.0)
+        carried = HandLoad(mass=mass, com=(x, y, z))
+    return ServoRecord(
+        at=str(content.get("at", "")),
+        volts=_number(None, file, "volts", content.get("volts"), 0.0, 30.0),
+        servos=servos,
+        load=carried,
+    )
+
+
+_AGAIN = "restore it, or identify the arm again"
+
+
+def _figures(joint: str, entry: object, file: Path) -> ServoFigures:
+    if not isinstance(entry, Mapping):
+        raise CalibrationError(joint, f"its entry in {file} is no object", _AGAIN)
+    shares = {
+        name: _number(joint, file, name, entry.get(name), *bounds)
+        for name, bounds in _BOUNDS.items()
+    }
+    play = entry.get("play_deg")
+    if play is not None:
+        play = to_rad(_number(joint, file, "play_deg", play, 0.0, _MOST_PLAY_DEG))
+    return ServoFigures(**shares, play=play)
+
+
+def _number(
+    joint: str | None, file: Path, name: str, value: object, lower: float, upper: float
+) -> float:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not lower <= value <= upper
+    ):
+        raise CalibrationError(
+            joint,
+            f'"{name}" in {file} must be {lower:g} to {upper:g}, not {json_file.shown(value)}',
+            _AGAIN,
+        )
+    return float(value)

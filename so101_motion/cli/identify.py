@@ -1,0 +1,83 @@
+"""``so101 identify``: find out how this arm's servos differ, and what its hand carries."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor, wait
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.shared import have_agreed, json_option, print_json, quietly, yes_option
+from so101_motion.cli.sources import Source, source_options
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+
+if TYPE_CHECKING:
+    from so101_motion.setup.identify import Identification, IdentificationOutline
+
+
+@click.command()
+@source_options
+@click.option("--carrying", is_flag=True, help="The hand carries something: weigh it, too.")
+@click.option("--check", is_flag=True, help="Keep nothing: only say how well the figures predict.")
+@click.option(
+    "--record",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="FOLDER",
+    help="Write goals, positions and voltages of each joint there; no serial number.",
+)
+@yes_option
+@json_option
+def identify(
+    source: Source, carrying: bool, check: bool, record: Path | None, yes: bool, as_json: bool
+) -> None:
+    """Find out how this arm's servos differ from their type. The arm MOVES.
+
+    The arm is raised, and one joint after the other goes to and fro through a wide part of its
+    range, clear of everything that is known, for about two minutes. The hand must be empty, or say
+    --carrying. What is found is kept beside the calibration, and used from the next start on.
+    Ctrl-C stops the arm.
+
+    \b
+    so101 identify --port /dev/ttyACM0
+    so101 identify --port /dev/ttyACM0 --carrying
+    so101 identify --port /dev/ttyACM0 --check
+    """  # noqa: D301
+    from so101_motion.rig.hardware_rig import HardwareRig
+    from so101_motion.setup.identify import Identification
+
+    with quietly(), source.open() as rig:
+        if not isinstance(rig, HardwareRig):
+            raise click.UsageError("the simulated arm has no servos to identify; give --port")
+        identification = Identification(rig)
+        outline = identification.outline()
+        for joint, reason in outline.obstacles:
+            click.echo(f"{joint} cannot be identified here: {reason}", err=True)
+        click.echo(outline.sentence, err=True)
+        if not yes:
+            have_agreed(f"Is everything out of the way? Move the {source.what}?")
+        _move(identification, outline)
+        report = identification.report(hand_is_empty=not carrying, keeps=not check)
+        if record is not None:
+            files = identification.write_recordings(record, hand_is_empty=not carrying)
+            click.echo(f"{len(files)} recordings in {record}; nobody is sent any", err=True)
+    if as_json:
+        print_json("identify", report.to_json())
+    else:
+        click.echo(report.text(), nl=False)
+
+
+def _move(identification: Identification, outline: IdentificationOutline) -> None:
+    """Move on another thread, so that Ctrl-C works."""
+
+    def progress(joint: str, share: float) -> None:
+        click.echo(f"{100.0 * share:3.0f} %  {joint}", err=True)
+
+    with ThreadPoolExecutor(1, thread_name_prefix="so101-identify") as beside:
+        moving = beside.submit(identification.move_and_record, outline, progress)
+        while not moving.done():
+            try:
+                wait((moving,), LOOK_FOR_SIGNALS)
+            except KeyboardInterrupt:
+                identification.cancel()
+        moving.result()

@@ -1,0 +1,368 @@
+"""Let an arm find out how its servos differ from their type, and what its hand carries.
+
+From a pose with the hand up and forward one joint after the other goes to and fro through a wide
+part of its range, twice slowly and twice less slowly, clear of everything that is known. Goals,
+positions and supply are recorded; ``calib/procedure/servo_fit.py`` makes figures of them.
+
+``Identification.outline`` plans all of it and moves nothing; a person is told what will move how
+far and agrees. ``move_and_record`` moves; Stop and ``cancel`` end it at any instant.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.arm.joint_caps import JERK_TIME
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.calib.procedure.servo_fit import (
+    Gravity,
+    Identified,
+    Load,
+    identify,
+    weights_of,
+)
+from so101_motion.calib.procedure.servo_twin import JointRecord
+from so101_motion.calib.record import servo_file
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.drivers.command_record import SentCommand
+from so101_motion.drivers.servo_types import ServoFigures
+from so101_motion.planning.goals import JointGoal, PathGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import place_in_hand
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.setup.identify_report import (
+    IdentifyReport,
+    predictions,
+    record_of,
+    write_recordings,
+)
+
+BASE = to_rad(np.array([0.0, 0.0, -45.0, 0.0, 0.0]))
+"""The pose from which each joint is moved [rad]; chosen: hand up and forward, 0.4 m over the table,
+and each joint that bears weight passes from nearly none of it to much."""
+
+SWEEPS = {
+    "shoulder_pan": (-25.0, 25.0), "shoulder_lift": (-45.0, 35.0), "elbow_flex": (-88.0, 5.0),
+    "wrist_flex": (-70.0, 50.0), "wrist_roll": (-60.0, 60.0),
+}  # fmt: skip
+"""From where to where each joint goes [deg]."""
+
+SPEEDS = (to_rad(15.0), to_rad(45.0))
+"""Of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s, and fast
+enough for dead time and friction to be told apart."""
+
+ACCELERATION = to_rad(150.0)
+"""At the ends of a sweep [rad/s^2]; chosen."""
+
+_RAISED = JointGoal(q=BASE)
+_SHARES = (1.0, 0.7, 0.4)  # of a sweep, until one is clear
+_LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """The motion of one joint.
+
+    Attributes:
+        ends: From where to where [rad].
+        duration: How long that takes about [s].
+    """
+
+    joint: str
+    ends: tuple[float, float]
+    duration: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationOutline:
+    """What will be moved, for the person who agrees to it.
+
+    Attributes:
+        raising: How long the arm takes to where the sweeps begin [s].
+    """
+
+    raising: float
+    sweeps: tuple[Sweep, ...]
+    obstacles: tuple[tuple[str, str], ...]
+
+    @property
+    def duration(self) -> float:
+        """How long it takes about [s]."""
+        return self.raising + sum(sweep.duration for sweep in self.sweeps)
+
+    @property
+    def sentence(self) -> str:
+        """A sentence that says what will move and how far."""
+        parts = [
+            f"{sweep.joint} from {to_deg(sweep.ends[0]):.0f}° to {to_deg(sweep.ends[1]):.0f}°"
+            for sweep in self.sweeps
+        ]
+        return (
+            f"The arm is raised; then move, one after the other: {', '.join(parts)}. At most"
+            f" {to_deg(SPEEDS[-1]):.0f}°/s, about {self.duration:.0f} s."
+        )
+
+
+class Identification:
+    """Identifies the servos of an arm, once.
+
+    Args:
+        rig: The arm, on a port of this computer.
+        joints: Which joints are looked at.
+    """
+
+    def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
+        self._rig, self._joints = rig, joints
+        self._motion: Motion | None = None
+        self._cancelled = threading.Event()
+        self._records: dict[str, JointRecord] = {}
+        self._load: Load | None = None
+
+    def outline(self) -> IdentificationOutline:
+        """Plan the motions from where the arm stands now; moves nothing.
+
+        Raises:
+            PlanningError: The arm cannot be raised from where it stands.
+        """
+        raising = self._rig.arm.plan(_RAISED, limits=self._limits(SPEEDS[-1]))
+        sweeps, obstacles = [], []
+        for joint in self._joints:
+            try:
+                sweeps.append(self._sweep(joint))
+            except PlanningError as error:
+                obstacles.append((joint, f"{error}. Give the arm more room"))
+        return IdentificationOutline(
+            raising=raising.duration, sweeps=tuple(sweeps), obstacles=tuple(obstacles)
+        )
+
+    def cancel(self) -> None:
+        """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
+        self._cancelled.set()
+        if self._motion is not None:
+            self._motion.interrupt("stop")
+
+    def move_and_record(
+        self,
+        outline: IdentificationOutline,
+        on_progress: Callable[[str, float], None] = lambda _joint, _share: None,
+    ) -> Mapping[str, JointRecord]:
+        """Move each joint as outlined and record it. Blocks; the arm moves.
+
+        Args:
+            outline: What ``outline`` returned; the arm still stands there.
+            on_progress: Hears which joint moves and what share is done, on this thread.
+
+        Returns:
+            What each joint did.
+
+        Raises:
+            So101Error: The arm could not finish; it holds.
+        """
+        rig, tape = self._rig, _Tape(self._rig)
+        listener, rig.servos.on_command = rig.servos.on_command, tape.hear
+        tape.listener = listener
+        shown = ""
+        try:
+            with rig.clock.attend():
+                self._motion = motion = rig.arm.start_series(self._steps(outline, tape))
+                if self._cancelled.is_set():
+                    motion.interrupt("stop")
+                while not motion.future.done():
+                    rig.clock.wait(rig.clock.now() + _LOOK, threading.Event())
+                    tape.look(rig.arm.state)
+                    if tape.joint != shown:
+                        shown = tape.joint
+                        done = [each.joint for each in outline.sweeps].index(shown)
+                        on_progress(shown, done / len(outline.sweeps))
+                motion.result(timeout=0.0)
+        finally:
+            rig.servos.on_command = listener
+        self._records = tape.records()
+        return self._records
+
+    def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
+        """Compute the figures from what was recorded, and keep them beside the calibration.
+
+        Args:
+            hand_is_empty: Whether it is known that the hand carries nothing.
+            keeps: Whether to keep them; else the figures that are kept are compared with the arm.
+
+        Raises:
+            CalibrationError: What is kept cannot be used.
+            OSError: They cannot be kept.
+        """
+        file = self._rig.settings.file
+        before = None if file is None else servo_file.read(file)
+        known = {} if before is None else before.servos
+        found = identified(self._records, hand_is_empty=hand_is_empty, known=known)
+        now, self._load = record_of(found), found.load
+        weights = weights_of(self._records, gravity_of, found.load)
+        told = predictions(self._records, weights, now.servos if keeps else known)
+        kept = servo_file.save(file, now) if keeps and file is not None else None
+        return IdentifyReport(found=now, before=before, predictions=told, file=kept)
+
+    def write_recordings(self, folder: Path, *, hand_is_empty: bool) -> tuple[Path, ...]:
+        """Write what was recorded into ``folder``, one file a joint; see ``write_recordings``."""
+        load = None if hand_is_empty else self._load
+        weights = weights_of(self._records, gravity_of, load)
+        return write_recordings(folder, self._records, weights)
+
+    def _sweep(self, joint: str) -> Sweep:
+        i = ARM_JOINTS.index(joint)
+        low, high = (to_rad(each) for each in SWEEPS[joint])
+        lower, upper = self._rig.arm.range
+        low, high = max(low, float(lower[i]) + 0.02), min(high, float(upper[i]) - 0.02)
+        trouble: PlanningError | None = None
+        for share in _SHARES:
+            ends = tuple(float(BASE[i]) + share * (end - float(BASE[i])) for end in (low, high))
+            q, duration = BASE, 0.0
+            try:
+                for stops, speed in _legs(i, ends):
+                    goal = _through(stops)
+                    plan = self._rig.arm.plan(goal, limits=self._limits(speed), q_start=q)
+                    q, duration = stops[-1], duration + plan.duration + 0.2
+            except PlanningError as error:
+                trouble = trouble or error
+                continue
+            return Sweep(joint=joint, ends=(ends[0], ends[1]), duration=duration)
+        assert trouble is not None
+        raise trouble
+
+    def _limits(self, speed: float) -> MotionLimits:
+        """A pace of at most ``speed`` [rad/s], within the arm's own caps."""
+        acceleration = min(ACCELERATION, self._rig.arm.acceleration)
+        return MotionLimits.uniform(
+            velocity=min(speed, self._rig.arm.speed),
+            acceleration=acceleration,
+            jerk=acceleration / JERK_TIME,
+        )
+
+    def _steps(
+        self, outline: IdentificationOutline, tape: _Tape
+    ) -> Iterator[Plan | Callable[[Motion], None]]:
+        yield self._rig.arm.plan(_RAISED, limits=self._limits(SPEEDS[-1]))
+        for sweep in outline.sweeps:
+            tape.joint = sweep.joint
+            i = ARM_JOINTS.index(sweep.joint)
+            for stops, speed in _legs(i, sweep.ends):
+                yield self._rig.arm.plan(_through(stops), limits=self._limits(speed))
+
+
+def identified(
+    records: Mapping[str, JointRecord],
+    *,
+    hand_is_empty: bool,
+    known: Mapping[str, ServoFigures] | None = None,
+) -> Identified:
+    """Compute figures from records; those of all joints are needed to weigh a load.
+
+    Args:
+        records: What each joint did, by name.
+        hand_is_empty: Whether it is known that the hand carries nothing.
+        known: Figures of an earlier time with an empty hand; only a load is then looked for with
+            an open mind.
+    """
+    believed = None if hand_is_empty else known  # an empty hand leaves no doubt, so look anew
+    return identify(
+        records,
+        gravity_of,
+        hand=None if hand_is_empty else place_in_hand(RobotModel.load()),
+        known=believed,
+    )
+
+
+def gravity_of(mass: float, place: Array) -> Gravity:
+    """The holding torques of the arm with ``mass`` [kg] at ``place`` in the tool frame [m]."""
+    model = RobotModel.load()
+    return (model.with_payload(mass, place) if mass else model).holding_torques
+
+
+class _Tape:
+    """What the joint that moves does, and what its servo is sent.
+
+    Attributes:
+        joint: Which joint moves; empty before the first.
+        listener: Who else hears the commands.
+    """
+
+    def __init__(self, rig: HardwareRig) -> None:
+        self.joint = ""
+        self.listener: Callable[[SentCommand], None] | None = None
+        self._rig = rig
+        self._states: dict[str, list[tuple[JointState, float]]] = {}
+        self._sent: list[SentCommand] = []
+
+    def hear(self, command: SentCommand) -> None:
+        """Note a command; on the I/O thread."""
+        self._sent.append(command)
+        if self.listener is not None:
+            self.listener(command)
+
+    def look(self, state: JointState) -> None:
+        """Note a state of the arm."""
+        if not self.joint:
+            return
+        states = self._states.setdefault(self.joint, [])
+        if states and states[-1][0] is state:
+            return
+        health = {each.joint: each.volts for each in self._rig.servos.health}
+        states.append((state, health[self.joint]))
+
+    def records(self) -> dict[str, JointRecord]:
+        """The records of all joints that moved."""
+        return {joint: self._record(joint, states) for joint, states in self._states.items()}
+
+    def _record(self, joint: str, states: list[tuple[JointState, float]]) -> JointRecord:
+        i, servos = ARM_JOINTS.index(joint), self._rig.servos
+        joint_map, model = servos.setups[joint].map, servos.models[joint]
+        begin, end = states[0][0].t - 0.5, states[-1][0].t
+        sent = [
+            (each.t, each.goals[joint_map.servo_id])
+            for each in tuple(self._sent)
+            if begin <= each.t <= end and joint_map.servo_id in each.goals
+        ]
+        return JointRecord(
+            index=i,
+            kind=model.sold_as,
+            p_gain=model.p_gain,
+            acceleration=model.braking,
+            zero_ticks=joint_map.zero_ticks,
+            direction=joint_map.direction,
+            t=np.array([state.t for state, _ in states]),
+            ticks=np.array([float(joint_map.to_ticks(float(s.q[i]))) for s, _ in states]),
+            q=np.array([state.q for state, _ in states]),
+            qd_ref=np.array([float(state.qd_ref[i]) for state, _ in states]),
+            volts=np.array([volts for _, volts in states]),
+            t_goals=np.array([t for t, _ in sent]),
+            goals=np.array([float(goal) for _, goal in sent]),
+        )
+
+
+def _legs(i: int, ends: Sequence[float]) -> Iterator[tuple[tuple[Array, ...], float]]:
+    """The motions of joint ``i``: through which configurations, and how fast."""
+    low, high = (_with(BASE, i, end) for end in ends)
+    yield (low,), SPEEDS[-1]
+    for speed in SPEEDS:
+        yield (high,), speed
+        yield (low,), speed
+    yield (BASE,), SPEEDS[-1]
+
+
+def _with(q: Array, i: int, angle: float) -> Array:
+    found = q.copy()
+    found[i] = angle
+    return found
+
+
+def _through(stops: Sequence[Array]) -> PathGoal:
+    return PathGoal(waypoints=np.array(stops), tolerance=0.0)

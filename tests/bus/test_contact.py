@@ -1,0 +1,55 @@
+"""A joint that meets something on its way: the motion ends, and the joint pushes no more."""
+
+import math
+
+import pytest
+from harness.emulated_rig import hardware_bench
+
+from so101_motion.common.errors import FollowingError
+
+SEEN_WITHIN = 0.1
+"""From the contact to the command that ends the pushing [s]."""
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path, reply_timeout=2.0, held_kg=0.1) as bench:
+        yield bench
+
+
+@pytest.mark.parametrize(
+    ("joint", "speed"), [("shoulder_pan", 25), ("shoulder_pan", 180), ("elbow_flex", 90)]
+)
+def test_a_joint_that_meets_a_wall_is_stopped_within_100_ms(bench, joint, speed):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_speed(math.radians(speed))
+    rig.arm.set_acceleration(math.radians(500.0))
+    i = ("shoulder_pan", "shoulder_lift", "elbow_flex").index(joint)
+    wall = bench.world.q[i] - math.radians(35.0)
+    bench.world.put_wall(joint, wall, math.inf)
+    goal = [0.0, 0.0, 0.0, 0.0, 0.0]
+    goal[i] = -60.0
+    motion, touched, parted = bench.go(rig, *goal), None, None
+    for _ in range(600):
+        bench.advance(0.01)
+        if touched is None and bench.world.q[i] <= wall:
+            touched = bench.clock.now()
+        if touched is not None and rig.arm.state.qd_ref[i] == 0.0:
+            parted = bench.clock.now()
+            break
+    assert parted - touched <= SEEN_WITHIN
+    with pytest.raises(FollowingError, match=f"{joint} was held up"):
+        bench.finish(motion)
+    bench.advance(1.0)
+    push = abs(bench.world.servo(joint).drive.demand)
+    assert push < 350, "it rests against the wall with a third of its drive at most"
+
+
+def test_loads_turns_and_play_are_no_contact(bench):
+    rig = bench.open()
+    bench.advance(1.0)
+    rig.arm.set_speed(math.radians(180.0))
+    rig.arm.set_acceleration(math.radians(500.0))
+    for goal in ([60, -60, 60, -60, 90], [-60, 30, -60, 60, -90], [0, 0, 0, 0, 0]):
+        bench.finish(bench.go(rig, *goal))

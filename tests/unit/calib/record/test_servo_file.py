@@ -1,0 +1,67 @@
+import math
+
+import pytest
+
+from so101_motion.calib.record import servo_file
+from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
+from so101_motion.common.errors import CalibrationError
+from so101_motion.drivers.servo_types import ServoFigures
+
+ELBOW = ServoFigures(torque=0.9, friction=1.25, dead_time=1.1, play=math.radians(0.8))
+WRIST = ServoFigures(torque=1.05, friction=0.8)
+LOAD = HandLoad(mass=0.15, com=(0.01, 0.0, 0.02))
+
+
+@pytest.fixture
+def path(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    return tmp_path / "arm.json"
+
+
+def record(servos, at="2026-03-01T10:00:00+00:00", load=None):
+    return ServoRecord(at=at, volts=12.1, servos=servos, load=load)
+
+
+def test_what_is_saved_is_read_again(path):
+    file = servo_file.save(path, record({"elbow_flex": ELBOW, "wrist_flex": WRIST}, load=LOAD))
+    assert file.name == "arm.servos.json"
+    found = servo_file.read(path)
+    assert found.servos["elbow_flex"].friction == 1.25
+    assert found.servos["elbow_flex"].play == pytest.approx(ELBOW.play, abs=1e-5)
+    assert found.servos["wrist_flex"].play is None
+    assert found.load == LOAD
+
+
+def test_an_arm_that_was_never_identified_has_none(path):
+    assert servo_file.read(path) is None
+
+
+def test_joints_that_were_not_looked_at_keep_their_figures(path):
+    servo_file.save(path, record({"elbow_flex": ELBOW}))
+    servo_file.save(path, record({"wrist_flex": WRIST}))
+    assert set(servo_file.read(path).servos) == {"elbow_flex", "wrist_flex"}
+
+
+def test_one_can_go_back_to_the_figures_of_before(path):
+    servo_file.save(path, record({"elbow_flex": ELBOW}))
+    servo_file.save(path, record({"elbow_flex": WRIST}))
+    assert servo_file.before(path).servos["elbow_flex"].torque == 0.9
+    assert servo_file.restore(path).servos["elbow_flex"].torque == 0.9
+    assert servo_file.read(path).servos["elbow_flex"].torque == 0.9
+
+
+def test_with_nothing_to_go_back_to_that_is_said(path):
+    with pytest.raises(CalibrationError, match="identify the arm again"):
+        servo_file.restore(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[]", "{}", '{"servos": {"elbow_flex": {"torque": 0}}}',
+     '{"volts": 12, "servos": {"elbow_flex": {"torque": 1, "friction": true, "dead_time": 1}}}',
+     '{"volts": 12, "servos": {}, "load": {"mass_kg": 1}}'],
+)  # fmt: skip
+def test_what_cannot_be_true_is_refused(path, text):
+    servo_file.servos_path(path).write_text(text)
+    with pytest.raises(CalibrationError):
+        servo_file.read(path)
