@@ -28,7 +28,7 @@ from .plots import PlanPlots
 from .pose_folder import PoseFolder
 from .poses import PoseList
 
-_PLOT_SIZE = (520, 262)
+_PLOT_SIZE = (390, 280)  # between the panels of the narrowest window that has both
 _MARGIN = 12
 
 _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
