@@ -7,9 +7,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
 import viser
 
-from so101_motion.common.units import to_deg
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, Program
 from so101_motion.tasks.program.rehearsal import PASSING
@@ -174,7 +176,8 @@ class ProgramPart(Part):
         screen = self.model.screen()
         program, run = screen.program, screen.run
         ghost = None
-        if screen.q_ghost is not None and run is None:
+        q_arm = self._context.rig.arm.state.q
+        if screen.q_ghost is not None and run is None and _apart(screen.q_ghost, q_arm):
             ghost = Ghost(screen.q_ghost, self._jaw_of_arm())
         self._view.show(program, screen.rehearsal, ghost)
         self._sentence.content = markup.sentence(screen.sentence)
@@ -232,6 +235,11 @@ class ProgramPart(Part):
         jaw = next((name for name, value in _JAW.items() if value == aperture), _PART_WAY)
         self._jaw.show(jaw)
         self._opening.show(100.0 * aperture if aperture is not None and jaw == _PART_WAY else None)
+
+
+def _apart(q: Array, other: Array) -> bool:
+    """Whether two arms at these joint angles would not flicker in each other."""
+    return not np.allclose(q, other, atol=to_rad(0.5))
 
 
 def _labels(program: Program) -> tuple[str, ...]:
