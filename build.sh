@@ -8,8 +8,8 @@
 set -eu
 
 cd -- "$(dirname -- "$0")"
-files="meta.json run.sh setup.sh install.py build_native.py first_run.sh pyproject.toml constraints.txt
-    README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE NOTICE docs examples
+files="meta.json run.sh setup.sh install.py build_native.py MANIFEST.in first_run.sh pyproject.toml
+    constraints.txt README.md CHANGELOG.md CONTRIBUTING.md SECURITY.md LICENSE NOTICE docs examples
     benchmarks/README.md so101_motion viewer urdf"
 
 mkdir -p dist

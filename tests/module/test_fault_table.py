@@ -278,6 +278,7 @@ async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     await bench.gripper.open()
     await bench.type("object=0.03")
     assert await bench.gripper.grab() is True
+    await bench.type("end object=0.03\nobject=0.06")  # it is forced open
 
     async def gives_up():
         return "gripper" in (await bench.arm.get_status())["alarms"]
@@ -291,7 +292,7 @@ async def test_an_overloaded_gripper_is_named_and_the_arm_goes_on(bench):
     await bench.go([start[0] - 5.0, *start[1:]])
 
     await bench.gripper.open()
-    await bench.type("end object=0.03")
+    await bench.type("end object=0.06")
     await until(bench.is_well)
     own = await bench.gripper.do_command({"command": "health"})
     assert own["faults"] == []
