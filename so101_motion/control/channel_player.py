@@ -373,16 +373,18 @@ class ChannelPlayer:
         motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _settle(self, motion: _Motion, last: int, q: Array, qd: Array) -> None:
-        limits = self._tolerances
+        limits, passed = self._tolerances, (self._k - last) * self._dt
+        is_late = passed > 0.5 * limits.settle_timeout
+        near = max(limits.settle_position, limits.late_position if is_late else 0.0)
         off = np.abs(q - self.reference.q)
         speed = np.abs(qd)
         # A motion that was cut short has no place to be, it only has to be at rest.
-        arrived = motion.ending is not None or bool(np.max(off) <= limits.settle_position)
+        arrived = motion.ending is not None or bool(np.max(off) <= near)
         still = arrived and bool(np.max(speed) <= limits.settle_velocity)
         motion.still = motion.still + 1 if still else 0
         if motion.still >= limits.settle_ticks:
             self._finish(motion, None)
-        elif (self._k - last) * self._dt > limits.settle_timeout:
+        elif passed > limits.settle_timeout:
             i = int(np.argmax(speed if arrived else off))
             self._finish(motion, self._unsettled(i, float(off[i]), float(speed[i])))
 

@@ -31,6 +31,7 @@ class Tolerances:
     Attributes:
         settle_position: Largest position error at the end [rad]; the default moves the tool of the
             stretched arm by less than 0.1 mm.
+        late_position: The same for joints that half of ``settle_timeout`` brought no nearer [rad].
         settle_velocity: Largest velocity of a joint at rest [rad/s].
         settle_ticks: For how many ticks in a row both must hold.
         settle_timeout: How long after the last setpoint they may take to come true [s].
@@ -44,6 +45,7 @@ class Tolerances:
     """
 
     settle_position: float = 1e-4
+    late_position: float = 1e-4
     settle_velocity: float = 0.01
     settle_ticks: int = 3
     settle_timeout: float = 1.0

@@ -24,6 +24,7 @@ from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.control.joint_controller import JointController
 from so101_motion.drivers.bus.bus import reply_timeout_in
 from so101_motion.drivers.feetech.gravity_compensation import (
+    LEFT_ALONE,
     SETTLE_POSITION,
     SETTLE_TIMEOUT,
     SETTLE_VELOCITY,
@@ -40,6 +41,7 @@ _log = logging.getLogger(__name__)
 
 HARDWARE_TOLERANCES = Tolerances(
     settle_position=SETTLE_POSITION,
+    late_position=LEFT_ALONE,
     settle_velocity=SETTLE_VELOCITY,
     settle_timeout=SETTLE_TIMEOUT,
     following_lag=0.15,

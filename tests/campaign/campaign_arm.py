@@ -125,6 +125,7 @@ class Arm:
             name="so101-io-campaign",
             tolerances=Tolerances(
                 settle_position=gravity_compensation.SETTLE_POSITION,
+                late_position=gravity_compensation.LEFT_ALONE,
                 settle_velocity=gravity_compensation.SETTLE_VELOCITY,
                 settle_timeout=gravity_compensation.SETTLE_TIMEOUT,
             ),

@@ -146,7 +146,7 @@ def attack(folder, *, seed, count, fast=False):
         ending = following.close()
         bench.advance(SETTLED)
         if not ending.done() or ending.exception() is not None:
-            outcome.broken.append(f"it does not close: {ending}")
+            outcome.broken.append(f"it does not close: {ending.done() and ending.exception()!r}")
     return outcome
 
 

@@ -66,8 +66,8 @@ LATE = 0.45
 """How long after the command has come to rest small errors are worth a motion [s]; chosen."""
 
 SETTLE_POSITION = to_rad(0.33)
-"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks. The
-fitted servo breaks loose by three, so with 0.25 deg it would hunt."""
+"""How near to its goal a joint must come to have arrived [rad]: not quite four ticks; a fitted
+servo that breaks loose moves by three. Chosen."""
 
 LEFT_ALONE = to_rad(0.5)
 """A joint that had arrived once ``LATE`` was over is left alone up to here [rad]. Chosen: its

@@ -4,7 +4,7 @@ from harness.retarget import retarget
 
 from so101_motion.common.errors import FollowingError, Interrupted, MotionError
 from so101_motion.common.modes import Mode
-from so101_motion.control.executor import Channel
+from so101_motion.control.executor import Channel, Tolerances
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -206,6 +206,18 @@ def test_a_joint_that_does_not_arrive_is_named_with_its_error(sim):
     assert "wrist_flex did not settle: after 1 s it is 2.86 deg from its goal" in str(error)
     assert "then move again" in str(error)
     assert sim.state.mode is Mode.HOLDING
+
+
+def test_a_joint_that_comes_no_nearer_may_stay_a_little_farther_off(make_sim):
+    sim = make_sim(tolerances=Tolerances(settle_position=1e-4, late_position=0.06))
+    sim.executor.start()
+    sim.arm.jam("wrist_flex")
+    motion = sim.to_goal(np.array([0.3, 0.0, 0.0, 0.05, 0.0]))
+    begin, future = sim.clock.now(), sim.executor.execute(motion)
+    while not future.done():
+        sim.clock.advance(sim.dt)
+    assert future.exception(timeout=0) is None
+    assert sim.clock.now() - begin - motion.duration == pytest.approx(0.55, abs=0.06)
 
 
 def test_a_stuck_joint_stops_the_arm_and_the_error_carries_the_last_second(sim):
