@@ -40,8 +40,8 @@ FAST = 0.01
 
 INEXACT = 0.015
 """By how much more than its margin such a path keeps clear [m]. Servos that are stopped from speed
-swing past the end of the ramp: led to and fro at 180 deg/s, the fitted emulated arm came up to 13 mm
-nearer to a table than its command."""
+swing past the end of the ramp: led to and fro at 180 deg/s, a fitted emulated arm came 13 mm
+nearer to a table than its command, and once farther."""
 
 MOST = 8
 """Of how many things near it ``within_reach`` takes account; chosen, the nearest matter."""
