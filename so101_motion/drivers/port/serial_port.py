@@ -8,6 +8,10 @@ Reading sleeps in ``poll`` until bytes arrive or a moment has passed, so waiting
 nothing. A port that goes away under us (USB unplugged) shows as a hang-up, an I/O error or an end
 of file; all become ``PortUnavailable``.
 
+Reading, writing and discarding never wait (the port is non-blocking) and keep Python's interpreter
+lock: whoever gives it away queues for it again, half a millisecond behind each busy thread, and a
+control cycle makes six such calls. Only ``poll`` gives it away.
+
 ``find_again`` answers where a port is after it was plugged out and in: under its name, or, for an
 adapter with a serial number, under whatever name that number has now.
 """
@@ -15,6 +19,7 @@ adapter with a serial number, under whatever name that number has now.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import fcntl
 import logging
 import os
@@ -32,6 +37,11 @@ from so101_motion.drivers.port.port_list import open_error_text
 _log = logging.getLogger(__name__)
 
 _CHUNK = 4096
+_libc = ctypes.PyDLL(None, use_errno=True)  # PyDLL keeps the interpreter lock
+_libc.read.restype = _libc.write.restype = ctypes.c_ssize_t
+_libc.read.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
+_libc.write.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t)
+_libc.tcflush.argtypes = (ctypes.c_int, ctypes.c_int)
 _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 
@@ -82,6 +92,7 @@ class SerialPort:
             self._serial.set_low_latency_mode(True)
         self._poll = select.poll()
         self._poll.register(self._fd, select.POLLIN)
+        self._received = ctypes.create_string_buffer(_CHUNK)
         self.discard()
 
     def write(self, data: bytes) -> None:
@@ -91,7 +102,7 @@ class SerialPort:
             PortUnavailable: The port is gone.
         """
         try:
-            sent = os.write(self._fd, data)
+            sent = _checked(_libc.write(self._fd, data, len(data)))
             while sent < len(data):  # a full output buffer: rare, the driver sends 60 bytes
                 select.select([], [self._fd], [], 1.0)
                 sent += os.write(self._fd, data[sent:])
@@ -116,12 +127,14 @@ class SerialPort:
             events = self._poll.poll(wait_ms if wait_ms == 0.0 else int(wait_ms) + 1)
             if not events:
                 return b""
-            data = os.read(self._fd, _CHUNK) if events[0][1] & select.POLLIN else b""
+            if not events[0][1] & select.POLLIN:
+                raise PortUnavailable(self.name, _UNPLUGGED)
+            size = _checked(_libc.read(self._fd, self._received, _CHUNK))
         except OSError as error:
             raise self._gone(error) from error
-        if not data:
+        if size == 0:
             raise PortUnavailable(self.name, _UNPLUGGED)
-        return data
+        return ctypes.string_at(self._received, size)
 
     def discard(self) -> None:
         """Discard received bytes.
@@ -130,8 +143,8 @@ class SerialPort:
             PortUnavailable: The port is gone.
         """
         try:
-            termios.tcflush(self._fd, termios.TCIFLUSH)
-        except (OSError, termios.error) as error:
+            _checked(_libc.tcflush(self._fd, termios.TCIFLUSH))
+        except OSError as error:
             raise self._gone(error) from error
 
     def close(self) -> None:
@@ -145,6 +158,14 @@ class SerialPort:
     def _gone(self, error: Exception) -> PortUnavailable:
         _log.debug("%s failed: %s", self.name, error)
         return PortUnavailable(self.name, _UNPLUGGED)
+
+
+def _checked(result: int) -> int:
+    """What a call of the C library returned; its error is raised."""
+    if result < 0:
+        code = ctypes.get_errno()
+        raise OSError(code, os.strerror(code))
+    return result
 
 
 _UNPLUGGED = "the port went away; check the USB cable, the connection is taken up again by itself"
