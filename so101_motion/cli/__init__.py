@@ -18,6 +18,7 @@ from so101_motion.cli.bench import bench
 from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
 from so101_motion.cli.completion import completion
+from so101_motion.cli.dataset import dataset
 from so101_motion.cli.demo import demo
 from so101_motion.cli.doctor import doctor
 from so101_motion.cli.emulate import emulate
@@ -48,6 +49,7 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
         identify,
     ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
+    "Learn": (dataset,),
     "Viam": (viam,),
     "Workshop": (emulate, bench, completion),
 }

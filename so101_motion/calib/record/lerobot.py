@@ -43,10 +43,15 @@ LEADERS = ("so_leader", "so101_leader", "so100_leader")
 
 _QUARTER = TICKS_PER_TURN // 4
 _LISTS = ("motor_names", "homing_offset", "drive_mode", "start_pos", "end_pos", "calib_mode")
-_STRETCHED = dict(
+
+STRETCHED = dict(
     zip(ARM_JOINTS, (0.0, math.pi / 2.0, -math.pi / 2.0, 0.0, ROLL_UPRIGHT), strict=True)
-)  # the model's angles of the pose that was zero [rad]
-_TURNED = dict(zip(JOINTS, (0, 1, 0, 0, 1, 0), strict=True))  # drive_mode of an arm built right
+)
+"""The model's angles of the pose that was zero before June 2025 [rad]."""
+
+TURNED = dict(zip(JOINTS, (0, 1, 0, 0, 1, 0), strict=True))
+"""The ``drive_mode`` of then, of an arm built right: 1 where angles counted against the model's."""
+
 _BY_HAND = to_rad(25.0)
 """How far the two poses may contradict each other [rad]; they were held by hand, and 10 deg is
 common. Chosen."""
@@ -156,7 +161,7 @@ def from_lists(
     apart = 0.0
     for joint in (joint for joint in JOINTS if joint in rows):
         row = rows[joint]
-        if row["drive_mode"] != _TURNED[joint]:
+        if row["drive_mode"] != TURNED[joint]:
             raise CalibrationError(
                 joint,
                 f"drive_mode {row['drive_mode']} means that its servo turns the other way than"
@@ -249,11 +254,11 @@ def _from_poses(joint: str, row: Mapping[str, int]) -> tuple[JointCalibration, Z
     stretched_ticks = -sign * row["homing_offset"]
 
     def ticks(angle: float) -> float:
-        return stretched_ticks + (angle - _STRETCHED[joint]) * TICKS_PER_RAD
+        return stretched_ticks + (angle - STRETCHED[joint]) * TICKS_PER_RAD
 
     entry = _entry(joint, ticks(lower + _MARGIN), ticks(upper - _MARGIN))
     at = (stretched_ticks - entry.homing_offset) % TICKS_PER_TURN  # what the servo says there now
-    return entry, by_pose(entry, at, angle=_STRETCHED[joint])
+    return entry, by_pose(entry, at, angle=STRETCHED[joint])
 
 
 def _entry(joint: str, first: float, last: float) -> JointCalibration:

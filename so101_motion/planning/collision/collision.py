@@ -162,10 +162,13 @@ class CollisionModel:
         self._q[5] = q_jaw
         return not self._touches(self._q)
 
-    def touching(self, configurations: Array, q_jaw: float = 0.0) -> Array:
-        """Which of several configurations (n, 5) [rad] are not free, booleans, shape (n,)."""
-        q = np.full((len(configurations), 6), q_jaw)
-        q[:, :5] = configurations
+    def touching(self, configurations: Array, q_jaw: float | Array = 0.0) -> Array:
+        """Which of several configurations (n, 5) [rad] are not free, booleans, shape (n,).
+
+        The jaw stands at one angle in all of them, or at one in each, shape (n,), [rad].
+        """
+        q = np.empty((len(configurations), 6))
+        q[:, :5], q[:, 5] = configurations, q_jaw
         if self.batch is not None and self._plain.native is not None:
             return self.batch.touching(self._plain.native, q)
         return np.array([self._touches(each) for each in q], dtype=bool)

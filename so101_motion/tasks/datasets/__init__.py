@@ -1,0 +1,23 @@
+"""Check, convert and replay LeRobot data sets of an SO-101 (versions 2.1 and 3).
+
+``open_data_set`` reads, ``check_data_set`` finds what is wrong. Parquet needs pyarrow, which the
+extra ``dataset`` brings.
+"""
+
+from so101_motion.tasks.datasets.check import CheckReport, check_data_set
+from so101_motion.tasks.datasets.data_set import DataSet, Episode, open_data_set
+from so101_motion.tasks.datasets.joint_checks import Thresholds
+from so101_motion.tasks.datasets.moments import Moment
+from so101_motion.tasks.datasets.units import Units, units_of
+
+__all__ = [
+    "CheckReport",
+    "DataSet",
+    "Episode",
+    "Moment",
+    "Thresholds",
+    "Units",
+    "check_data_set",
+    "open_data_set",
+    "units_of",
+]

@@ -1,0 +1,241 @@
+"""Check a whole data set: read it once to see what its numbers mean, once more to check them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from so101_motion.arm.gripper import JAW_CLOSED
+from so101_motion.calib.record.store import Stored
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.tasks.datasets.contact_check import ContactCheck
+from so101_motion.tasks.datasets.data_set import DataSet, Episode
+from so101_motion.tasks.datasets.joint_checks import JointCheck, Thresholds, Tracking
+from so101_motion.tasks.datasets.moments import KINDS, Moment, Moments
+from so101_motion.tasks.datasets.units import IN_WORDS, Fit, Units, UnitsGuess, units_of
+
+_MOSTLY_OUTSIDE = 0.05
+"""From which share of frames beyond the stops on the units are doubted. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Differences:
+    """How far states are from actions, once the lag of each episode is taken out.
+
+    Attributes:
+        lag_s: How far behind they mostly are [s].
+        rms_deg: Root mean square, by arm joint [deg].
+        mean_deg: Mean of state less action, which is droop, by arm joint [deg].
+        worst_deg: The largest, by arm joint [deg].
+    """
+
+    lag_s: float
+    rms_deg: Mapping[str, float]
+    mean_deg: Mapping[str, float]
+    worst_deg: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CheckReport:
+    """What was found in a data set.
+
+    Attributes:
+        data_set: Which.
+        units: What its numbers were taken to mean.
+        why_units: Why, in words.
+        fits: How well each meaning fits.
+        notes: What a person should know before anything else.
+        episodes: How many there are.
+        frames: How many frames.
+        moments: The worst moments, the worst first.
+        counts: How many moments of each kind there were, kept or not.
+        frames_of: How many frames they were long altogether, by kind.
+        differences: How far the states are from the actions; None where that cannot be said.
+    """
+
+    data_set: DataSet
+    units: Units
+    why_units: str
+    fits: tuple[Fit, ...]
+    notes: tuple[str, ...]
+    episodes: int
+    frames: int
+    moments: tuple[Moment, ...]
+    counts: Mapping[str, int]
+    frames_of: Mapping[str, int]
+    differences: Differences | None
+
+    def to_json(self) -> dict[str, object]:
+        """For programs."""
+        metadata = self.data_set.metadata
+        return {
+            "path": str(metadata.root),
+            "codebase_version": metadata.version,
+            "robot": metadata.robot,
+            "fps": metadata.fps,
+            "episodes": self.episodes,
+            "frames": self.frames,
+            "units": self.units.kind,
+            "why_units": self.why_units,
+            "zeros": dict(zip(ARM_JOINTS, self.units.zeros, strict=True)),
+            "outside_stops": {fit.kind: round(fit.outside, 4) for fit in self.fits},
+            "notes": list(self.notes),
+            "counts": {kind: self.counts.get(kind, 0) for kind in KINDS},
+            "differences": None if self.differences is None else asdict(self.differences),
+            "moments": [moment.to_json() for moment in self.moments],
+        }
+
+
+def check_data_set(
+    data_set: DataSet,
+    *,
+    units: str = "",
+    calibration: Stored | None = None,
+    scene: Scene | None = None,
+    thresholds: Thresholds | None = None,
+) -> CheckReport:
+    """Check a data set; reads each episode twice and holds one at a time.
+
+    Args:
+        data_set: Which.
+        units: What its numbers mean, one of ``units.KINDS``; found out if empty.
+        calibration: Of the arm that was recorded; None if it is not known.
+        scene: What was around the arm; None for just the table.
+        thresholds: From where on something is said.
+
+    Raises:
+        ConfigError: A file is broken, or there are no such units.
+    """
+    meant, why, fits = meaning(data_set, units, calibration)
+    moments, fps = Moments(), data_set.metadata.fps
+    joints = JointCheck(
+        moments,
+        fps=fps,
+        lower=meant.lower[:5],
+        upper=meant.upper[:5],
+        has_jaw=data_set.has_jaw,
+        thresholds=thresholds or Thresholds(),
+    )
+    contact = ContactCheck(moments, fps=fps, scene=scene)
+    episodes = frames = 0
+    tracked: list[Tracking] = []
+    for episode in data_set.episodes():
+        episodes, frames = episodes + 1, frames + len(episode)
+        action, state = angles(data_set, meant, episode)
+        found = joints.check(episode, action, state)
+        tracked += [] if found is None else [found]
+        contact.check(episode, "action", action)
+        if state is not None:
+            contact.check(episode, "state", state)
+    contact.finish()
+    return CheckReport(
+        data_set=data_set,
+        units=meant,
+        why_units=why,
+        fits=fits,
+        notes=_notes(data_set, meant, fits, calibration, episodes, frames),
+        episodes=episodes,
+        frames=frames,
+        moments=moments.worst(),
+        counts=dict(moments.counts),
+        frames_of=dict(moments.frames),
+        differences=_differences(tracked, fps),
+    )
+
+
+def meaning(
+    data_set: DataSet, units: str, calibration: Stored | None
+) -> tuple[Units, str, tuple[Fit, ...]]:
+    """What the numbers of a data set mean, why, and how well each meaning fits.
+
+    Args:
+        data_set: Which; all of it is read.
+        units: What they mean; found out if empty.
+        calibration: Of the arm that was recorded; None if it is not known.
+    """
+    asked = units_of(units, calibration) if units else None
+    guess = UnitsGuess(calibration)
+    for episode in data_set.episodes():
+        guess.add(episode.action if episode.state is None else episode.state)
+    if asked is not None:
+        return asked, "as asked for", guess.fits()
+    kind, why = guess.best()
+    return units_of(kind, calibration), why, guess.fits()
+
+
+def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Array | None]:
+    """Action and state of an episode as angles of the model [rad], each of shape (n, 6).
+
+    A jaw that was not recorded counts as closed.
+    """
+
+    def in_model(x: Array) -> Array:
+        q = units.to_model(x)
+        if not data_set.has_jaw:
+            q[:, 5] = JAW_CLOSED
+        return q
+
+    return in_model(episode.action), None if episode.state is None else in_model(episode.state)
+
+
+def _notes(
+    data_set: DataSet,
+    units: Units,
+    fits: tuple[Fit, ...],
+    calibration: Stored | None,
+    episodes: int,
+    frames: int,
+) -> tuple[str, ...]:
+    metadata, notes = data_set.metadata, []
+    here = next(fit for fit in fits if fit.kind == units.kind)
+    if here.outside > _MOSTLY_OUTSIDE:
+        better = min(fits, key=lambda fit: fit.outside)
+        note = (
+            f"in {100.0 * here.outside:.0f} % of the frames a joint would be beyond its stops, by"
+            f" up to {here.worst_deg:.0f} deg, so these are hardly {IN_WORDS[units.kind]}"
+        )
+        if better.outside < here.outside / 2.0:
+            note += f"; {IN_WORDS[better.kind]} would fit (--units {better.kind})"
+        notes.append(note)
+    if units.kind == "old":
+        notes.append(
+            "the zeros are those of before June 2025: a newer LeRobot would replay it wrongly;"
+            " so101 dataset convert turns it into new units"
+        )
+    if calibration is None and units.kind in ("degrees", "range"):
+        notes.append(
+            "the arm's calibration is not known (--calibration names it), so every joint is taken"
+            " to have been moved from stop to stop for it; angles may be off by some degrees, and"
+            " contacts by some centimetres"
+        )
+    if metadata.episodes not in (None, episodes):
+        notes.append(f"info.json says {metadata.episodes} episodes; there are {episodes}")
+    if metadata.frames not in (None, frames):
+        notes.append(f"info.json says {metadata.frames} frames; there are {frames}")
+    return tuple(notes)
+
+
+def _differences(tracked: list[Tracking], fps: float) -> Differences | None:
+    frames = sum(each.frames for each in tracked)
+    if not frames:
+        return None
+    squares = np.sum([each.squares for each in tracked], axis=0)
+    sums = np.sum([each.sums for each in tracked], axis=0)
+    worst = np.max([each.worst for each in tracked], axis=0)
+    lags = np.repeat([each.lag for each in tracked], [each.frames for each in tracked])
+
+    def by_joint(values: Array) -> dict[str, float]:
+        degrees = to_deg(values).tolist()
+        return {joint: round(each, 3) for joint, each in zip(ARM_JOINTS, degrees, strict=True)}
+
+    return Differences(
+        lag_s=round(float(np.median(lags)) / fps, 4),
+        rms_deg=by_joint(np.sqrt(squares / frames)),
+        mean_deg=by_joint(sums / frames),
+        worst_deg=by_joint(worst),
+    )

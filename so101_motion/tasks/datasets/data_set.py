@@ -1,0 +1,236 @@
+"""Read the joints of a LeRobot data set, an episode at a time.
+
+Only what the joints did is read: ``action``, ``observation.state``, the times and the counters. All
+numbers are in the data set's own units; ``units`` says what they mean. An episode's arrays have six
+columns in the order of ``JOINTS``, whatever order and prefix the data set has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.calib.record.record import JOINTS
+from so101_motion.common.errors import quoted
+from so101_motion.common.geometry import Array
+from so101_motion.tasks.datasets.metadata import (
+    EPISODES_2,
+    EPISODES_3,
+    Feature,
+    Metadata,
+    read_lines,
+    read_metadata,
+    refusal,
+)
+from so101_motion.tasks.datasets.parquet import Reader, require
+
+ACTION, STATE = "action", "observation.state"
+
+MOST_OF_EPISODE = 2_000_000
+"""Most frames of one episode, 9 hours at 60 a second: it is held in memory. Chosen."""
+
+LARGEST_NUMBER = 1e6
+"""Larger numbers mean no angle; they count as missing. Chosen."""
+
+_COUNTERS = ("timestamp", "frame_index", "episode_index")
+_SIDES = ("left_", "right_")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Episode:
+    """The joints of one episode.
+
+    Attributes:
+        index: Its number.
+        t: When each frame was taken, shape (n,), [s].
+        frame: The frames' own numbers, shape (n,).
+        action: What was asked of the joints, in the data set's units, shape (n, 6). What is
+            missing, or no number an arm can mean, is NaN.
+        state: Where they were, likewise; None if the data set does not hold it.
+        expected: How many frames the metadata says it has; None if it does not say.
+    """
+
+    index: int
+    t: Array
+    frame: Array
+    action: Array
+    state: Array | None
+    expected: int | None
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DataSet:
+    """A LeRobot data set of an SO-101, open for reading.
+
+    Attributes:
+        metadata: What it says of itself.
+        side: Which arm of two is meant: ``"left"``, ``"right"``, or empty for the only one.
+        columns: The place of each of ``JOINTS`` in a row, by column; None of a jaw that is not
+            recorded.
+    """
+
+    metadata: Metadata
+    side: str
+    columns: dict[str, tuple[int | None, ...]]
+
+    @property
+    def has_state(self) -> bool:
+        """Whether it says where the joints were."""
+        return STATE in self.columns
+
+    @property
+    def has_jaw(self) -> bool:
+        """Whether the jaw is recorded."""
+        return all(places[-1] is not None for places in self.columns.values())
+
+    def episodes(self) -> Iterator[Episode]:
+        """All episodes, one after the other; each is read when it is asked for.
+
+        Raises:
+            ConfigError: A file is broken, or an episode is in pieces or too long.
+        """
+        lengths = _lengths(self.metadata)
+        seen: set[int] = set()
+        pieces: list[Array] = []
+        current: int | None = None
+        held = 0
+        for rows in self._rows():
+            numbers = rows[:, 2]
+            cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(rows)]
+            for begin, end in pairwise(cuts):
+                if begin == end:
+                    continue
+                number = self._number(numbers[begin])
+                if number != current:
+                    if current is not None:
+                        yield self._episode(current, pieces, lengths)
+                    if number in seen:
+                        raise refusal(self.metadata.root, f"episode {number} is in two pieces")
+                    seen.add(number)
+                    current, pieces, held = number, [], 0
+                pieces.append(rows[begin:end])
+                held += end - begin
+                if held > MOST_OF_EPISODE:
+                    reason = f"episode {number} has more than {MOST_OF_EPISODE} frames"
+                    raise refusal(self.metadata.root, reason)
+        if current is not None:
+            yield self._episode(current, pieces, lengths)
+
+    def episode(self, number: int) -> Episode:
+        """One episode.
+
+        Raises:
+            ConfigError: There is none of that number, or a file is broken.
+        """
+        numbers = []
+        for found in self.episodes():
+            if found.index == number:
+                return found
+            numbers.append(found.index)
+        there = f"{numbers[0]} to {numbers[-1]}" if numbers else "none"
+        raise refusal(self.metadata.root, f"has no episode {number}; there are {there}")
+
+    def _rows(self) -> Iterator[Array]:
+        """Rows of time, frame, episode, action and state, shape (m, 3 + 6 or 12)."""
+        widths = {name: len(self.metadata.features[name].names) for name in self.columns}
+        for path in self.metadata.data_files():
+            with Reader(path) as file:
+                for batch in file.batches(_COUNTERS, widths):
+                    parts = [np.column_stack([batch[name] for name in _COUNTERS])]
+                    parts += [_taken(batch[name], self.columns[name]) for name in self.columns]
+                    yield np.concatenate(parts, axis=1)
+
+    def _number(self, value: float) -> int:
+        if not np.isfinite(value) or value % 1 != 0 or not 0 <= value < 1e9:
+            reason = f"episode_index must be a whole number, not {quoted(float(value))}"
+            raise refusal(self.metadata.root, reason)
+        return int(value)
+
+    def _episode(self, number: int, pieces: list[Array], lengths: dict[int, int]) -> Episode:
+        rows = np.concatenate(pieces)
+        return Episode(
+            index=number,
+            t=rows[:, 0].copy(),
+            frame=rows[:, 1].copy(),
+            action=rows[:, 3:9].copy(),
+            state=rows[:, 9:15].copy() if self.has_state else None,
+            expected=lengths.get(number),
+        )
+
+
+def open_data_set(root: Path, *, side: str = "") -> DataSet:
+    """Open a LeRobot data set of version 2.0, 2.1 or 3; reads its metadata only.
+
+    Args:
+        root: The folder that holds ``meta`` and ``data``.
+        side: Which arm of a data set of two: ``"left"`` or ``"right"``.
+
+    Raises:
+        ConfigError: It is none, lacks a joint of the arm, or pyarrow is not installed.
+    """
+    require()
+    metadata = read_metadata(root)
+    if ACTION not in metadata.features:
+        raise refusal(root, f'has no column "{ACTION}"')
+    columns = {
+        name: _places(root, name, metadata.features[name], side)
+        for name in (ACTION, STATE)
+        if name in metadata.features
+    }
+    return DataSet(metadata=metadata, side=side, columns=columns)
+
+
+def _places(root: Path, column: str, feature: Feature, side: str) -> tuple[int | None, ...]:
+    """The place of each joint in a column."""
+    prefix = f"{side}_" if side else ""
+    plain = [name.removesuffix(".pos").removeprefix("main_") for name in feature.names]
+    places = {name: place for place, name in enumerate(plain)}
+    missing = [joint for joint in JOINTS[:5] if prefix + joint not in places]
+    if missing:
+        if not side and all(f"{each}{JOINTS[0]}" in places for each in _SIDES):
+            raise refusal(root, "is of two arms; say which one: left or right")
+        there = ", ".join(feature.names[:12]) or "no names"
+        reason = f'"{column}" lacks {", ".join(missing)} of an SO-101; it has {there}'
+        raise refusal(root, reason)
+    if len(places) != len(plain):
+        raise refusal(root, f'"{column}" has a joint twice')
+    return tuple(places.get(prefix + joint) for joint in JOINTS)
+
+
+def _taken(values: NDArray[np.float64], places: tuple[int | None, ...]) -> Array:
+    """The six joints of some rows; what is no angle is NaN."""
+    taken = np.full((len(values), len(JOINTS)), np.nan)
+    for i, place in enumerate(places):
+        if place is not None:
+            taken[:, i] = values[:, place]
+    with np.errstate(invalid="ignore"):
+        taken[~(np.abs(taken) <= LARGEST_NUMBER)] = np.nan
+    return taken
+
+
+def _lengths(metadata: Metadata) -> dict[int, int]:
+    """How many frames each episode has by the metadata; empty if it does not say."""
+    if metadata.is_v3:
+        found: dict[int, int] = {}
+        for path in sorted((metadata.root / EPISODES_3).glob("*/*.parquet")):
+            with Reader(path) as file:
+                for batch in file.batches(("episode_index", "length"), {}):
+                    for number, length in zip(batch["episode_index"], batch["length"], strict=True):
+                        if np.isfinite(number) and np.isfinite(length):
+                            found[int(number)] = int(length)
+        return found
+    path = metadata.root / EPISODES_2
+    rows = read_lines(path) if path.exists() else []
+    return {
+        row["episode_index"]: row["length"]
+        for row in rows
+        if isinstance(row.get("episode_index"), int) and isinstance(row.get("length"), int)
+    }

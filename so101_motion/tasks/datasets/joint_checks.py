@@ -1,0 +1,325 @@
+"""Check the joints of one episode: numbers, times, jumps, limits, speeds, what stands, what lags.
+
+Numbers in, moments out; all angles are the model's [rad]. Contact is in ``contact_check``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.tasks.datasets.data_set import LARGEST_NUMBER, Episode
+from so101_motion.tasks.datasets.moments import (
+    FROZEN,
+    JUMP,
+    LIMIT,
+    MISSING,
+    MOST_OF_EPISODE,
+    SPEED,
+    TIME,
+    TRACKING,
+    Moment,
+    Moments,
+    runs,
+)
+
+_LONGEST_LAG = 0.5  # [s] that a state may be behind its action to be compared with it
+_STILL = to_rad(1e-4)  # less is no change; a servo's count is 0.09 deg
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """From where on something is said.
+
+    Attributes:
+        speed: Of a joint [rad/s]; teleoperation's own cap.
+        jump: Of a joint, for a single step [rad/s]. Chosen: a servo without load turns at some
+            300 deg/s with 12 V.
+        jump_step: How far such a step must go [rad]; less may be a trembling count.
+        beyond: How far a joint may be beyond its travel [rad]; play and rounding. Chosen.
+        tracking: How far a joint may be from where it was sent, once the lag is taken out [rad].
+            Chosen: droop and friction make up for 5 deg with a stock follower.
+        tracking_time: For how long it must be so [s]. Chosen.
+        frozen_time: For how long a joint must stand while it is led on [s]. Chosen.
+        frozen_travel: How far it is led on meanwhile [rad]. Chosen: more than a joint may droop.
+        gap: How many periods may pass from frame to frame. Chosen.
+    """
+
+    speed: float = to_rad(180.0)
+    jump: float = to_rad(400.0)
+    jump_step: float = to_rad(5.0)
+    beyond: float = to_rad(2.0)
+    tracking: float = to_rad(10.0)
+    tracking_time: float = 0.2
+    frozen_time: float = 1.0
+    frozen_travel: float = to_rad(8.0)
+    gap: float = 1.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracking:
+    """How far the state of an episode is from the action, with the lag taken out.
+
+    Attributes:
+        lag: How many frames the state is behind.
+        frames: How many frames were compared.
+        squares: The sum of squared differences by arm joint, shape (5,), [rad^2].
+        sums: The sum of differences, state less action: droop, shape (5,), [rad].
+        worst: The largest difference, shape (5,), [rad].
+    """
+
+    lag: int
+    frames: int
+    squares: Array
+    sums: Array
+    worst: Array
+
+
+class _About(NamedTuple):
+    """What a moment is about; see ``Moment``. The limit is in ``unit``."""
+
+    kind: str
+    of: str
+    what: str
+    limit: float
+    unit: str
+
+
+class JointCheck:
+    """Checks episodes one after the other.
+
+    Args:
+        moments: Takes what is found.
+        fps: Frames a second.
+        lower: Where each arm joint's travel ends, shape (5,), [rad].
+        upper: And on the other side, shape (5,), [rad].
+        has_jaw: Whether the sixth number is meant.
+        thresholds: From where on something is said.
+    """
+
+    def __init__(
+        self,
+        moments: Moments,
+        *,
+        fps: float,
+        lower: Array,
+        upper: Array,
+        has_jaw: bool,
+        thresholds: Thresholds,
+    ) -> None:
+        self._moments, self._fps, self._from = moments, fps, thresholds
+        self._lower, self._upper, self._has_jaw = lower, upper, has_jaw
+
+    def check(self, episode: Episode, action: Array, state: Array | None) -> Tracking | None:
+        """Check an episode.
+
+        Args:
+            episode: The times and counters.
+            action: Where the joints were sent, shape (n, 6), [rad]; NaN where it is not known.
+            state: Where they were, likewise; None if it was not recorded.
+
+        Returns:
+            How far the state is from the action; None if that cannot be said.
+        """
+        self._check_time(episode)
+        for of, q in (("action", action), ("state", state)):
+            if q is not None:
+                self._check_missing(episode, of, q)
+                for i in range(5):
+                    self._check_steps(episode, of, i, q[:, i])
+                    self._check_travel(episode, of, i, q[:, i])
+        if state is None:
+            return None
+        for i in range(5):
+            self._check_frozen(episode, i, action[:, i], state[:, i])
+        return self._check_tracking(episode, action[:, :5], state[:, :5])
+
+    def _check_time(self, episode: Episode) -> None:
+        period, n = 1.0 / self._fps, len(episode)
+        if episode.expected is not None and episode.expected != n:
+            lack = abs(n - episode.expected)
+            about = _About(TIME, "", "", 1.0, "frames")
+            words = f"has {n} frames, but its metadata says {episode.expected}"
+            self._add(episode, about, 0, n - 1, 0, float(lack), words)
+        if n < 2:
+            return
+        with np.errstate(invalid="ignore", over="ignore"):
+            step, count = np.diff(episode.t), np.diff(episode.frame)
+            off = np.abs(step - period)
+        in_time = np.less_equal(off, (self._from.gap - 1.0) * period)
+        wrong = np.array(np.logical_not(in_time) | np.not_equal(count, 1.0), dtype=np.bool_)
+
+        def say(k: int, _: int) -> str:
+            if count[k] != 1.0:
+                was, now = episode.frame[k : k + 2]
+                return f"frame_index goes from {was:.0f} to {now:.0f}"
+            return f"{1e3 * step[k]:.0f} ms to the next frame; it should be {1e3 * period:.0f}"
+
+        size = np.where(np.isfinite(step), np.abs(step), LARGEST_NUMBER)
+        about = _About(TIME, "", "", self._from.gap * period, "s")
+        self._add_runs(episode, about, wrong, size, say)
+
+    def _check_missing(self, episode: Episode, of: str, q: Array) -> None:
+        missing = np.asarray(np.isnan(q if self._has_jaw else q[:, :5]).any(axis=1))
+        self._add_runs(
+            episode,
+            _About(MISSING, of, "", 1.0, "frames"),
+            missing,
+            missing.astype(float),
+            lambda _, n: f"{of}: {n} frames lack a number, or hold one that is no angle",
+        )
+
+    def _check_steps(self, episode: Episode, of: str, i: int, q: Array) -> None:
+        joint, step_deg = ARM_JOINTS[i], to_deg(np.abs(np.diff(q)))
+        limit_deg = to_deg(max(self._from.jump / self._fps, self._from.jump_step))
+        speed_deg = to_deg(self._from.speed)
+        jumps = np.greater(step_deg, limit_deg)
+        fast = np.greater(step_deg * self._fps, speed_deg) & np.logical_not(jumps)
+
+        def say(k: int, _: int) -> str:
+            turn = ", about a whole turn" if abs(step_deg[k] - 360.0) < 30.0 else ""
+            return f"{of}: {joint} jumps by {step_deg[k]:.1f} deg in one frame{turn}"
+
+        self._add_runs(episode, _About(JUMP, of, joint, limit_deg, "deg"), jumps, step_deg, say)
+        self._add_runs(
+            episode,
+            _About(SPEED, of, joint, speed_deg, "deg/s"),
+            fast,
+            step_deg * self._fps,
+            lambda k, _: f"{of}: {joint} goes at {step_deg[k] * self._fps:.0f} deg/s",
+        )
+
+    def _check_travel(self, episode: Episode, of: str, i: int, q: Array) -> None:
+        joint, over_deg = ARM_JOINTS[i], to_deg(np.maximum(self._lower[i] - q, q - self._upper[i]))
+        limit_deg = to_deg(self._from.beyond)
+
+        def say(k: int, _: int) -> str:
+            at_deg = to_deg(float(q[k]))
+            return f"{of}: {joint} is at {at_deg:.1f} deg, {over_deg[k]:.1f} beyond its travel"
+
+        beyond = np.greater(over_deg, limit_deg)
+        self._add_runs(episode, _About(LIMIT, of, joint, limit_deg, "deg"), beyond, over_deg, say)
+
+    def _check_frozen(self, episode: Episode, i: int, action: Array, state: Array) -> None:
+        joint, least = ARM_JOINTS[i], max(round(self._from.frozen_time * self._fps), 2)
+        about = _About(FROZEN, "state", joint, to_deg(self._from.frozen_travel), "deg")
+        for first, last in runs(np.abs(np.diff(state)) <= _STILL):
+            part = action[first : last + 2]
+            if len(part) <= least or np.isnan(part).any():
+                continue
+            travel_deg = to_deg(float(np.ptp(part)))
+            if travel_deg > about.limit:
+                frame = first + int(np.argmax(np.abs(part - state[first])))
+                words = (
+                    f"state: {joint} stands for {len(part) / self._fps:.1f} s while the action"
+                    f" turns it by {travel_deg:.0f} deg"
+                )
+                self._add(episode, about, first, last + 1, frame, travel_deg, words)
+
+    def _check_tracking(self, episode: Episode, action: Array, state: Array) -> Tracking | None:
+        lag = best_lag(action, state, round(_LONGEST_LAG * self._fps))
+        off = state[lag:] - action[: len(state) - lag]
+        known = np.logical_not(np.isnan(off).any(axis=1))
+        if not known.any():
+            return None
+        least = max(round(self._from.tracking_time * self._fps), 1)
+        lag_ms = 1e3 * lag / self._fps
+        for i, joint in enumerate(ARM_JOINTS):
+            about = _About(TRACKING, "", joint, to_deg(self._from.tracking), "deg")
+            off_deg = to_deg(np.abs(off[:, i]))
+            for first, last in runs(np.greater(off_deg, about.limit)):
+                if last - first + 1 < least:
+                    continue
+                k = first + int(np.argmax(off_deg[first : last + 1]))
+                words = (
+                    f"{joint} is {off_deg[k]:.1f} deg from where it was sent {lag_ms:.0f} ms before"
+                )
+                self._add(
+                    episode, about, first + lag, last + lag, k + lag, float(off_deg[k]), words
+                )
+        off = off[known]
+        return Tracking(
+            lag=lag,
+            frames=len(off),
+            squares=np.square(off).sum(axis=0),
+            sums=off.sum(axis=0),
+            worst=np.abs(off).max(axis=0),
+        )
+
+    def _add_runs(
+        self,
+        episode: Episode,
+        about: _About,
+        mask: NDArray[np.bool_],
+        value: Array,
+        say: Callable[[int, int], str],
+    ) -> None:
+        """Add a moment for each stretch of ``mask``; of very many, only the worst in words.
+
+        Args:
+            episode: Whose.
+            about: What they are about.
+            mask: Where it is so, shape (n,).
+            value: How bad it is there, in the unit of ``about``, shape (n,).
+            say: ``say(worst, frames)`` puts a stretch into words.
+        """
+        found = []
+        for first, last in runs(mask):
+            k = first + int(np.argmax(value[first : last + 1]))
+            found.append((float(value[k]), k, first, last))
+        found.sort(key=lambda each: -each[0])
+        for worst, k, first, last in found[:MOST_OF_EPISODE]:
+            self._add(episode, about, first, last, k, worst, say(k, last - first + 1))
+        for *_, first, last in found[MOST_OF_EPISODE:]:
+            self._moments.count(about.kind, 1, last - first + 1)
+
+    def _add(
+        self,
+        episode: Episode,
+        about: _About,
+        first: int,
+        last: int,
+        frame: int,
+        value: float,
+        sentence: str,
+    ) -> None:
+        moment = Moment(
+            **about._asdict(),
+            episode=episode.index,
+            frame=frame,
+            t=frame / self._fps,
+            first=first,
+            last=last,
+            value=value,
+            sentence=sentence,
+        )
+        self._moments.add(moment)
+
+
+def best_lag(action: Array, state: Array, most: int) -> int:
+    """How many frames the state is behind the action: where the squared difference is least.
+
+    Args:
+        action: Shape (n, 5), [rad].
+        state: Shape (n, 5), [rad].
+        most: Most frames that are tried.
+    """
+    known = np.logical_not(np.isnan(action).any(axis=1) | np.isnan(state).any(axis=1))
+    action, state = np.where(known[:, None], action, 0.0), np.where(known[:, None], state, 0.0)
+    best, least = 0, np.inf
+    for lag in range(min(most, len(state) // 4) + 1):
+        n = len(state) - lag
+        both = known[lag:] & known[:n]
+        if both.any():
+            off = np.square(state[lag:] - action[:n]).sum(axis=1)
+            mean = float(off[both].mean())
+            if mean < least * (1.0 - 1e-9):
+                best, least = lag, mean
+    return best

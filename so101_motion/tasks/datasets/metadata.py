@@ -1,0 +1,221 @@
+"""Read what a LeRobot data set says of itself, in versions 2.0, 2.1 and 3.
+
+Version 3 keeps ``meta/info.json``, ``meta/stats.json``, ``meta/tasks.parquet`` and
+``meta/episodes/chunk-000/file-000.parquet``; its data files hold many episodes each. Version 2.1
+keeps ``meta/info.json``, ``episodes.jsonl``, ``episodes_stats.jsonl`` and ``tasks.jsonl``; each
+episode has a data file of its own. In both, data files are ``data/*/*.parquet``, in the order of
+their names. The path templates in ``info.json`` are text of a stranger and are never filled in.
+
+Source: LeRobot 0.6.1, ``lerobot/datasets`` and ``scripts/convert_dataset_v21_to_v30.py``.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from so101_motion.common.errors import ConfigError, quoted
+
+INFO, STATS = Path("meta/info.json"), Path("meta/stats.json")
+EPISODES_2, EPISODE_STATS_2 = Path("meta/episodes.jsonl"), Path("meta/episodes_stats.jsonl")
+EPISODES_3 = Path("meta/episodes")
+
+LARGEST_INFO = 4_000_000
+"""Largest ``info.json`` that is read [byte]; with a dozen cameras it has 10,000. Chosen."""
+
+LARGEST_LINES = 64_000_000
+"""Largest ``.jsonl`` file that is read [byte]; of a thousand episodes it has 3,000,000. Chosen."""
+
+MOST_FEATURES, MOST_NAMES = 1000, 1000
+"""More columns, or entries of one, than any robot has. Chosen."""
+
+MOST_FILES = 100_000
+"""Most data files; version 2.1 has one for each episode. Chosen."""
+
+VERSIONS = ("v2.0", "v2.1", "v3.0")
+"""Those that are known; a later v3 is read like v3.0."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Feature:
+    """A column of the data.
+
+    Attributes:
+        dtype: As LeRobot calls it: ``float32``, ``int64``, ``video``, ``image`` and others.
+        names: What its entries are called; empty if they have no names.
+    """
+
+    dtype: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Metadata:
+    """What a data set says of itself.
+
+    Attributes:
+        root: Its folder.
+        version: Such as ``"v2.1"``.
+        fps: Frames a second.
+        features: The columns by name.
+        robot: What kind of robot it names; empty if none.
+        episodes: How many episodes there should be; None if it does not say.
+        frames: How many frames; likewise.
+        info: All of ``info.json``.
+    """
+
+    root: Path
+    version: str
+    fps: float
+    features: Mapping[str, Feature]
+    robot: str
+    episodes: int | None
+    frames: int | None
+    info: Mapping[str, Any]
+
+    @property
+    def is_v3(self) -> bool:
+        """Whether data files hold several episodes, and metadata is Parquet."""
+        return self.version.startswith("v3")
+
+    def data_files(self) -> tuple[Path, ...]:
+        """The data files in the order of the episodes.
+
+        Raises:
+            ConfigError: There are none, or too many.
+        """
+        found = sorted(islice((self.root / "data").glob("*/*.parquet"), MOST_FILES + 1))
+        if not found:
+            raise refusal(self.root, "holds no data files (data/*/*.parquet)")
+        if len(found) > MOST_FILES:
+            raise refusal(self.root, f"holds more than {MOST_FILES} data files")
+        return tuple(found)
+
+
+def refusal(path: Path, reason: str) -> ConfigError:
+    """The error about a data set that cannot be used."""
+    return ConfigError("data set", str(path), reason)
+
+
+def read_metadata(root: Path) -> Metadata:
+    """Read and check ``meta/info.json``.
+
+    Raises:
+        ConfigError: It is no LeRobot data set, of a version that is not known, or what it says
+            makes no sense.
+    """
+    if not (root / INFO).is_file():
+        reason = "is no LeRobot data set: it has no meta/info.json"
+        if not root.exists():
+            reason = "is not there; give the folder that holds meta/ and data/"
+        raise refusal(root, reason)
+    info = _object(root / INFO)
+    version = info.get("codebase_version")
+    if not isinstance(version, str) or not (version in VERSIONS or version.startswith("v3.")):
+        known = ", ".join(VERSIONS)
+        raise refusal(root, f"codebase_version is {quoted(version)}; known are {known}")
+    fps = info.get("fps")
+    if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not 0.1 <= fps <= 1000.0:
+        raise refusal(root, f"fps must be a number from 0.1 to 1000, not {quoted(fps)}")
+    robot = info.get("robot_type")
+    return Metadata(
+        root=root,
+        version=version,
+        fps=float(fps),
+        features=_features(root, info.get("features")),
+        robot=robot[:80] if isinstance(robot, str) else "",
+        episodes=_count(root, info, "total_episodes"),
+        frames=_count(root, info, "total_frames"),
+        info=info,
+    )
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Read the JSON objects of a ``.jsonl`` file, one a line.
+
+    Raises:
+        ConfigError: It is too large, or a line is no JSON object.
+    """
+    rows = []
+    for number, line in enumerate(_bytes(path, LARGEST_LINES).splitlines(), start=1):
+        if line.strip():
+            row = _parsed(path, line, f"line {number}")
+            if not isinstance(row, dict):
+                raise refusal(path, f"line {number} must be an object, not {quoted(row)}")
+            rows.append(row)
+    return rows
+
+
+def _object(path: Path) -> dict[str, Any]:
+    content = _parsed(path, _bytes(path, LARGEST_INFO), "the file")
+    if not isinstance(content, dict):
+        raise refusal(path, f"must hold an object, not {quoted(content)}")
+    return content
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Read the JSON object of a metadata file.
+
+    Raises:
+        ConfigError: It cannot be read, is too large, or is none.
+    """
+    return _object(path)
+
+
+def _bytes(path: Path, most: int) -> bytes:
+    try:
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise refusal(path, f"cannot be read: {error.strerror or error}") from error
+    if len(data) > most:
+        raise refusal(path, f"is larger than {most} byte, which no data set needs")
+    return data
+
+
+def _parsed(path: Path, data: bytes, what: str) -> object:
+    try:
+        content: object = json.loads(data)
+    except RecursionError as error:
+        raise refusal(path, f"{what} is nested too deeply") from error
+    except ValueError as error:
+        raise refusal(path, f"{what} is not JSON: {error}") from error
+    return content
+
+
+def _count(root: Path, info: Mapping[str, Any], key: str) -> int | None:
+    value = info.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise refusal(root, f"{key} must be a number, not {quoted(value)}")
+    if not math.isfinite(value) or not 0 <= value < 1e12:
+        raise refusal(root, f"{key} cannot be {quoted(value)}")
+    return int(value)
+
+
+def _features(root: Path, content: object) -> dict[str, Feature]:
+    if not isinstance(content, dict) or not content:
+        raise refusal(root, f"features must be an object, not {quoted(content)}")
+    if len(content) > MOST_FEATURES:
+        raise refusal(root, f"has {len(content)} features; {MOST_FEATURES} are the most")
+    return {str(name): _feature(root, str(name), entry) for name, entry in content.items()}
+
+
+def _feature(root: Path, name: str, entry: object) -> Feature:
+    if not isinstance(entry, dict) or not isinstance(entry.get("dtype"), str):
+        raise refusal(root, f"feature {quoted(name)} must be an object with a dtype")
+    names = entry.get("names")
+    if isinstance(names, dict):  # as in {"motors": [...]}, the older form
+        lists = [each for each in names.values() if isinstance(each, list)]
+        names = lists[0] if len(lists) == 1 else None
+    if not isinstance(names, list) or not all(isinstance(each, str) for each in names):
+        names = []
+    if len(names) > MOST_NAMES:
+        raise refusal(root, f"feature {quoted(name)} has {len(names)} names")
+    return Feature(dtype=entry["dtype"], names=tuple(names))

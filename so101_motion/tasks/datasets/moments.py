@@ -1,0 +1,126 @@
+"""What a check finds: moments of an episode at which something is wrong, the worst first."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MISSING, TIME, JUMP, CONTACT = "missing", "time", "jump", "contact"
+LIMIT, FROZEN, SPEED, TRACKING = "limit", "frozen", "speed", "not reached"
+
+KINDS = {
+    JUMP: "a joint is sent, or seems to go, faster than any servo can",
+    CONTACT: "the arm touches itself, the table or the scene",
+    MISSING: "numbers are missing or mean no angle",
+    FROZEN: "a joint seems to stand while it is led on: it is blocked, or was not read",
+    LIMIT: "a joint is beyond its travel",
+    TRACKING: "a joint is far from where it was sent",
+    TIME: "frames are missing or out of order",
+    SPEED: "a joint is faster than the cap",
+}
+"""What can be found, the most serious first."""
+
+_WEIGHT = {kind: 2.0 ** (len(KINDS) - place) for place, kind in enumerate(KINDS)}
+_HALF = 5.0  # times as much as allowed is half as bad as it can be; chosen
+
+MOST = 200
+"""How many moments of a kind are kept; the others are counted. Chosen."""
+
+MOST_OF_EPISODE = 50
+"""How many moments of a kind and an episode are looked at closely; likewise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """Something wrong, from one frame to another.
+
+    Attributes:
+        kind: One of ``KINDS``.
+        episode: The episode's number.
+        frame: The worst frame, counted from 0 in the episode.
+        t: When that is, from the beginning of the episode [s].
+        first: The first frame.
+        last: The last.
+        of: ``"action"`` or ``"state"``, or empty for both.
+        what: The joint, or what is in contact; empty for the whole frame.
+        value: How bad it is there, in ``unit``.
+        limit: What would be allowed.
+        unit: Such as ``"deg"``.
+        sentence: All of it in words.
+    """
+
+    kind: str
+    episode: int
+    frame: int
+    t: float
+    first: int
+    last: int
+    of: str
+    what: str
+    value: float
+    limit: float
+    unit: str
+    sentence: str
+
+    @property
+    def severity(self) -> float:
+        """The larger the worse; kinds differ in weight."""
+        ratio = abs(self.value) / self.limit
+        return _WEIGHT[self.kind] * (1.0 + ratio / (ratio + _HALF))
+
+    def to_json(self) -> dict[str, object]:
+        """For programs."""
+        names = ("kind", "episode", "frame", "first", "last", "of", "what", "unit", "sentence")
+        return {
+            **{name: getattr(self, name) for name in names},
+            "time_s": round(self.t, 4),
+            "value": round(self.value, 4),
+            "limit": round(self.limit, 4),
+        }
+
+
+class Moments:
+    """Collects moments and keeps the worst of each kind.
+
+    Attributes:
+        counts: How many of each kind there were.
+        frames: How many frames they were long altogether, by kind.
+    """
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.frames: Counter[str] = Counter()
+        self._kept: dict[str, list[tuple[float, int, Moment]]] = {}
+        self._order = itertools.count()
+
+    def add(self, moment: Moment) -> None:
+        """Take account of a moment."""
+        self.count(moment.kind, 1, moment.last - moment.first + 1)
+        kept = self._kept.setdefault(moment.kind, [])
+        entry = (moment.severity, -next(self._order), moment)  # of equals, the first is kept
+        if len(kept) < MOST:
+            heapq.heappush(kept, entry)
+        else:
+            heapq.heappushpop(kept, entry)
+
+    def count(self, kind: str, moments: int, frames: int) -> None:
+        """Take account of moments that are only counted."""
+        self.counts[kind] += moments
+        self.frames[kind] += frames
+
+    def worst(self) -> tuple[Moment, ...]:
+        """Those that are kept, the worst first."""
+        kept = itertools.chain.from_iterable(self._kept.values())
+        return tuple(moment for *_, moment in sorted(kept, key=lambda e: (-e[0], -e[1])))
+
+
+def runs(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """The stretches over which ``mask``, shape (n,), is true, as first and last index."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    yield from zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True)

@@ -1,0 +1,183 @@
+"""Read and write Parquet: the one door of pyarrow, which the extra ``dataset`` brings.
+
+Files come from anywhere, so what a file announces is bounded before any value is looked at, only
+the columns that are wanted are read, and a few thousand rows at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import ConfigError, clipped
+from so101_motion.tasks.datasets.metadata import refusal
+
+ROWS = 8192
+"""Rows that are read at a time."""
+
+MOST_FRAMES = 20_000_000
+"""Most rows of a data file; 90 hours at 60 frames a second. Chosen."""
+
+MOST_BYTES = 2_000_000_000
+"""Most bytes that the wanted columns of one file may have once they are unpacked. Chosen: twelve
+numbers a frame for the most frames."""
+
+_HOW = "needs pyarrow, which is not installed; try: pip install 'so101-motion[dataset]'"
+
+
+def require() -> None:
+    """Make sure that pyarrow can be used.
+
+    Raises:
+        ConfigError: It is not installed.
+    """
+    _arrow()
+
+
+def _arrow() -> tuple[Any, Any]:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError as error:
+        raise ConfigError("data set", None, _HOW) from error
+    return pyarrow, pyarrow.parquet
+
+
+class Reader:
+    """A Parquet file that is open for reading, once its claims have been looked at.
+
+    Args:
+        path: The file.
+
+    Attributes:
+        rows: How many rows it announces.
+        columns: The names of its columns.
+
+    Raises:
+        ConfigError: It is no Parquet file, or announces more than any data set has.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._arrow, parquet = _arrow()
+        self._path = path
+        try:
+            self._file = parquet.ParquetFile(str(path), memory_map=False, pre_buffer=False)
+            self.rows = int(self._file.metadata.num_rows)
+            self.columns = tuple(str(name) for name in self._file.schema_arrow.names)
+        except Exception as error:  # whatever a broken file makes pyarrow raise
+            raise self._broken(error) from error
+        if not 0 <= self.rows <= MOST_FRAMES:
+            self._file.close()
+            raise refusal(path, f"announces {self.rows} rows; {MOST_FRAMES} are the most")
+
+    def __enter__(self) -> Reader:
+        return self
+
+    def __exit__(self, *exc_info: object) -> None:
+        self._file.close()
+
+    def batches(self, scalars: Sequence[str], vectors: dict[str, int]) -> Iterator[dict[str, Any]]:
+        """The rows of some columns, at most ``ROWS`` at a time, as float arrays.
+
+        Args:
+            scalars: Columns with a number a row; arrays of shape (n,).
+            vectors: Columns with a list a row and how long it must be; shape (n, length).
+
+        Yields:
+            The columns by name. What is missing is NaN.
+
+        Raises:
+            ConfigError: A column is missing or something else, or the file is broken.
+        """
+        wanted = (*scalars, *vectors)
+        self._bound(wanted, vectors)
+        try:
+            found = self._file.iter_batches(
+                batch_size=ROWS, columns=list(wanted), use_threads=False
+            )
+            for batch in found:
+                yield {
+                    **{name: self._scalars(name, batch.column(name)) for name in scalars},
+                    **{
+                        name: self._vectors(name, batch.column(name), length)
+                        for name, length in vectors.items()
+                    },
+                }
+        except ConfigError:
+            raise
+        except Exception as error:
+            raise self._broken(error) from error
+
+    def table(self) -> Any:
+        """All of it, as pyarrow has it; only of files that are known to be small."""
+        try:
+            self._bound((), {})
+            return self._file.read(use_threads=False)
+        except ConfigError:
+            raise
+        except Exception as error:
+            raise self._broken(error) from error
+
+    def _bound(self, wanted: Sequence[str], vectors: dict[str, int]) -> None:
+        """Refuse a file whose wanted columns are missing or larger than they can be."""
+        for name in wanted:
+            if self.columns.count(name) != 1:
+                there = ", ".join(self.columns[:12])
+                raise refusal(self._path, f'has no column "{name}"; it has {there}')
+        total = 0
+        try:
+            for k in range(self._file.metadata.num_row_groups):
+                group = self._file.metadata.row_group(k)
+                for i in range(group.num_columns):
+                    column = group.column(i)
+                    name = column.path_in_schema.split(".list.")[0].split(".bag.")[0]
+                    if wanted and name not in wanted:
+                        continue
+                    total += max(int(column.total_uncompressed_size), 0)
+                    if wanted and column.num_values > group.num_rows * vectors.get(name, 1):
+                        raise refusal(
+                            self._path,
+                            f'announces {column.num_values} numbers in "{name}" for'
+                            f" {group.num_rows} rows",
+                        )
+        except ConfigError:
+            raise
+        except Exception as error:
+            raise self._broken(error) from error
+        if total > MOST_BYTES:
+            raise refusal(self._path, f"unpacks to {total} byte; {MOST_BYTES} are the most")
+
+    def _scalars(self, name: str, column: Any) -> NDArray[np.float64]:
+        types = self._arrow.types
+        if types.is_fixed_size_list(column.type) or types.is_list(column.type):
+            return self._vectors(name, column, 1)[:, 0]
+        if not (types.is_floating(column.type) or types.is_integer(column.type)):
+            raise refusal(self._path, f'column "{name}" must hold numbers, not {column.type}')
+        return np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+
+    def _vectors(self, name: str, column: Any, length: int) -> NDArray[np.float64]:
+        types, kind = self._arrow.types, column.type
+        if types.is_fixed_size_list(kind):
+            fits = kind.list_size == length
+        elif types.is_list(kind) or types.is_large_list(kind):
+            offsets = np.asarray(column.offsets)
+            fits = bool(np.all(np.diff(offsets) == length))
+        else:
+            raise refusal(self._path, f'column "{name}" must hold lists of numbers, not {kind}')
+        if column.null_count:
+            raise refusal(self._path, f'column "{name}" is empty in some rows')
+        if not fits:
+            raise refusal(self._path, f'column "{name}" must hold {length} numbers in every row')
+        values = column.flatten()
+        if not (types.is_floating(values.type) or types.is_integer(values.type)):
+            raise refusal(self._path, f'column "{name}" must hold numbers, not {values.type}')
+        numbers = np.asarray(values.to_numpy(zero_copy_only=False), dtype=np.float64)
+        return numbers.reshape(-1, length)
+
+    def _broken(self, error: Exception) -> ConfigError:
+        said = clipped(" ".join(str(error).split()), 200)
+        return refusal(self._path, f"is no Parquet file that can be read: {said}")

@@ -1,0 +1,247 @@
+"""What the numbers of a data set mean: from LeRobot's units to angles of the model and back.
+
+Four meanings are in use, and a data set does not say which one it has:
+
+* ``degrees``: from the middle of each joint's recorded travel, LeRobot's default since January
+  2026. It divides a turn into 4095 parts where servos count 4096.
+* ``range``: -100 to 100 over the recorded travel, LeRobot's default from June 2025 until then.
+* ``old``: degrees from the arm stretched out horizontally, shoulder_lift and wrist_roll counting
+  the other way round; LeRobot before June 2025.
+* ``model``: degrees with the zero of the robot model; ours.
+
+The jaw is in per cent of its travel in all of them. Each is a factor and an offset for each joint.
+Of the first two these come from the calibration of the arm that was recorded. Where its file says
+nothing of the zeros, a travel that went from stop to stop says where the model's zero is; without a
+file the travels are taken to have done so.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.calib.record.lerobot import STRETCHED, TURNED
+from so101_motion.calib.record.record import JOINTS, WIDEST, JointCalibration
+from so101_motion.calib.record.store import Stored
+from so101_motion.calib.record.zero import (
+    MIDDLE,
+    STOPS,
+    SWEPT,
+    Zero,
+    by_stops,
+    expected_travel,
+)
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array, frozen_array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.drivers.bus.registers import TICKS_PER_TURN
+from so101_motion.drivers.bus.ticks import RAD_PER_TICK, TICKS_PER_RAD
+
+DEGREES, RANGE, OLD, MODEL = "degrees", "range", "old", "model"
+KINDS = (DEGREES, RANGE, OLD, MODEL)
+
+IN_WORDS = {
+    DEGREES: "degrees from the middle of each travel (LeRobot's use_degrees)",
+    RANGE: "-100 to 100 over each travel",
+    OLD: "degrees from the stretched arm (LeRobot before June 2025)",
+    MODEL: "degrees with the model's zero",
+}
+
+_LEROBOTS_TURN = TICKS_PER_TURN - 1  # what it divides a turn by
+_FULL_TURN = (0, TICKS_PER_TURN - 1)  # what it writes down as wrist_roll's travel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Units:
+    """Turns a data set's numbers into angles of the model, and back.
+
+    Attributes:
+        kind: One of ``KINDS``.
+        factor: The model's angle for each unit, shape (6,), [rad].
+        offset: The model's angle at 0, shape (6,), [rad].
+        lower: The lowest angle that can be meant: the end of the travel, shape (6,), [rad].
+        upper: The highest, shape (6,), [rad].
+        zeros: How each arm joint's zero is known, as ``Zero.by`` says, or ``"assumed"``.
+    """
+
+    kind: str
+    factor: Array
+    offset: Array
+    lower: Array
+    upper: Array
+    zeros: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("factor", "offset", "lower", "upper"):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), (6,)))
+
+    def to_model(self, x: Array) -> Array:
+        """Angles of the model [rad], shape (n, 6), of numbers of the data set, shape (n, 6)."""
+        return np.asarray(x * self.factor + self.offset)
+
+    def from_model(self, q: Array) -> Array:
+        """Numbers of the data set, shape (n, 6), of angles of the model [rad], shape (n, 6)."""
+        return np.asarray((q - self.offset) / self.factor)
+
+    def aperture(self, q_jaw: Array) -> Array:
+        """How far jaws are open, 0 to 1, by the travel of the arm that was recorded."""
+        lower, upper = self.lower[5], self.upper[5]
+        return np.asarray(np.clip((q_jaw - lower) / (upper - lower), 0.0, 1.0))
+
+
+def units_of(kind: str, calibration: Stored | None = None) -> Units:
+    """The units of a kind, for an arm with this calibration; None if it is not known.
+
+    Raises:
+        ConfigError: There is no such kind.
+    """
+    if kind not in KINDS:
+        raise ConfigError("units", kind, f"must be one of {', '.join(KINDS)}")
+    joints = [_joint(kind, joint, calibration) for joint in JOINTS]
+    return Units(
+        kind=kind,
+        factor=np.array([each.factor for each in joints]),
+        offset=np.array([each.offset for each in joints]),
+        lower=np.array([each.lower for each in joints]),
+        upper=np.array([each.upper for each in joints]),
+        zeros=tuple(each.zero_by for each in joints[:5]),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Joint:
+    factor: float
+    offset: float
+    lower: float
+    upper: float
+    zero_by: str
+
+
+def _joint(kind: str, joint: str, stored: Stored | None) -> _Joint:
+    entry = None if stored is None else stored.calibration.get(joint)
+    travel = _travel(joint, entry)
+    if joint == GRIPPER_JOINT:
+        upper = JAW_CLOSED + (JAW_OPEN - JAW_CLOSED if entry is None else travel * RAD_PER_TICK)
+        share = (upper - JAW_CLOSED) / 100.0
+        return _Joint(factor=share, offset=JAW_CLOSED, lower=JAW_CLOSED, upper=upper, zero_by="")
+    zero, known = _zero(joint, entry, stored)
+    half = travel / 2.0 * RAD_PER_TICK
+    lower, upper = zero.angle - half, zero.angle + half
+    if entry is None or travel > WIDEST:  # a whole turn, as LeRobot writes down for wrist_roll
+        lower, upper = STOPS[joint]
+    if kind in (OLD, MODEL):
+        turned = kind == OLD and TURNED[joint]
+        return _Joint(
+            factor=to_rad(-1.0 if turned else 1.0),
+            offset=STRETCHED[joint] if kind == OLD else 0.0,
+            lower=lower,
+            upper=upper,
+            zero_by="model",
+        )
+    if kind == RANGE:
+        factor = half / 100.0
+    else:  # LeRobot counts degrees as the servo counts, whatever drive_mode says
+        turned = entry is not None and entry.drive_mode != 0
+        factor = (-1.0 if turned else 1.0) * _LEROBOTS_TURN / 360.0 * RAD_PER_TICK
+    return _Joint(factor=factor, offset=zero.angle, lower=lower, upper=upper, zero_by=known)
+
+
+def _travel(joint: str, entry: JointCalibration | None) -> float:
+    """The recorded travel, or what it mostly is [tick]."""
+    if entry is not None:
+        return float(entry.range_max - entry.range_min)
+    if joint in SWEPT:
+        return expected_travel(joint)
+    if joint == GRIPPER_JOINT:
+        return (JAW_OPEN - JAW_CLOSED) * TICKS_PER_RAD
+    return float(_FULL_TURN[1] - _FULL_TURN[0])
+
+
+def _zero(joint: str, entry: JointCalibration | None, stored: Stored | None) -> tuple[Zero, str]:
+    """The model's angle in the middle of the travel, and how it is known."""
+    if entry is None or stored is None:
+        if joint in SWEPT:
+            lower, upper = STOPS[joint]
+            return Zero(by="stops", angle=(lower + upper) / 2.0), "assumed"
+        return MIDDLE, "assumed"
+    known = stored.zeros.get(joint) or by_stops(joint, entry) or MIDDLE
+    return known, known.by
+
+
+# Which one it is
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """How well numbers fit the units of a kind.
+
+    Attributes:
+        kind: Which.
+        outside: The share of frames in which some arm joint is beyond its stops, 0 to 1.
+        worst_deg: How far the furthest is beyond them [deg].
+    """
+
+    kind: str
+    outside: float
+    worst_deg: float
+
+
+_BEYOND = math.radians(5.0)
+"""How far beyond a stop is still no contradiction [rad]: an incomplete sweep and play. Chosen."""
+
+
+class UnitsGuess:
+    """Finds out what the numbers of a data set mean, from where the joints were.
+
+    Args:
+        calibration: Of the arm that was recorded; None if it is not known.
+    """
+
+    def __init__(self, calibration: Stored | None = None) -> None:
+        self._kinds = {kind: units_of(kind, calibration) for kind in KINDS}
+        self._outside = dict.fromkeys(KINDS, 0)
+        self._worst = dict.fromkeys(KINDS, 0.0)
+        self._frames = self._clipped = 0
+        self._largest = 0.0
+
+    def add(self, x: Array) -> None:
+        """Take account of some frames, shape (n, 6), in the data set's units."""
+        x = x[np.isfinite(x[:, :5]).all(axis=1), :5]
+        if not len(x):
+            return
+        self._frames += len(x)
+        self._largest = max(self._largest, float(np.abs(x).max()))
+        self._clipped += int((np.abs(np.abs(x) - 100.0) < 1e-3).any(axis=1).sum())
+        for kind, units in self._kinds.items():
+            q = x * units.factor[:5] + units.offset[:5]
+            lower, upper = (np.array([STOPS[joint][end] for joint in ARM_JOINTS]) for end in (0, 1))
+            over = np.maximum(lower - q, q - upper).max(axis=1)
+            self._outside[kind] += int((over > _BEYOND).sum())
+            self._worst[kind] = max(self._worst[kind], float(to_deg(float(over.max()))))
+
+    def fits(self) -> tuple[Fit, ...]:
+        """How well each kind fits, in the order of ``KINDS``."""
+        frames = max(self._frames, 1)
+        return tuple(
+            Fit(kind=kind, outside=self._outside[kind] / frames, worst_deg=self._worst[kind])
+            for kind in KINDS
+        )
+
+    def best(self) -> tuple[str, str]:
+        """The likeliest kind, and why in words."""
+        if self._largest <= 100.5 and self._clipped:
+            return RANGE, "no number is beyond 100 and some are cut off there"
+        outside = {fit.kind: fit.outside for fit in self.fits()}
+        if outside[OLD] + 0.05 < outside[DEGREES]:
+            share = f"{100.0 * outside[DEGREES]:.0f} % of the frames would be beyond the stops"
+            return OLD, f"in degrees from the middle of the travels {share}"
+        if self._largest > 100.5:
+            return DEGREES, "some numbers are beyond 100"
+        return (
+            DEGREES,
+            "LeRobot's default; if they are -100 to 100, say so: --units range",
+        )

@@ -1,0 +1,212 @@
+import sys
+
+import numpy as np
+import pytest
+from harness.lerobot_data import late, swing, write_data_set
+
+from so101_motion.calib.record import store
+from so101_motion.calib.record.record import JOINTS, JointCalibration
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.tasks.datasets import check_data_set, open_data_set, units_of
+
+
+def checked(root, episodes, *, scene=None, units="model", **how):
+    """The report on a data set of these episodes, in degrees with the model's zero."""
+    data_set = open_data_set(write_data_set(root, episodes, **how))
+    return check_data_set(data_set, units=units, scene=scene)
+
+
+def of_kind(report, kind):
+    return [moment for moment in report.moments if moment.kind == kind]
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_nothing_is_found_in_a_clean_recording(tmp_path, version):
+    report = checked(tmp_path / "set", [swing(), swing(phase=1.0)], version=version)
+    assert not report.moments
+    assert not report.notes
+    assert (report.episodes, report.frames) == (2, 180)
+    assert report.differences.lag_s == pytest.approx(0.1)
+    assert max(report.differences.rms_deg.values()) < 0.01
+
+
+def test_droop_is_told_by_joint(tmp_path):
+    action = swing()
+    state = late(action)
+    state[:, 1] -= 3.0
+    report = checked(tmp_path / "set", [(action, state)])
+    assert report.differences.mean_deg["shoulder_lift"] == pytest.approx(-3.0, abs=0.05)
+    assert report.differences.mean_deg["elbow_flex"] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_jump_is_found_where_it_is(tmp_path):
+    action = swing()
+    action[40:, 0] += 60.0
+    report = checked(tmp_path / "set", [swing(), (action, late(swing()))])
+    (jump,) = of_kind(report, "jump")
+    assert (jump.episode, jump.frame, jump.what, jump.of) == (1, 39, "shoulder_pan", "action")
+    assert jump.value == pytest.approx(60.0, abs=2.0)
+    assert report.moments[0] is jump
+
+
+def test_a_jump_by_a_whole_turn_says_so(tmp_path):
+    action = swing()
+    action[40:, 4] += 360.0
+    (jump,) = of_kind(checked(tmp_path / "set", [action], with_state=False), "jump")
+    assert "about a whole turn" in jump.sentence
+
+
+def test_speed_is_told_from_a_jump(tmp_path):
+    action = swing()
+    action[30:40, 0] += np.linspace(0, 63, 10)  # 7 deg a frame, 210 deg/s
+    action[40:, 0] += 63
+    report = checked(tmp_path / "set", [action])
+    assert not of_kind(report, "jump")
+    assert {moment.of for moment in of_kind(report, "speed")} == {"action", "state"}
+
+
+def test_a_joint_beyond_its_travel_is_found(tmp_path):
+    action = swing()
+    action[20:30, 3] += np.hanning(10) * 80
+    report = checked(tmp_path / "set", [action])
+    found = of_kind(report, "limit")
+    assert {(moment.of, moment.what) for moment in found} == {
+        ("action", "wrist_flex"),
+        ("state", "wrist_flex"),
+    }
+
+
+def test_contact_with_the_table_and_with_an_obstacle_is_found(tmp_path):
+    table = swing()
+    table[:, 1:4] = [30, 30, 40]
+    report = checked(tmp_path / "set", [swing(), (table, table)])
+    found = of_kind(report, "contact")
+    assert {moment.episode for moment in found} == {1}
+    assert "floor" in found[0].what
+    at = SE3.from_translation([0.2, 0, 0.2])
+    box = Obstacle(name="crate", shape=Box(size=(0.1, 0.1, 0.3)), T_base_obstacle=at)
+    assert not checked(tmp_path / "free", [swing()]).moments
+    found = of_kind(checked(tmp_path / "box", [swing()], scene=Scene(obstacles=(box,))), "contact")
+    assert "crate" in found[0].sentence
+
+
+def test_a_joint_that_stands_while_it_is_led_on_is_found(tmp_path):
+    action = swing(200)
+    state = late(action)
+    state[60:160, 2] = state[60, 2]
+    report = checked(tmp_path / "set", [(action, state)])
+    (frozen,) = of_kind(report, "frozen")
+    assert frozen.what == "elbow_flex"
+    assert abs(frozen.first - 60) <= 1
+    assert of_kind(report, "not reached")[0].what == "elbow_flex"
+
+
+def test_gaps_in_time_and_in_the_numbers_are_found(tmp_path):
+    t = np.arange(90) / 30.0
+    t[50:] += 0.4
+    numbers = np.arange(90)
+    numbers[20:] += 3
+    action = swing()
+    action[70:75, 2] = np.nan
+    report = checked(tmp_path / "set", [action, swing()], timestamps={0: t}, frames={1: numbers})
+    times = {(each.episode, each.frame) for each in of_kind(report, "time")}
+    assert times == {(0, 49), (1, 19)}
+    (missing,) = [each for each in of_kind(report, "missing") if each.of == "action"]
+    assert (missing.first, missing.last) == (70, 74)
+
+
+def test_an_episode_of_another_length_than_its_metadata_says_is_found(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()], version="v2.1", info={"total_frames": 91})
+    path = root / "meta/episodes.jsonl"
+    path.write_text(path.read_text().replace('"length": 90', '"length": 80'))
+    report = check_data_set(open_data_set(root), units="model")
+    assert "80" in of_kind(report, "time")[0].sentence
+    assert "91 frames; there are 90" in report.notes[0]
+
+
+def test_the_worst_of_very_many_moments_are_kept_and_the_others_counted(tmp_path):
+    action = swing(3000)
+    action[::2, 0] += np.linspace(50, 60, 1500)
+    report = checked(tmp_path / "set", [action], with_state=False)
+    assert report.counts["jump"] == len(of_kind(report, "jump")) == 1
+    assert report.moments[0].value > 59.0
+    action = swing(9000)
+    action[::9, 0] += np.linspace(50, 60, 1000)
+    report = checked(tmp_path / "many", [action], with_state=False)
+    assert report.counts["jump"] == 1000
+    assert len(of_kind(report, "jump")) == 50
+    assert report.moments[0].value > 59.0
+
+
+# What the numbers mean
+
+
+def in_units(kind, q_deg, calibration=None):
+    """Angles with the model's zero in the numbers of a kind; the jaw stays in per cent."""
+    return units_of(kind, calibration).from_model(units_of("model").to_model(q_deg))
+
+
+@pytest.mark.parametrize("kind", ["degrees", "range", "old", "model"])
+def test_what_the_numbers_are_said_to_mean_gives_the_same_findings(tmp_path, kind):
+    table = swing()
+    table[:, 1:4] = [30, 30, 40]
+    x = in_units(kind, table)
+    report = checked(tmp_path / "set", [(x, x)], units=kind)
+    known = checked(tmp_path / "same", [(table, table)])
+    assert [moment.value for moment in report.moments] == pytest.approx(
+        [moment.value for moment in known.moments], abs=0.05
+    )
+
+
+def rest_and_reach():
+    """From a folded arm to a stretched one: what every recording holds."""
+    folded, reach = np.array([0, -100, 88, 60, 0, 0]), np.array([40, 60, -60, 20, 90, 90])
+    return folded + (reach - folded) * np.linspace(0, 1, 90)[:, None]
+
+
+@pytest.mark.parametrize("kind", ["degrees", "old"])
+def test_what_numbers_mean_is_found_out(tmp_path, kind):
+    x = in_units(kind, rest_and_reach())
+    report = checked(tmp_path / "set", [x], units="")
+    assert report.units.kind == kind
+    assert ("before June 2025" in " ".join(report.notes)) == (kind == "old")
+
+
+def test_numbers_that_are_cut_off_at_100_are_of_a_travel(tmp_path):
+    x = np.clip(in_units("range", rest_and_reach()), -100, 100)
+    x[0, 1] = -100.0
+    assert checked(tmp_path / "set", [x], units="").units.kind == "range"
+
+
+def test_units_that_do_not_fit_are_doubted(tmp_path):
+    x = in_units("old", rest_and_reach())
+    report = checked(tmp_path / "set", [x], units="degrees")
+    assert "--units old" in report.notes[0]
+
+
+def test_a_calibration_says_where_the_travel_ends_and_where_zero_is(tmp_path):
+    entries = {
+        joint: JointCalibration(id=place, range_min=1000, range_max=3000)
+        for place, joint in enumerate(JOINTS, start=1)
+    }
+    entries["gripper"] = JointCalibration(id=6, range_min=2000, range_max=3000)
+    saved = store.save(tmp_path / "arm.json", entries)
+    units = units_of("range", saved)
+    assert units.to_model(np.array([[100.0, -100.0, 0, 0, 0, 0]]))[0, :2] == pytest.approx(
+        [np.radians(1000 * 360 / 4096), -np.radians(1000 * 360 / 4096)]
+    )
+    assert units.aperture(units.to_model(np.full((1, 6), 40.0))[:, 5]) == pytest.approx(0.4)
+
+
+def test_units_that_do_not_exist_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="degrees, range, old, model"):
+        checked(tmp_path / "set", [swing()], units="rad")
+
+
+def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch):
+    root = write_data_set(tmp_path / "set", [swing()])
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ConfigError, match=r"pip install 'so101-motion\[dataset\]'"):
+        open_data_set(root)

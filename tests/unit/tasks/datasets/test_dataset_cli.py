@@ -1,0 +1,62 @@
+import json
+
+import numpy as np
+from click.testing import CliRunner
+from harness.lerobot_data import late, swing, write_data_set
+
+from so101_motion.cli import main
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["dataset", *map(str, arguments)])
+
+
+def with_a_jump(root):
+    action = swing()
+    action[40:, 0] += 60.0
+    return write_data_set(root, [swing(), (action, late(swing()))])
+
+
+def test_a_clean_data_set_is_said_to_be_clean(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()])
+    result = run("check", root, "--units", "model")
+    assert result.exit_code == 0, result.output
+    assert "1 episodes, 90 frames at 30 a second" in result.stdout
+    assert "100 ms late" in result.stdout
+    assert "nothing wrong was found" in result.stdout
+
+
+def test_what_is_wrong_is_listed_and_is_an_exit_code(tmp_path):
+    result = run("check", with_a_jump(tmp_path / "set"), "--units", "model", "--worst", "1")
+    assert result.exit_code == 6
+    assert "1 x jump" in result.stdout
+    assert "episode    1,    1.30 s  action: shoulder_pan jumps by 60" in result.stdout
+
+
+def test_a_program_reads_the_same_as_json(tmp_path):
+    result = run("check", with_a_jump(tmp_path / "set"), "--units", "model", "--json")
+    content = json.loads(result.stdout)
+    assert content["schema"] == "so101/dataset-check/1"
+    assert content["counts"]["jump"] == 1
+    assert content["moments"][0]["what"] == "shoulder_pan"
+    assert content["differences"]["lag_s"] == 0.1
+
+
+def test_a_data_set_that_cannot_be_read_is_a_sentence_and_an_exit_code(tmp_path):
+    result = run("check", tmp_path)
+    assert result.exit_code == 2
+    assert "meta/info.json" in result.stderr
+
+
+def test_the_speed_from_which_on_something_is_said_can_be_chosen(tmp_path):
+    root = write_data_set(tmp_path / "set", [swing()])
+    result = run("check", root, "--units", "model", "--speed", "20")
+    assert result.exit_code == 6
+    assert "deg/s" in result.stdout
+
+
+def test_a_recording_in_which_nothing_is_a_number_is_told_as_such(tmp_path):
+    root = write_data_set(tmp_path / "set", [np.full((30, 6), np.nan)])
+    result = run("check", root)
+    assert result.exit_code == 6
+    assert "30 frames lack a number" in result.stdout
