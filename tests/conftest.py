@@ -1,6 +1,5 @@
 """Fixtures that more than one test directory needs."""
 
-import itertools
 import logging
 import signal
 import threading
@@ -54,8 +53,8 @@ def pytest_report_header(config):
 def pytest_collection_modifyitems(config, items):
     """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo.
 
-    Workers beside each other take files of real time and others in turns: two that run in real time
-    would keep each other waiting.
+    Files of real time mostly wait. Among the others they cost workers no time: one waits while the
+    other computes.
     """
     if hasattr(config, "workerinput"):
         items[:] = in_turns(items)
@@ -71,14 +70,15 @@ def pytest_collection_modifyitems(config, items):
 
 
 def in_turns(items):
-    """The tests in another order of their files, what runs in real time before every other file."""
+    """The tests in another order of their files: those of real time evenly among the others."""
     files = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
     real = [path for path in files if path.parent.name in ("browser", "module")]
     pretended = [path for path in files if path not in set(real)]
-    turns = itertools.chain.from_iterable(itertools.zip_longest(real, pretended))
-    return [item for path in turns if path is not None for item in files[path]]
+    place = {path: k / len(real) for k, path in enumerate(real)}
+    place |= {path: (k + 1) / len(pretended) for k, path in enumerate(pretended)}
+    return [item for path in sorted(files, key=place.__getitem__) for item in files[path]]
 
 
 @pytest.fixture(autouse=True)
