@@ -23,6 +23,7 @@ import numpy as np
 
 from so101_motion.common.errors import PlanningError, So101Error
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.among import plan_among
 from so101_motion.planning.cartesian.cartesian import CartesianPlanner
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
 from so101_motion.planning.checkpoint import Checkpoint, wanted
@@ -103,6 +104,9 @@ class Planner:
             Overloaded: A servo would have to bear too much, however slow the motion.
             ConfigError: The request holds a value that cannot be meant.
         """
+        return plan_among(self._plan, request) if request.others else self._plan(request)
+
+    def _plan(self, request: PlanRequest) -> Plan:
         begin = time.perf_counter()
         context = self._context(request)
         departure, q_from = self._departure(context)

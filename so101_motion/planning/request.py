@@ -11,6 +11,7 @@ import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.planning.collision.course import OtherArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
 from so101_motion.planning.timing.limits import MotionLimits
@@ -45,6 +46,7 @@ class PlanRequest:
         limits: Speed, acceleration and jerk caps of the five joints, and of the tool.
         q_jaw: Jaw angle during the motion [rad].
         scene: What is around the arm and in its hand.
+        others: Other arms that share the space, and what they are about to do.
         payload: What the gripper carries beside what is attached in the scene.
         strength: What the servos can bear; None not to look at torques.
         frames: Further frames fixed to the tool that the goal may name: ``T_tool_frame`` by name.
@@ -61,6 +63,7 @@ class PlanRequest:
     limits: MotionLimits
     q_jaw: float = 0.0
     scene: Scene = field(default_factory=Scene)
+    others: tuple[OtherArm, ...] = ()
     payload: Payload | None = None
     strength: Strength | None = None
     frames: Mapping[str, SE3] = field(default_factory=dict)
@@ -111,6 +114,8 @@ class PlanReport:
         departure: Whether the start had to be left slowly first, see ``start_recovery.py``.
         load: Largest share of a velocity, acceleration or jerk limit that is used.
         effort: Largest share of what a servo may have to exert; 0 when that was not looked at.
+        waits: How long the arm waits for others before it moves [s]; part of the motion.
+        waits_for: The names of the arms it waits for, or goes around.
         clearance: How close bodies are at the goal [m].
         closest: The two bodies that are.
         path_deviation: For a line or path of the tool what five joints make of it, else None.
@@ -125,6 +130,8 @@ class PlanReport:
     closest: tuple[str, str]
     path_deviation: PathDeviation | None = None
     effort: float = 0.0
+    waits: float = 0.0
+    waits_for: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint
-from so101_motion.planning.collision.bodies import Bodies, Cubes, Standing
+from so101_motion.planning.collision.bodies import Bodies, Cubes, Hull, Standing
 from so101_motion.planning.collision.continuous_check import Level, Touches
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
 from so101_motion.planning.native.library import native
@@ -401,6 +401,9 @@ def _pieces(standing: Standing, R: Array, p: Array) -> tuple[list[tuple[Array, f
         corners = standing.vertices[standing.triangles] @ R.T
         middles = corners.mean(axis=1)
         return [(each, 0.0) for each in corners - middles[:, None]], middles + p
+    if isinstance(standing, Hull):
+        middle = standing.points.mean(axis=0)
+        return [((standing.points - middle) @ R.T, standing.radius)], (R @ middle + p)[None]
     return [_rounded_form(standing, R)], p[None]
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import coal
@@ -51,6 +51,7 @@ from so101_motion.planning.collision.scene import (
     PointCloud,
     Scene,
     Sphere,
+    StandingArm,
 )
 from so101_motion.planning.collision.shape_files import read_shape
 
@@ -102,7 +103,19 @@ class Cubes(NamedTuple):
     edge: float
 
 
-Standing = Box | Sphere | Capsule | Mesh | Cubes
+class Hull(NamedTuple):
+    """The convex hull of points, widened all around.
+
+    Attributes:
+        points: In a frame of its own, shape (n, 3), [m].
+        radius: By how much [m].
+    """
+
+    points: Array
+    radius: float
+
+
+Standing = Box | Sphere | Capsule | Mesh | Cubes | Hull
 """The form of an obstacle."""
 
 
@@ -135,6 +148,9 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
     for obstacle in scene.obstacles:
         checkpoint()
         gathered.add_obstacle(obstacle, checkpoint)
+    for arm in scene.arms:
+        checkpoint()
+        gathered.add_arm(arm)
     allowed = set(scene.may_touch)
     allowed |= {
         frozenset((held.name, other)) for held in scene.attached for other in held.may_touch
@@ -147,6 +163,7 @@ class _Gathered:
 
     def __init__(self, model: Any, movers: list[_Mover]) -> None:
         self._geometry = pin.GeometryModel()
+        self._model = model
         self._movers = movers
         self._pairs: list[tuple[int, int]] = []
         self._standing: dict[int, Standing] = {}
@@ -191,6 +208,28 @@ class _Gathered:
             shape = octree(*given)
         else:
             given, shape = form, standing_shape(form)
+        self._stand(obstacle.name, given, shape, T)
+
+    def add_arm(self, arm: StandingArm) -> None:
+        """The links of an arm that stands, and what it holds, at each of its configurations."""
+        data, T_base_arm = self._model.createData(), _placement(arm.T_base_arm)
+        parts = [
+            (each.name, each.joint, each.placement, _widened(link, arm.room))
+            for link, each in zip(_hulls(), _links(self._model), strict=True)
+        ]
+        for held in _held(self._model, arm.attached):
+            shape = convex_hull(held.points)
+            shape.setSweptSphereRadius(arm.room)
+            parts.append((held.name, held.joint, pin.SE3.Identity(), shape))
+        for q in arm.q:
+            pin.forwardKinematics(self._model, data, np.array(q))
+            for name, joint, placement, shape in parts:
+                T = T_base_arm * data.oMi[joint] * placement
+                form = Hull(np.array(shape.points()), arm.room)
+                self._stand(arm.called(name), form, shape, SE3(T.rotation, T.translation))
+
+    def _stand(self, name: str, given: Standing, shape: Any, T: SE3) -> None:
+        """Something that stands, if anything can come near it."""
         shape.computeLocalAABB()
         away = float(np.linalg.norm(T @ shape.aabb_center - self._centre)) - shape.aabb_radius
         near = [
@@ -199,7 +238,7 @@ class _Gathered:
             if each.joint > 0 and span + NEAR > away
         ]
         if near:
-            this = self._add(obstacle.name, 0, _placement(T), shape)
+            this = self._add(name, 0, _placement(T), shape)
             self._standing[this] = given
             self._pairs += [(i, this) for i in near]
 
@@ -267,6 +306,14 @@ def _hulls() -> dict[str, tuple[str, Any]]:
         link: (part, convex_hull(so101_description.load_hull(part).vertices))
         for link, part in so101_description.PARTS.items()
     }
+
+
+@lru_cache(maxsize=64)
+def _widened(link: str, radius: float) -> Any:
+    """The hull of a link, widened all around by a radius [m]."""
+    shape = convex_hull(_hulls()[link][1].points())
+    shape.setSweptSphereRadius(radius)
+    return shape
 
 
 @cache

@@ -231,11 +231,40 @@ class Attached:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StandingArm:
+    """Another SO-101 that stands still, or that sweeps over several configurations.
+
+    Attributes:
+        name: What messages call it; different for each in a scene.
+        T_base_arm: Where its base is.
+        q: Its five joints and its jaw, shape (n, 6), n >= 1, [rad].
+        attached: What it holds.
+        room: How far it must be stayed away from, beyond the scene's margin [m].
+    """
+
+    name: str
+    T_base_arm: SE3
+    q: Array
+    attached: tuple[Attached, ...] = ()
+    room: float = 0.0
+
+    def __post_init__(self) -> None:
+        _named(self.name)
+        _placed(self.name, self.T_base_arm)
+        object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+
+    def called(self, body: str) -> str:
+        """What messages call one of its links, or what it holds."""
+        return f"{self.name}'s {body}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
     """The surroundings of an arm, and what it holds.
 
     Attributes:
         obstacles: What stands around it.
+        arms: Other arms that stand around it.
         attached: What it holds.
         floor_z: Height of the floor in the base frame [m]; None for no floor.
         margin: How far everything must stay apart [m].
@@ -244,6 +273,7 @@ class Scene:
     """
 
     obstacles: tuple[Obstacle, ...] = ()
+    arms: tuple[StandingArm, ...] = ()
     attached: tuple[Attached, ...] = ()
     floor_z: float | None = FLOOR_Z
     margin: float = MARGIN
@@ -289,6 +319,8 @@ class Scene:
         """What a sentence calls the thing of that name, such as ``"the wrist"``."""
         if name == FLOOR or name in LINKS:
             return f"the {name}"
+        if any(name.startswith(each.called("")) for each in self.arms):
+            return name
         zone = any(each.keep_out and each.name == name for each in self.obstacles)
         return f"the keep-out zone '{name}'" if zone else f"'{name}'"
 
@@ -356,8 +388,16 @@ def _digest(scene: Scene) -> bytes:
     for each in scene.obstacles:
         add("obstacle", each.name, each.keep_out, each.T_base_obstacle.R, each.T_base_obstacle.p)
         add_shape(each.shape)
-    for held in scene.attached:
+
+    def add_held(held: Attached) -> None:
         add("held", held.name, held.mass, sorted(held.may_touch))
         add(held.T_tool_object.R, held.T_tool_object.p)
         add_shape(held.shape)
+
+    for held in scene.attached:
+        add_held(held)
+    for arm in scene.arms:
+        add("arm", arm.name, arm.T_base_arm.R, arm.T_base_arm.p, arm.q, arm.room)
+        for held in arm.attached:
+            add_held(held)
     return known.digest()

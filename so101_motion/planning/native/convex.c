@@ -144,6 +144,32 @@ static Hull hull_of(const Scene *s, const Pose *pose, int body) {
     return (Hull){s->points + 3 * b->first, b->count, pose[b->joint].R, pose[b->joint].p};
 }
 
+#define TENTH 1e-4 /* [m] */
+
+double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                 int body_b, double enough) {
+    const Hull first = hull_of(a, at_a, body_a), second = hull_of(b, at_b, body_b);
+    const double radii = a->body[body_a].radius + b->body[body_b].radius;
+    double w[4][3], v[3], pa[3], pb[3], low = 0.0, last = INFINITY;
+    for (int c = 0; c < 3; c++) v[c] = first.p[c] - second.p[c];
+    furthest(&first, v, -1.0, pa);
+    furthest(&second, v, 1.0, pb);
+    for (int c = 0; c < 3; c++) v[c] = w[0][c] = pa[c] - pb[c];
+    int n = 1;
+    for (int round = 0; round < ROUNDS && n < 4; round++) {
+        const double length = sqrt(dot(v, v));
+        if (!(length > 1e-9) || !(length < last)) break;
+        furthest(&first, v, -1.0, pa);
+        furthest(&second, v, 1.0, pb);
+        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c];
+        low = fmax(low, dot(v, w[n]) / length);
+        if (low - radii > enough || !(length - low > TENTH)) break;
+        last = length;
+        n = nearest(w, n + 1, v);
+    }
+    return low - radii;
+}
+
 int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin,
                      const double *v) {
     const Pair *p = &s->pair[pair];

@@ -99,6 +99,10 @@ int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, dou
                       const double *v);
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin);
 
+/* How far apart two bodies are at least [m]: exact to TENTH, unless they are more than `enough`. */
+double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
+                 int body_b, double enough);
+
 /* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
  * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */
 typedef int (*Lanes)(const Scene *s, const double *q, int n, const double *margin, int stop,

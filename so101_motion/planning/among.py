@@ -1,0 +1,216 @@
+"""Plan one arm's motion among others that share its space, and move too.
+
+Where the others will come to rest counts as standing in the way: whoever stops there would be hit.
+Around that two motions are planned. One knows nothing else of the others and waits until the way
+is free; the other goes around all places that they will be at, and need not wait. Whichever ends
+earlier is taken. Both are proven against the timed motions of the others (``apart.py``).
+
+A proof needs more than everybody's keeping to his time. Any arm may be stopped, and those that it
+is in the way of have to stop as well. So at every instant all arms must be able to brake at once,
+each along its own path, without coming near each other: that is looked at, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from so101_motion.common.errors import InCollision, PlanningError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.apart import (
+    GUARDED,
+    GUARDED_EARLY,
+    ROOM,
+    ArmBodies,
+    Meeting,
+    bodies_of,
+    first_meeting,
+)
+from so101_motion.planning.collision.course import Course, OtherArm, stopping
+from so101_motion.planning.collision.scene import Scene, StandingArm
+from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.timing.trajectory import Trajectory
+
+WAIT = 0.05
+"""By how much a wait is made longer until the way is free [s]; chosen."""
+
+TRIED = 0.5
+"""How long a way around moving arms is searched at most [s]; chosen, waiting is the alternative."""
+
+BRAKES = 0.06
+"""How far apart the instants are at which all brake [s]; chosen."""
+
+DETOURS = 4
+"""So many ways around are tried; chosen."""
+
+
+def crosses(arm: str, meeting: Meeting) -> InCollision:
+    """The error for a motion that comes too near to another arm, whenever it begins."""
+    return InCollision(
+        f"on the way the {meeting.first} would come within"
+        f" {max(meeting.distance, 0.0) * 1e3:.0f} mm of {arm}'s {meeting.second} while {arm} moves;"
+        f" wait until {arm} rests, or choose another goal",
+        first=meeting.first,
+        second=f"{arm}'s {meeting.second}",
+        where="path",
+    )
+
+
+def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Plan:
+    """Plan among other arms.
+
+    Args:
+        plan: Plans a motion among things that stand.
+        request: What is wanted; ``others`` are the other arms.
+
+    Returns:
+        A motion that keeps ``ROOM`` away from the other arms; where it has to wait for them it
+        begins with standing still.
+
+    Raises:
+        InCollision: No wait helps.
+        PlanningError: As for a motion among things that stand; the others' links, where they come
+            to rest, are among these.
+    """
+    ends = [_standing(each, each.course.q[-1:], ROOM) for each in request.others]
+    known = replace(request, others=(), scene=_with_arms(request.scene, ends))
+    first = plan(known)
+    bodies = bodies_of(request.scene.attached)
+    met = crossing(bodies, Course.along(first.trajectory, request.q_jaw), request.others)
+    if met is None:
+        return first
+    wait = earliest_wait(first.trajectory, request)
+    around = _around(plan, request, met, None if wait is None else wait + first.duration)
+    if around is not None:
+        return around
+    if wait is None:
+        raise crosses(*met)
+    return _waiting(first, wait, request.others)
+
+
+def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:
+    """The shortest wait [s] after which a motion crosses no other arm; None if none helps."""
+    bodies = bodies_of(request.scene.attached)
+    last = max(each.course.end for each in request.others)
+    for wait in np.arange(0.0, last + 2.0 * WAIT, WAIT):
+        course = Course.along(trajectory, request.q_jaw, t=float(wait))
+        if crossing(bodies, course, request.others) is None:
+            return float(wait)
+    return None
+
+
+def crossing(
+    bodies: ArmBodies, course: Course, others: Sequence[OtherArm], *, since: float = 0.0
+) -> tuple[str, Meeting] | None:
+    """The arm that a course comes too near to, and where; None if it keeps away from all."""
+    for other in others:
+        meeting = _meeting(bodies, course, other, since)
+        if meeting is not None:
+            return other.name, meeting
+    return None
+
+
+def _meeting(bodies: ArmBodies, course: Course, other: OtherArm, since: float) -> Meeting | None:
+    mine, theirs, T = (
+        (bodies, course),
+        (bodies_of(other.attached), other.course),
+        other.T_base_other,
+    )
+    found = first_meeting(mine, theirs, T, since=since)
+    if found is not None:
+        return found
+    return stops_meet(mine, theirs, T, since=since)
+
+
+def stops_meet(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    since: float,
+) -> Meeting | None:
+    """Where two arms would meet if both had to stop at some instant; None if nowhere."""
+    end = min(first[1].end, second[1].end)
+    for t in np.arange(max(since, first[1].t, second[1].t), end, BRAKES):
+        found = first_meeting(
+            (first[0], stopping(first[1], t)),
+            (second[0], stopping(second[1], t)),
+            T_first_second,
+            since=float(t),
+            room=0.5 * (ROOM + GUARDED),
+            early=GUARDED_EARLY,
+        )
+        if found is not None:
+            return found
+    return None
+
+
+def _around(
+    plan: Callable[[PlanRequest], Plan],
+    request: PlanRequest,
+    met: tuple[str, Meeting],
+    last: float | None,
+) -> Plan | None:
+    """A motion around the others that need not wait and ends before ``last`` [s]; or None.
+
+    Where a motion would meet another arm, that arm is taken to stand as well, and so on.
+    """
+    bodies, others = bodies_of(request.scene.attached), {each.name: each for each in request.others}
+    known = replace(request, others=(), time_budget=min(request.time_budget, TRIED))
+    q_others: dict[str, list[Array]] = {name: [each.course.q[-1]] for name, each in others.items()}
+    for _ in range(DETOURS):
+        name, meeting = met
+        q_others[name].append(others[name].course.at(np.array([meeting.t]))[0])
+        arms = [_standing(others[key], np.array(q), ROOM) for key, q in q_others.items()]
+        try:
+            found = plan(replace(known, scene=_with_arms(request.scene, arms)))
+        except PlanningError:
+            return None
+        if found.report.departure or (last is not None and found.duration >= last):
+            return None
+        course = Course.along(found.trajectory, request.q_jaw)
+        crossed = crossing(bodies, course, request.others)
+        if crossed is None:
+            return replace(found, report=replace(found.report, waits_for=(*others,)))
+        met = crossed
+    return None
+
+
+def _waiting(plan: Plan, wait: float, others: Sequence[OtherArm]) -> Plan:
+    names = tuple(each.name for each in others if each.course.end > 0.0)
+    return replace(
+        plan,
+        trajectory=delayed(plan.trajectory, wait),
+        report=replace(plan.report, waits=wait, waits_for=names),
+    )
+
+
+def delayed(trajectory: Trajectory, wait: float) -> Trajectory:
+    """The same motion after standing still for a time [s], to a whole sample."""
+    count = round(wait / trajectory.dt)
+    if count == 0:
+        return trajectory
+    still = np.zeros((count, trajectory.n))
+    return replace(
+        trajectory,
+        q=np.concatenate([np.repeat(trajectory.q[:1], count, axis=0), trajectory.q]),
+        qd=np.concatenate([still, trajectory.qd]),
+        qdd=np.concatenate([still, trajectory.qdd]),
+        duration=trajectory.duration + count * trajectory.dt,
+    )
+
+
+def _standing(other: OtherArm, q: Array, room: float) -> StandingArm:
+    return StandingArm(
+        name=other.name,
+        T_base_arm=other.T_base_other,
+        q=q,
+        attached=other.attached,
+        room=room,
+    )
+
+
+def _with_arms(scene: Scene, arms: Sequence[StandingArm]) -> Scene:
+    return replace(scene, arms=(*scene.arms, *arms))

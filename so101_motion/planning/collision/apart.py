@@ -1,0 +1,237 @@
+"""Prove that two arms stay apart while both move, or say when and where they would not.
+
+The compiled library does it (``native/apart.c``, which says how); without it the same is done here
+with coal, some hundred times slower. Bodies are those of ``bodies.py``: hulls that contain the real
+parts, and what an arm holds.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.batch_check import BatchCheck, pointer
+from so101_motion.planning.collision.bodies import bodies_in
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+
+ROOM = 0.02
+"""How far arms stay apart when they are planned [m]. Chosen: backlash and sag of both, and how well
+it is known where they stand."""
+
+GUARDED = 0.01
+"""How far they stay apart when they are led, and whatever happens [m]; chosen, half of it."""
+
+EARLY = 0.03
+"""How much one arm may be ahead of the other [s]. Chosen: three periods of the control loop; both
+lag behind their commands, by nearly the same time."""
+
+GUARDED_EARLY = 0.01
+"""The same for arms that are led [s]: one period of the control loop."""
+
+STEP = 0.02
+"""Time between the samples at which two courses are held against each other [s]. Chosen: a joint
+that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
+
+_PART, _CLOSE = 0.5, 0.05  # as in apart.c
+
+
+class Meeting(NamedTuple):
+    """Where two arms would come too near to each other.
+
+    Attributes:
+        t: When [s].
+        distance: How near they are then [m]; 0 or less if they touch.
+        first: A link of the first arm by its human name, or what it holds.
+        second: The same of the second arm.
+    """
+
+    t: float
+    distance: float
+    first: str
+    second: str
+
+
+class ArmBodies:
+    """The bodies of one arm and of what it holds. May be used by any thread.
+
+    Args:
+        model: The arm.
+        attached: What it holds.
+
+    Attributes:
+        names: What messages call them.
+        levers: How far from each joint's axis any point of each body can be, shape (n, 6), [m].
+        handle: The compiled library's form of them; None without it.
+    """
+
+    def __init__(self, model: RobotModel, attached: tuple[Attached, ...] = ()) -> None:
+        self.model = model.pin_model
+        bodies = bodies_in(self.model, Scene(attached=attached, floor_z=None))
+        self.objects = list(bodies.geometry.geometryObjects)
+        self.names = tuple(each.name for each in self.objects)
+        offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
+        self.levers = np.array([_levers(each, offsets) for each in self.objects])
+        self._batch = None
+        if native().library is not None:
+            self._batch = BatchCheck(self.model, bodies, 0.0)
+
+    @property
+    def handle(self) -> ctypes.c_void_p | None:
+        """Where the compiled library has them."""
+        return None if self._batch is None else self._batch.scene
+
+    def travel(self, q: Array) -> Array:
+        """How far each body moves at most from one configuration (n, 6) to the next, (n-1, k)."""
+        return np.ascontiguousarray(np.abs(np.diff(q, axis=0)) @ self.levers.T)
+
+    def placed(self, q: Array, T: SE3, data: Any) -> list[Any]:
+        """Where the bodies are at a configuration (6,) of an arm whose base is at ``T``; coal's."""
+        pin.forwardKinematics(self.model, data, q)
+        base = pin.SE3(np.array(T.R), np.array(T.p))
+        places = [base * data.oMi[each.parentJoint] * each.placement for each in self.objects]
+        return [coal.Transform3s(each.rotation, each.translation) for each in places]
+
+
+@cache
+def bodies_of(attached: tuple[Attached, ...] = ()) -> ArmBodies:
+    """The bodies of an SO-101 that holds ``attached``; made once."""
+    return ArmBodies(RobotModel.load(), attached)
+
+
+def first_meeting(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    since: float,
+    room: float = ROOM,
+    early: float = EARLY,
+) -> Meeting | None:
+    """Where two arms first come too near to each other, or None: a proof that they never do.
+
+    Both are taken to rest at the ends of their courses.
+
+    Args:
+        first: An arm's bodies and its course.
+        second: Another's.
+        T_first_second: Where the second's base is in the first's.
+        since: From when on to look [s].
+        room: How far they must stay apart [m]; between two looks at a pair, three quarters of it.
+        early: How much one may be ahead of the other [s]: the faster both are, the further apart
+            they must stay.
+    """
+    span = max(first[1].end, second[1].end) - since
+    count = max(1, math.ceil(span / STEP - 1e-9) + 1)
+    times = since + STEP * np.arange(count)
+    qa, qb = (np.ascontiguousarray(course.at(times)) for _, course in (first, second))
+    a, b = first[0], second[0]
+    meet = _meet if a.handle is not None and b.handle is not None else _meet_by_coal
+    found = meet(a, b, T_first_second, qa, qb, room, early / STEP)
+    if found is None:
+        return None
+    step, gap, i, j = found
+    return Meeting(since + STEP * step, gap, a.names[i], b.names[j])
+
+
+_Found = tuple[float, float, int, int] | None
+
+
+def _meet(
+    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
+) -> _Found:
+    library = native().library
+    assert library is not None
+    placement = np.concatenate((T.R.ravel(), T.p))
+    travel_a, travel_b, out = a.travel(qa), b.travel(qb), np.zeros(4)
+    blocked = library.so101_apart(
+        a.handle,
+        b.handle,
+        pointer(placement),
+        len(qa),
+        pointer(qa),
+        pointer(qb),
+        pointer(travel_a),
+        pointer(travel_b),
+        ctypes.c_double(room),
+        ctypes.c_double(early),
+        pointer(out),
+    )
+    return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if blocked else None
+
+
+def _meet_by_coal(
+    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
+) -> _Found:
+    data = a.model.createData(), b.model.createData()
+    travel_a, travel_b, last = a.travel(qa), b.travel(qb), len(qa) - 1
+    due = np.zeros((len(a.objects), len(b.objects)))
+    request, t = coal.DistanceRequest(), 0.0
+    while t <= last:
+        k = min(int(t), max(last - 1, 0))
+        at = [q[k] + (t - k) * (q[min(k + 1, last)] - q[k]) for q in (qa, qb)]
+        place_a = a.placed(at[0], SE3.identity(), data[0])
+        place_b = b.placed(at[1], T, data[1])
+        for i, j in zip(*np.nonzero(due <= t), strict=True):
+            one, other = a.objects[i], b.objects[j]
+            due[i, j] = math.inf
+            if one.parentJoint == other.parentJoint == 0:
+                continue
+            speeds = np.column_stack((travel_a[k:, i], travel_b[k:, j]))
+            need = room + (early * float(speeds[0].min()) if last else 0.0)
+            gap = coal.distance(
+                one.geometry, place_a[i], other.geometry, place_b[j], request, coal.DistanceResult()
+            )
+            if gap < need:
+                return t, gap, int(i), int(j)
+            due[i, j] = max(
+                _until(speeds, t, k, gap - room, early), _until(speeds, t, k, _PART * room, 0.0)
+            )
+        following = float(due.min())
+        t = last if t < last < following < math.inf else following
+    return None
+
+
+def _until(speeds: Array, t: float, k: int, room: float, early: float) -> float:
+    """As ``until`` in apart.c; ``speeds`` begin at step ``k``, shape (m, 2), [m]."""
+    for step, (va, vb) in enumerate(speeds, k):
+        left, late = (step + 1 - t) * (va + vb), early * min(va, vb)
+        if left + late > room:
+            return float(t + (room - late) / (va + vb)) if room > late else t
+        room, t = room - left, step + 1.0
+    return math.inf
+
+
+def _levers(body: Any, offsets: Sequence[Array]) -> Array:
+    """How far from each joint's axis the points of a body can be, shape (6,), [m]."""
+    levers, joint = np.zeros(6), int(body.parentJoint)
+    if joint == 0:
+        return levers
+    points = _corners(body.geometry) @ body.placement.rotation.T + body.placement.translation
+    extra = float(body.geometry.getSweptSphereRadius())
+    levers[joint - 1] = float(np.linalg.norm(points[:, :2], axis=1).max()) + extra
+    ball = float(np.linalg.norm(points, axis=1).max()) + extra
+    for j in range(joint - 1, 0, -1):
+        offset = offsets[j]
+        levers[j - 1] = float(np.linalg.norm(offset[:2])) + ball
+        ball += float(np.linalg.norm(offset))
+    return levers
+
+
+def _corners(shape: Any) -> Array:
+    if isinstance(shape, coal.ConvexBase):
+        return np.array(shape.points())
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    low, high = np.array(box.min_), np.array(box.max_)
+    return np.array([np.where(pick, low, high) for pick in np.ndindex(2, 2, 2)])

@@ -1,0 +1,114 @@
+"""What an arm will do if nothing else is decided: where its joints are, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.planning.collision.scene import Attached
+
+
+class Samples(Protocol):
+    """Joint angles over time, such as a ``Trajectory``."""
+
+    @property
+    def q(self) -> Array:
+        """Shape (n, 5), [rad]."""
+
+    @property
+    def dt(self) -> float:
+        """Time between them [s]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Course:
+    """The joints of an arm over time; at rest at the end, and where it begins before that.
+
+    Attributes:
+        t: When the first sample is [s].
+        dt: Time between the samples [s]; the joints go straight from one to the next.
+        q: The five joints and the jaw at each, shape (n, 6), n >= 1, [rad].
+    """
+
+    t: float
+    dt: float
+    q: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", frozen_array(self.q, (-1, 6)))
+
+    @classmethod
+    def resting(cls, q: Array, q_jaw: float) -> Course:
+        """Of an arm that stays at ``q``, shape (5,), with the jaw at ``q_jaw`` [rad]."""
+        return cls(t=0.0, dt=1.0, q=np.append(q, q_jaw)[None])
+
+    @classmethod
+    def along(cls, motion: Samples, q_jaw: float, *, t: float = 0.0) -> Course:
+        """Of an arm that begins a motion at ``t`` [s] with the jaw at ``q_jaw`` [rad]."""
+        path = np.column_stack([motion.q, np.full(len(motion.q), q_jaw)])
+        return cls(t=t, dt=motion.dt, q=path)
+
+    @property
+    def end(self) -> float:
+        """When it comes to rest [s]."""
+        return self.t + self.dt * (len(self.q) - 1)
+
+    def at(self, times: NDArray[np.floating[Any]]) -> Array:
+        """Joints and jaw at some times, shape (m, 6), [rad]."""
+        if len(self.q) == 1:
+            return np.broadcast_to(self.q, (len(times), 6))
+        place = np.clip((times - self.t) / self.dt, 0.0, len(self.q) - 1.0)
+        k = np.minimum(place.astype(np.intp), len(self.q) - 2)
+        share = (place - k)[:, None]
+        return np.asarray(self.q[k] + share * (self.q[k + 1] - self.q[k]))
+
+    def since(self, t: float) -> Course:
+        """What is left of it at ``t`` [s], on a clock that shows 0 then."""
+        if t >= self.end:
+            return Course(t=0.0, dt=self.dt, q=self.q[-1:])
+        if t <= self.t:
+            return replace(self, t=self.t - t)
+        count = int(np.ceil((self.end - t) / self.dt - 1e-9)) + 1
+        return Course(t=0.0, dt=self.dt, q=self.at(t + self.dt * np.arange(count)))
+
+
+HARDEST, AT_LEAST = 5.0, 0.1
+"""A stop takes so long [s] at least, and longer by the fastest joint's speed over so much
+[rad/s^2]. Chosen: stops along their path took 0.22 to 0.28 s from 1.2 rad/s, which this exceeds."""
+
+_PLACES = 10
+"""At so many places a stop is looked at."""
+
+
+def stopping(course: Course, t: float) -> Course:
+    """A course that slows down from ``t`` [s] on, along its own path, until it rests."""
+    now, soon = course.at(np.array([t, t + course.dt]))
+    if course.end <= t or np.array_equal(now, soon):
+        now, soon = course.at(np.array([t - course.dt, t]))
+        if np.array_equal(now, soon):
+            return Course(t=t, dt=course.dt, q=course.at(np.array([t])))
+    duration = float(np.abs(soon[:5] - now[:5]).max()) / course.dt / HARDEST + AT_LEAST
+    passed = np.linspace(0.0, duration, _PLACES)
+    travelled = passed - passed**2 / (2.0 * duration)
+    return Course(t=t, dt=float(passed[1]), q=course.at(t + travelled))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OtherArm:
+    """Another arm that shares the space, as a plan has to know it.
+
+    Attributes:
+        name: What messages call it.
+        T_base_other: Where its base is in that of the arm that is planned for.
+        course: What it is about to do; 0 is when the planned motion may begin at the earliest.
+        attached: What it holds.
+    """
+
+    name: str
+    T_base_other: SE3
+    course: Course
+    attached: tuple[Attached, ...] = ()

@@ -1,0 +1,42 @@
+"""Two arms that face each other, 350 mm apart, and configurations that bring them together."""
+
+import numpy as np
+
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.collision.apart import bodies_of, first_meeting
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.kinematics.model import RobotModel
+
+T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
+
+
+class Facing:
+    """Draws configurations that are free by themselves, with the tool where the other reaches."""
+
+    def __init__(self, seed):
+        self.random, self.model = np.random.default_rng(seed), RobotModel.load()
+        self.collision, self.bodies = CollisionModel(self.model), bodies_of()
+
+    def near(self):
+        while True:
+            q = self.random.uniform(self.model.lower, self.model.upper)
+            x, y, z = self.model.frame(q).p
+            if 0.1 < x < 0.28 and abs(y) < 0.12 and z < 0.25 and self.collision.is_free(q):
+                return q
+
+    def are_apart(self, q_left, q_right, room=0.024):
+        left, right = (Course.resting(q, 0.0) for q in (q_left, q_right))
+        pair = (self.bodies, left), (self.bodies, right)
+        return first_meeting(*pair, T_LEFT_RIGHT, since=0.0, room=room) is None
+
+    def task(self):
+        """Two starts and two goals; everybody may stand there while the other does."""
+        while True:
+            starts, goals = [self.near(), self.near()], [self.near(), self.near()]
+            if (
+                self.are_apart(*starts)
+                and self.are_apart(*goals)
+                and self.are_apart(goals[0], starts[1])
+            ):
+                return starts, goals

@@ -1,0 +1,123 @@
+"""Whether two arms that move at the same time stay apart; coal's word on single instants counts."""
+
+import coal
+import numpy as np
+import pytest
+from harness.facing_arms import T_LEFT_RIGHT, Facing
+
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision import apart
+from so101_motion.planning.collision.course import Course, stopping
+from so101_motion.planning.collision.scene import Attached, Box
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import point_to_point
+
+FURTHER = SE3(T_LEFT_RIGHT.R, np.array([0.47, 0.0, 0.0]))
+CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
+
+
+def distance(bodies, q_left, q_right, T=T_LEFT_RIGHT):
+    """coal's distance between two arms, without that of their bases."""
+    data = bodies.model.createData(), bodies.model.createData()
+    left = bodies.placed(q_left, SE3.identity(), data[0])
+    right = bodies.placed(q_right, T, data[1])
+    return min(
+        coal.distance(a.geometry, left[i], b.geometry, right[j], coal.DistanceRequest(),
+                      coal.DistanceResult())
+        for i, a in enumerate(bodies.objects)
+        for j, b in enumerate(bodies.objects)
+        if a.parentJoint or b.parentJoint
+    )  # fmt: skip
+
+
+def random_courses(facing, t_right=0.0):
+    left, right = (point_to_point(facing.near(), facing.near(), CAPS, 0.01) for _ in range(2))
+    return Course.along(left, 0.3), Course.along(right, 0.0, t=t_right)
+
+
+def test_arms_at_rest_are_apart_where_coal_says_so():
+    facing = Facing(1)
+    verdicts = set()
+    for _ in range(40):
+        q_left, q_right = facing.near(), facing.near()
+        far = distance(facing.bodies, np.append(q_left, 0.0), np.append(q_right, 0.0))
+        if abs(far - 0.02) > 2e-4:
+            assert facing.are_apart(q_left, q_right, room=0.02) == (far > 0.02)
+            verdicts.add(far > 0.02)
+    assert verdicts == {True, False}
+
+
+def test_what_is_proven_keeps_its_room_at_every_instant():
+    facing = Facing(2)
+    proven = 0
+    for _ in range(60):
+        left, right = random_courses(facing, t_right=0.3)
+        pair = (facing.bodies, left), (facing.bodies, right)
+        met = apart.first_meeting(*pair, FURTHER, since=0.0, room=0.02, early=0.0)
+        if met is not None:
+            times = np.array([met.t])
+            near = distance(facing.bodies, left.at(times)[0], right.at(times)[0], FURTHER)
+            assert near < met.distance + 2e-4  # of all pairs of bodies the nearest
+            continue
+        proven += 1
+        times = np.linspace(0.0, max(left.end, right.end), 15)
+        for q_left, q_right in zip(left.at(times), right.at(times), strict=True):
+            assert distance(facing.bodies, q_left, q_right, FURTHER) > 0.75 * 0.02
+    assert 5 < proven < 60
+
+
+def test_without_the_library_the_verdict_is_the_same():
+    facing = Facing(3)
+    verdicts = set()
+    for _ in range(10):
+        left, right = random_courses(facing)
+        times = np.arange(0.0, max(left.end, right.end), apart.STEP)
+        both = np.ascontiguousarray(left.at(times)), np.ascontiguousarray(right.at(times))
+        args = facing.bodies, facing.bodies, FURTHER, *both, apart.ROOM, 1.0
+        found, by_coal = apart._meet(*args), apart._meet_by_coal(*args)
+        assert (found is None) == (by_coal is None)
+        verdicts.add(found is None)
+    assert verdicts == {True, False}
+
+
+def test_fast_arms_must_stay_further_apart_than_slow_ones():
+    facing = Facing(5)
+    changed = 0
+    for _ in range(40):
+        left, right = random_courses(facing)
+        pair = (facing.bodies, left), (facing.bodies, right)
+        met = [
+            apart.first_meeting(*pair, FURTHER, since=0.0, early=early) is not None
+            for early in (0.0, 0.05)
+        ]
+        assert met != [True, False]
+        changed += met == [False, True]
+    assert changed
+
+
+def test_what_an_arm_holds_counts():
+    facing = Facing(7)
+    held = Attached(
+        name="stick",
+        shape=Box(size=[0.02, 0.02, 0.3]),
+        T_tool_object=SE3.from_translation((0.0, 0.0, 0.15)),
+    )
+    q = np.zeros(5)
+    holding = apart.bodies_of((held,)), Course.resting(q, 0.0)
+    met = apart.first_meeting(
+        holding, (facing.bodies, Course.resting(q, 0.0)),
+        SE3(T_LEFT_RIGHT.R, np.array([0.6, 0.0, 0.0])), since=0.0,
+    )  # fmt: skip
+    assert met is not None
+    assert met.first == "stick"
+
+
+def test_a_stop_stays_on_the_way_and_ends_at_rest():
+    facing = Facing(2)
+    course, _ = random_courses(facing)
+    stop = stopping(course, 0.3)
+    assert stop.q[0] == pytest.approx(course.at(np.array([0.3]))[0])
+    dense = course.at(np.linspace(0.3, course.end, 2000))
+    for q in stop.q:
+        assert np.abs(dense - q).max(axis=1).min() < 2e-3
+    assert np.abs(np.diff(stop.q, axis=0)[-1]).max() < np.abs(np.diff(stop.q, axis=0)[0]).max()
