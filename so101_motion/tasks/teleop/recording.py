@@ -4,7 +4,8 @@
 ``joint_states`` as measured and ``joint_commands`` as wanted, of ``/leader`` and ``/follower``. A
 limp leader is wanted where it is. The jaw is the sixth joint, as a share of its travel, 0 to 1. In
 the field for efforts stands what share of its drive each servo uses, -1 to 1, as the servos report
-it ten times a second. The stamps are the wall clock's, so that cameras can be laid beside it.
+it ten times a second. ``/follower/state`` (``std_msgs/msg/String``) says what the follower does.
+The stamps are the wall clock's, so that cameras can be laid beside it.
 
 **CSV** holds the joint part of a LeRobot data set under LeRobot's own names and in its own units:
 ``action.shoulder_pan.pos`` is the leader, ``observation.state.shoulder_pan.pos`` the follower as
@@ -191,6 +192,7 @@ class _Mcap:
         self._file = open(path, "wb")  # noqa: SIM115  # closed below
         self._out = writer(self._file)
         self._schema = self._out.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
+        self._text = self._out.register_msgdef("std_msgs/msg/String", "string data\n")
 
     def write(self, index: int, row: RecordedSample) -> None:
         at_ns = round((self._epoch + row.t) * 1e9)
@@ -202,6 +204,8 @@ class _Mcap:
         ):
             message = joint_state(at_ns, JOINTS, x, effort=loads)
             self._out.write_message(topic, self._schema, message, at_ns, at_ns, index)
+        state = {"data": row.state}
+        self._out.write_message("/follower/state", self._text, state, at_ns, at_ns, index)
 
     def close(self) -> None:
         self._out.finish()

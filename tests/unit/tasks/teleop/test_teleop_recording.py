@@ -83,8 +83,11 @@ def test_mcap_holds_both_arms_in_ros_messages(tmp_path):
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         found = [(e[1].topic, e[2].log_time, e[3]) for e in reader.iter_decoded_messages()]
     assert {topic for topic, _, _ in found} == {
-        f"/{arm}/{what}" for arm in ARMS for what in ("joint_states", "joint_commands")
-    }  # fmt: skip
+        "/follower/state",
+        *(f"/{arm}/{what}" for arm in ARMS for what in ("joint_states", "joint_commands")),
+    }
+    states = [message.data for topic, _, message in found if topic == "/follower/state"]
+    assert states == ["mirroring"] * 2
     topic, at_ns, message = found[0]
     assert topic == "/leader/joint_states"
     assert at_ns == 1_000_000_005_000_000_000
