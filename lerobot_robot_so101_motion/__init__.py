@@ -1,0 +1,9 @@
+"""The SO-101 arm in LeRobot, moved by so101_motion.
+
+LeRobot finds this package by its name and its classes by the names of their configurations.
+"""
+
+from lerobot_robot_so101_motion.config import SO101MotionArmConfig, SO101MotionConfig
+from lerobot_robot_so101_motion.robot import SO101Motion
+
+__all__ = ["SO101Motion", "SO101MotionArmConfig", "SO101MotionConfig"]

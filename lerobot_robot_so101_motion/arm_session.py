@@ -1,0 +1,326 @@
+"""Let one arm follow the targets of a client: from the first one to where it is left.
+
+How it works. The first target of a session may be far away, because a recording begins elsewhere
+or a policy has ideas of its own. The arm then goes there by a plan, and the client waits. From
+there on every target is taken up in the next control cycle by a guarded following, which bounds
+velocity, acceleration and jerk whatever the targets do, and slows to rest when they cease. The jaw
+follows beside it, and grips what it closes on.
+
+A following ends when a joint is blocked. Nothing moves by itself then: the arm waits, as in
+teleoperation, for a target that is near where it holds. When it cannot be reached, or is in a
+fault, that is raised.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, wait
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.arm.joint_caps import JointCaps
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import FollowingError, MotionError, PlanningError, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+from so101_motion.common.state import ARM_JOINTS, JointState
+from so101_motion.common.units import to_deg, to_rad
+from so101_motion.control.approach import APPROACH, GATE
+from so101_motion.control.following import Following
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.tasks.teleop.pilot import FULL_JERK
+from so101_motion.tasks.teleop.sides import JAW_APPROACH
+
+if TYPE_CHECKING:
+    from so101_motion.rig.hardware_rig import HardwareRig
+
+_log = logging.getLogger(__name__)
+
+SILENT_AFTER = 0.5
+"""How old a measurement may be [s]; the driver itself bears with silent servos for as long."""
+
+LIES_WITHIN = to_rad(6.0)
+"""How near to a pose in which it lies by itself an arm must be to be let go of [rad]; chosen."""
+
+LOWERED_BY, LOWERING = (
+    to_rad(25.0),
+    MotionLimits.uniform(velocity=to_rad(15.0), acceleration=to_rad(50.0), jerk=20.0),
+)
+"""How far and how fast an arm is lowered until something bears it [rad]; chosen: from ``rest`` on
+the forearm sinks by 18 deg."""
+
+BEARS = 0.1
+"""A joint with less of the arm's weight stays where it is when it is let go of [N m]; chosen, below
+the friction of a servo."""
+
+REST_WITHIN = 10.0
+"""For how long an arm that is told to stop is waited for [s]; it takes less than a second."""
+
+PARKED_WITHIN = 60.0
+"""For how long the way to the park pose is waited for [s]; chosen."""
+
+Waiter = Callable[["Future[None]", float], None]
+"""Waits until a future is done, or for so long [s]; raises what the future did."""
+
+
+class Taken(NamedTuple):
+    """A target as it was taken.
+
+    Attributes:
+        q: Joint angles, shape (5,), [rad].
+        aperture: How far the jaw is to be open, 0 to 1.
+    """
+
+    q: Array
+    aperture: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How the arm follows.
+
+    Attributes:
+        speed: Cap on the speed of each joint [rad/s].
+        acceleration: Cap on the acceleration of each joint [rad/s^2].
+        approach_speed: Cap on the way to a first target that is far [rad/s].
+        stale_after: After how long without a target the arm slows to rest [s].
+        guarded: Whether it keeps clear of itself and of its scene.
+    """
+
+    speed: float = to_rad(180.0)
+    acceleration: float = to_rad(500.0)
+    approach_speed: float = to_rad(30.0)
+    stale_after: float = 0.25
+    guarded: bool = True
+
+    @property
+    def full(self) -> MotionLimits:
+        """The caps while it follows."""
+        return MotionLimits.uniform(
+            velocity=self.speed, acceleration=self.acceleration, jerk=FULL_JERK
+        )
+
+    @property
+    def approach(self) -> MotionLimits:
+        """The caps on the way to a first target."""
+        slow = np.minimum(self.approach_speed, self.speed)
+        return MotionLimits.uniform(
+            velocity=float(slow),
+            acceleration=min(float(APPROACH.acceleration[0]), self.acceleration),
+            jerk=float(APPROACH.jerk[0]),
+        )
+
+
+class ArmSession:
+    """One arm that follows a client. Its methods are for one thread; ``state`` is for any.
+
+    Args:
+        rig: The arm; closed by ``close``.
+        pace: How it follows.
+        scene: What is around it.
+        waiter: How to wait for a motion; by default on the wall clock.
+
+    Raises:
+        ConfigError: A cap is out of range.
+    """
+
+    def __init__(
+        self, rig: HardwareRig, pace: Pace, scene: Scene, *, waiter: Waiter | None = None
+    ) -> None:
+        self.rig, self._pace, self._wait = rig, pace, waiter or wait_in_real_time
+        arm = rig.arm
+        arm.scene = scene
+        arm.set_ceiling(JointCaps(speed=pace.speed, acceleration=pace.acceleration))
+        arm.set_speed(pace.speed)
+        arm.set_acceleration(pace.acceleration)
+        rig.warm_up()  # the first plan is often wanted at once
+        self._following: Following | None = None
+        self._jaw: JawFollowing | None = None
+        self._trouble = ""  # why it waits
+
+    @property
+    def state(self) -> JointState:
+        """Where the arm is, measured within the last control cycle while it follows.
+
+        Raises:
+            MotionError: It cannot be reached, or is in a fault; the message says why.
+        """
+        rig, state = self.rig, self.rig.arm.state
+        age, where = rig.clock.now() - state.t, f"the arm on {rig.settings.port}"
+        if not rig.servos.is_connected or age > SILENT_AFTER:
+            reason = rig.connection.problem or f"its servos have been silent for {age:.1f} s"
+            raise MotionError(f"{where} cannot be reached: {reason}")
+        if state.mode is Mode.FAULT:
+            raise MotionError(f"{where} is in a fault: {state.fault}")
+        return state
+
+    @property
+    def held_by(self) -> tuple[str, ...]:
+        """What keeps the arm from its target; empty if nothing does."""
+        return () if self._following is None else self._following.held_by
+
+    def follow(self, q: Array, aperture: float) -> Taken:
+        """Go to a target, from the next control cycle on; waits only where it begins anew.
+
+        Args:
+            q: Joint angles, shape (5,), [rad]; taken within the arm's range. While the arm waits
+                after trouble, where it holds is what was taken.
+            aperture: How far the jaw is to be open; taken within 0 to 1.
+
+        Raises:
+            So101Error: The arm cannot follow; the message says why.
+        """
+        following = self._following
+        if following is None or following.future.done():
+            following = self._begin(q)
+        taken = self.state.q_ref if following is None else following.aim(q)
+        return Taken(taken, self._aim_jaw(aperture))
+
+    def hold(self) -> None:
+        """Slow to rest and wait for the next target."""
+        if self._following is not None:
+            self._following.hold()
+        if self._jaw is not None:
+            self._jaw.hold()
+
+    def rest(self) -> None:
+        """Come to rest, and end the following; the arm holds, and a grip stays.
+
+        Raises:
+            So101Error: It did not come to rest in order; the message says why.
+        """
+        endings = [each.close() for each in (self._following, self._jaw) if each is not None]
+        self._following = self._jaw = None
+        for ending in endings:
+            self._wait(ending, REST_WITHIN)
+
+    def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
+        """Go to joint angles, shape (5,), [rad], by a plan at the pace of the approach, and wait.
+
+        Raises:
+            PlanningError: There is no way.
+            So101Error: It did not arrive; the message says why.
+        """
+        motion = self.rig.arm.start_move(JointGoal(q=q), limits=self._pace.approach)
+        self._await(motion, within)
+
+    def release_where_it_lies(self, poses: tuple[Array, ...]) -> bool:
+        """Lay the arm down and let go of it if it is at one of ``poses``; whether it was.
+
+        It is first lowered slowly, the way its weight would take it, until something bears it: in
+        the pose ``rest`` there are some millimetres left under the forearm.
+
+        Args:
+            poses: Joint angles at which the arm lies by itself, each of shape (5,), [rad].
+        """
+        arm = self.rig.arm
+        q = arm.state.q
+        if not any(float(np.max(np.abs(q - pose))) <= LIES_WITHIN for pose in poses):
+            return False
+        self._lower()
+        arm.set_torque(False)
+        return True
+
+    def close(self) -> None:
+        """Give up the port; the servos go on as they are. May be called again."""
+        self.rig.close()
+
+    # How
+
+    def _lower(self) -> None:
+        arm = self.rig.arm
+        for i in range(len(ARM_JOINTS)):
+            q = np.append(arm.state.q_ref, self.rig.gripper.q_jaw)
+            torque = float(arm.model.gravity_torque(q)[i])
+            if abs(torque) < BEARS:
+                continue
+            lying = q[:5]
+            lying[i] -= np.sign(torque) * LOWERED_BY
+            lying = np.clip(lying, *arm.range)
+            with suppress(FollowingError):  # something bears it
+                motion = arm.start_unguarded_retarget(lying, limits=LOWERING)
+                self._await(motion, REST_WITHIN)
+
+    def _begin(self, q: Array) -> Following | None:
+        """Follow anew, by a plan to a first target that is far; None while the arm waits."""
+        self._look_for_trouble()
+        arm, pace, state = self.rig.arm, self._pace, self.state
+        lower, upper = arm.range
+        goal = np.clip(q, lower, upper)
+        is_far = float(np.max(np.abs(goal - state.q_ref))) > GATE
+        if is_far and (self._trouble or (pace.guarded and not self._has_approached(goal))):
+            return None
+        self._trouble = ""
+        open_following = arm.open_following if pace.guarded else arm.open_unguarded_following
+        self._following = following = open_following(
+            limits=pace.full, approach=pace.approach, stale_after=pace.stale_after
+        )
+        return following
+
+    def _has_approached(self, goal: Array) -> bool:
+        """Go near a first target; whether the arm may follow from here."""
+        try:
+            self.go(goal)
+        except PlanningError as error:
+            _log.warning("no plan to the first target: %s. The arm goes as near as it can", error)
+        except MotionError as error:
+            self._note(error)
+            return False
+        return True
+
+    def _look_for_trouble(self) -> None:
+        ended, self._following = self._following, None
+        error = None if ended is None else ended.future.exception()
+        if error is not None:
+            self._note(error)
+
+    def _note(self, error: BaseException) -> None:
+        self._trouble = str(error)
+        _log.warning(
+            "%s. It waits for a target no more than %.0f deg from where it is",
+            error,
+            to_deg(GATE),
+        )
+
+    def _aim_jaw(self, aperture: float) -> float:
+        jaw = self._jaw
+        if jaw is None or jaw.future.done():
+            limits = self.rig.gripper.limits
+            slow = limits.scaled_to(JAW_APPROACH * limits.velocity, limits.acceleration)
+            self._jaw = jaw = self.rig.gripper.open_following(
+                approach=slow, stale_after=self._pace.stale_after
+            )
+        return jaw.aim(aperture)
+
+    def _await(self, motion: Motion, within: float) -> None:
+        try:
+            self._wait(motion.future, within)
+        except BaseException:
+            motion.interrupt("stop")  # nothing if it is over
+            with suppress(So101Error, TimeoutError):
+                self._wait(motion.future, REST_WITHIN)
+            raise
+
+
+def wait_in_real_time(future: Future[None], seconds: float) -> None:
+    """Wait until ``future`` is done; see ``Waiter``. Signals are served meanwhile.
+
+    Raises:
+        MotionError: It is not, after ``seconds``.
+    """
+    end = time.monotonic() + seconds
+    while not future.done():
+        left = end - time.monotonic()
+        if left <= 0.0:
+            raise MotionError(f"the arm did not come to an end within {seconds:g} s")
+        wait((future,), min(left, LOOK_FOR_SIGNALS))
+    future.result()

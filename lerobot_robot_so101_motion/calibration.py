@@ -1,0 +1,116 @@
+"""Calibrate an arm and set up its motors, asking a person as LeRobot's own driver does.
+
+The keys are the same: Enter in the middle pose, Enter when every joint has been at both its stops.
+What is recorded is judged, though, and a joint that has not been there is named instead of saved.
+The file is LeRobot's; what is known of the zeros is kept beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from so101_motion.calib.procedure.steps import Command
+from so101_motion.calib.record import lerobot
+from so101_motion.calib.record.record import JOINTS, SERVO_IDS
+from so101_motion.common.errors import CalibrationError, MotorSetupError, So101Error
+from so101_motion.rig.hardware_rig import HardwareRig
+from so101_motion.rig.servo_driver import ServoSettings
+from so101_motion.setup.calibrator import Calibrator
+
+Opener = Callable[[ServoSettings], HardwareRig]
+
+MIDDLE = (
+    "Move {name} to the middle of its range of motion (upper arm upright, forearm and gripper level"
+    " and straight ahead, the gripper turned so that it opens upwards) and press ENTER...."
+)
+TRAVEL = (
+    "Move all joints slowly through their entire ranges of motion, to both stops.\n"
+    "Recording positions. Press ENTER to stop..."
+)
+
+
+def calibrate(port: str, file: Path, *, name: str, open_rig: Opener) -> None:
+    """Calibrate the arm into ``file``; if there is one already, a person may leave it at that.
+
+    Args:
+        port: Of the arm, which is open; it holds afterwards.
+        file: Where LeRobot keeps its calibration.
+        name: What the arm is called.
+        open_rig: Opens another share of the port.
+
+    Raises:
+        RuntimeError: It was not calibrated; the motors hold what they held before.
+    """
+    if file.is_file():
+        answer = input(
+            f"Press ENTER to use provided calibration file associated with the id of {name}, or"
+            " type 'c' and press ENTER to run calibration: "
+        )
+        if answer.strip().lower() != "c":
+            return
+    calibrator = _calibrator(port, file, open_rig)
+    try:
+        _go_through(calibrator, name)
+        stored = calibrator.step(Command.SAVE).stored
+        assert stored is not None  # or it would have raised
+        lerobot.export(stored.calibration, file)
+    except So101Error as error:
+        raise RuntimeError(f"{name} was not calibrated: {error}") from error
+    finally:
+        calibrator.close()
+    print("Calibration saved to", file)
+
+
+def set_up_motors(port: str, file: Path, open_rig: Opener) -> None:
+    """Give the motors on ``port`` their ids, from the gripper to the shoulder.
+
+    Args:
+        port: The serial port, which nobody has open.
+        file: Where the arm's calibration will be.
+        open_rig: Opens the port.
+    """
+    calibrator = _calibrator(port, file, open_rig)
+    try:
+        for joint in reversed(JOINTS):
+            while not _is_set_up(calibrator, joint):
+                pass
+            print(f"'{joint}' motor id set to {SERVO_IDS[joint]}")
+    finally:
+        calibrator.close()
+
+
+def _calibrator(port: str, file: Path, open_rig: Opener) -> Calibrator:
+    rig = open_rig(ServoSettings(port=port, timeout=None, fallback_file=file))
+    try:
+        return Calibrator(rig)
+    except BaseException:
+        rig.close()
+        raise
+
+
+def _go_through(calibrator: Calibrator, name: str) -> None:
+    calibrator.step(Command.START)
+    input(MIDDLE.format(name=name))
+    calibrator.step(Command.SET_HOMING)
+    calibrator.step(Command.START_RECORDING)
+    print(TRAVEL)
+    while True:
+        input()
+        try:
+            calibrator.step(Command.STOP_RECORDING)
+        except CalibrationError as error:
+            print(f"{error}. Press ENTER again then...")
+        else:
+            return
+
+
+def _is_set_up(calibrator: Calibrator, joint: str) -> bool:
+    input(f"Connect the controller board to the '{joint}' motor only and press enter.")
+    try:
+        calibrator.motor_setup.discover(joint)
+        calibrator.motor_setup.assign(joint)
+    except MotorSetupError as error:
+        print(error)
+        return False
+    return True

@@ -1,0 +1,350 @@
+"""The SO-101 arm as a robot of LeRobot: ``--robot.type=so101_motion``."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping
+from copy import copy
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot
+from lerobot.utils.constants import HF_LEROBOT_CALIBRATION, ROBOTS
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from lerobot_robot_so101_motion import calibration, endings
+from lerobot_robot_so101_motion.arm_session import ArmSession, Pace, Waiter
+from lerobot_robot_so101_motion.config import SO101MotionConfig
+from lerobot_robot_so101_motion.units import JOINTS, KEYS, JointUnits, is_number
+from so101_motion.common.errors import So101Error
+from so101_motion.common.units import to_rad
+from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
+from so101_motion.files.saved_poses import SavedPoses
+from so101_motion.files.scene_file import read_scene
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+
+if TYPE_CHECKING:
+    from lerobot.cameras import Camera
+
+    from so101_motion.common.geometry import Array
+
+_log = logging.getLogger(__name__)
+
+STOCK_FOLDER = "so_follower"
+"""LeRobot's folder for the calibrations of these arms; ours are the same files."""
+
+TELL_EVERY = 1.0
+"""How often the log says that targets are not taken as they are sent [s]; chosen."""
+
+
+class SO101Motion(Robot):
+    """One arm that is planned for, guarded and bounded; for the rest like LeRobot's own follower.
+
+    Args:
+        config: Its settings.
+        open_rig: Opens the arm on a port.
+        waiter: How to wait for a motion; by default on the wall clock.
+    """
+
+    config_class = SO101MotionConfig
+    name = "so101_motion"
+
+    def __init__(
+        self,
+        config: SO101MotionConfig,
+        *,
+        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
+        waiter: Waiter | None = None,
+    ) -> None:
+        if config.calibration_dir is None:
+            config = copy(config)
+            config.calibration_dir = HF_LEROBOT_CALIBRATION / ROBOTS / STOCK_FOLDER
+        super().__init__(config)
+        self.config = config
+        self._open_rig, self._waiter = open_rig, waiter
+        self._scene = Scene() if config.scene is None else read_scene(config.scene)
+        self._park = None if config.park is None else SavedPoses().find(config.park).q
+        self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
+        self._session: ArmSession | None = None
+        self._units: JointUnits | None = None
+        self._wanted: dict[str, float] = {}
+        self._told_at: dict[str, float] = {}
+        self._ending = endings.Ending(self.disconnect)
+
+    # What it is
+
+    @cached_property
+    def observation_features(self) -> dict[str, Any]:
+        """The six joints, and the cameras' pictures."""
+        pictures: dict[str, Any] = {}
+        for key, camera in self.cameras.items():
+            if getattr(camera, "use_rgb", True):
+                pictures[key] = (camera.height, camera.width, 3)
+            if getattr(camera, "use_depth", False):
+                pictures[f"{key}_depth"] = (camera.height, camera.width, 1)
+        return {**self.action_features, **pictures}
+
+    @cached_property
+    def action_features(self) -> dict[str, Any]:
+        """The six joints."""
+        return dict.fromkeys(KEYS, float)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the arm has been opened and not been given up."""
+        return self._session is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether there is a calibration file of this arm; the servos are made to agree with it."""
+        return all(joint in self.calibration for joint in JOINTS)
+
+    # Beginning
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the arm, which holds where it stands, and the cameras.
+
+        Args:
+            calibrate: Whether an arm without a calibration file is calibrated first. Otherwise what
+                its servos remember is used, and the log says so.
+
+        Raises:
+            DeviceAlreadyConnectedError: It is connected.
+            ConnectionError: The arm cannot be reached; the message says why.
+        """
+        if self.is_connected:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        try:
+            self._open()
+            if calibrate and not self.is_calibrated:
+                self.calibrate()
+            for camera in self.cameras.values():
+                camera.connect()
+        except BaseException:
+            self._give_up()
+            raise
+        self.configure()
+
+    def configure(self) -> None:
+        """Do nothing: the servos are set up when the arm is opened."""
+
+    def calibrate(self) -> None:
+        """Calibrate the arm with the help of a person; see ``calibration.calibrate``."""
+        session = self._connected()
+        session.rest()
+        calibration.calibrate(
+            self.config.port, self.calibration_fpath, name=str(self), open_rig=self._open_rig
+        )
+        self._load_calibration()
+        self._units = JointUnits(session.rig.servos.setups, use_degrees=self.config.use_degrees)
+
+    def setup_motors(self) -> None:
+        """Give the motors their ids, one after the other, with the help of a person."""
+        calibration.set_up_motors(self.config.port, self.calibration_fpath, self._open_rig)
+
+    # Going on
+
+    def get_observation(self) -> dict[str, Any]:
+        """Where the joints were measured within the last control cycle, and the newest pictures.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected.
+            ConnectionError: The arm does not answer any more.
+        """
+        session = self._connected()
+        try:
+            state = session.state
+        except So101Error as error:
+            raise ConnectionError(str(error)) from error
+        aperture = min(max(session.rig.gripper.aperture, 0.0), 1.0)
+        values: dict[str, Any] = dict(self._in_units().to_lerobot(state.q, aperture))
+        for key, camera in self.cameras.items():
+            if getattr(camera, "use_rgb", True):
+                values[key] = _picture(camera)
+            if getattr(camera, "use_depth", False):
+                values[f"{key}_depth"] = camera.read_latest_depth()
+        return values
+
+    def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
+        """Go to a target, from the next control cycle on.
+
+        It is taken within the arm's range and ``max_relative_target``. A joint that is left out
+        keeps its target. A target with a value that is no number is not taken at all, and is no
+        sign of life either: without others the arm slows to rest. The log says both.
+
+        Args:
+            action: Values by key; keys that do not end with ``.pos`` are not minded.
+
+        Returns:
+            The target as it was taken, of all six joints.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected.
+            ConnectionError: The arm cannot follow; the message says why.
+            ValueError: There is no such joint.
+        """
+        session, units = self._connected(), self._in_units()
+        try:
+            sent = self._checked(action)
+            if sent is None:
+                return dict(self._wanted or self._here(session))
+            wanted = {**(self._wanted or self._here(session)), **sent}
+            if self.config.max_relative_target is not None:
+                wanted = self._near(wanted, self._here(session))
+            taken = units.to_lerobot(*session.follow(*units.from_lerobot(wanted)))
+        except So101Error as error:
+            raise ConnectionError(f"{self} cannot follow: {error}") from error
+        for key in KEYS:
+            if abs(taken[key] - wanted[key]) > 1e-6:
+                self._tell(key, "%s: %.1f was taken as %.1f", key, wanted[key], taken[key])
+        self._wanted = taken
+        return dict(taken)
+
+    # Ending
+
+    def disconnect(self) -> None:
+        """Come to rest, park if asked, let go where the arm lies by itself, and close the port.
+
+        Whatever of it fails, the arm holds, and the log says so.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected.
+        """
+        session = self._connected()
+        try:
+            self._leave(session)
+        finally:
+            self._give_up()
+
+    def _leave(self, session: ArmSession) -> None:
+        try:
+            session.rest()
+            if self._park is not None:
+                session.go(self._park)
+            if not self.config.disable_torque_on_disconnect:
+                return
+            if not session.release_where_it_lies(self._lying()):
+                _log.warning(
+                    "%s goes on holding: it would drop where it is. Support it and switch it off,"
+                    " or let it go to a pose in which it lies at the end: --robot.park=rest",
+                    self,
+                )
+        except So101Error as error:
+            _log.warning("%s is left holding where it is: %s", self, error)
+
+    def _lying(self) -> tuple[Array, ...]:
+        rest = SavedPoses().find("rest").q
+        return (rest,) if self._park is None else (self._park, rest)
+
+    # How
+
+    def _settings(self) -> ServoSettings:
+        file = self.calibration_fpath
+        return ServoSettings(
+            port=self.config.port,
+            servo_ids=SERVO_IDS,
+            gripper_id=GRIPPER_ID,
+            calibration_file=file if file.is_file() else None,
+            fallback_file=file,
+        )
+
+    def _open(self) -> None:
+        config = self.config
+        try:
+            rig = self._open_rig(self._settings())
+        except So101Error as error:
+            raise ConnectionError(f"{self} cannot be opened: {error}") from error
+        pace = Pace(
+            speed=to_rad(config.speed_degs_per_sec),
+            acceleration=to_rad(config.acceleration_degs_per_sec_per_sec),
+            approach_speed=to_rad(config.approach_speed_degs_per_sec),
+            stale_after=config.stale_after_s,
+            guarded=config.guard,
+        )
+        try:
+            self._session = ArmSession(rig, pace, self._scene, waiter=self._waiter)
+        except BaseException:
+            rig.close()
+            raise
+        self._units = JointUnits(rig.servos.setups, use_degrees=config.use_degrees)
+        self._wanted = {}
+        self._ending.attend()
+        if not self.is_calibrated:
+            sources = {setup.source for setup in rig.servos.setups.values()}
+            _log.warning(
+                "%s has no calibration file (%s); what its servos remember is used%s",
+                self,
+                self.calibration_fpath,
+                ", and defaults where that cannot be" if "defaults" in sources else "",
+            )
+
+    def _give_up(self) -> None:
+        session, self._session = self._session, None
+        self._ending.leave()
+        try:
+            if session is not None:
+                session.close()
+        finally:
+            for camera in self.cameras.values():
+                if camera.is_connected:
+                    camera.disconnect()
+
+    def _connected(self) -> ArmSession:
+        if self._session is None:
+            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
+        return self._session
+
+    def _in_units(self) -> JointUnits:
+        assert self._units is not None
+        return self._units
+
+    def _here(self, session: ArmSession) -> dict[str, float]:
+        aperture = min(max(session.rig.gripper.aperture, 0.0), 1.0)
+        return self._in_units().to_lerobot(session.state.q, aperture)
+
+    def _checked(self, action: Mapping[str, Any]) -> dict[str, float] | None:
+        """The values of the joints that are sent; None if one is no number."""
+        sent = {key: value for key, value in action.items() if key.endswith(".pos")}
+        unknown = [key for key in sent if key not in KEYS]
+        if unknown:
+            raise ValueError(f"{unknown[0]} is no joint of {self}; known: {', '.join(KEYS)}")
+        wrong = [key for key, value in sent.items() if not is_number(value)]
+        if wrong:
+            self._tell("wrong", "a target is not taken: %s is %s", wrong[0], sent[wrong[0]])
+            return None
+        if len(sent) < len(KEYS):
+            left = [key for key in KEYS if key not in sent]
+            self._tell("left out", "%s is left out; it keeps its target", ", ".join(left))
+        return {key: float(value) for key, value in sent.items()}
+
+    def _near(self, wanted: Mapping[str, float], here: Mapping[str, float]) -> dict[str, float]:
+        """Targets no further from ``here`` than ``max_relative_target``."""
+        most = self.config.max_relative_target
+        near = {}
+        for key, value in wanted.items():
+            joint = key.removesuffix(".pos")
+            bound = most.get(joint, math.inf) if isinstance(most, dict) else float(most or 0.0)
+            off = float(np.clip(value - here[key], -bound, bound))
+            near[key] = here[key] + off
+            if abs(near[key] - value) > 1e-4:
+                self._tell(key, "%s: %.1f was taken as %.1f, by max_relative_target", key, value,
+                           near[key])  # fmt: skip
+        return near
+
+    def _tell(self, what: str, message: str, *values: object) -> None:
+        """Log a warning, but the same not again and again."""
+        now = time.monotonic()
+        if now - self._told_at.get(what, -math.inf) >= TELL_EVERY:
+            self._told_at[what] = now
+            _log.warning(message, *values)
+
+
+def _picture(camera: Camera) -> Any:
+    newest = getattr(camera, "read_latest", None)  # LeRobot 0.5 has none
+    return camera.async_read() if newest is None else newest()

@@ -1,0 +1,98 @@
+"""An arm as LeRobot's commands use it, on emulated servos and pretended time."""
+
+import dataclasses
+import importlib.util
+import sys
+from concurrent.futures import wait
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from referee import CommandCaps
+
+from harness.emulated_rig import HardwareBench
+from so101_motion.common.errors import MotionError
+
+TESTS = Path(__file__).parents[1]
+
+sys.path.insert(0, str(TESTS.parent))  # where the plugin lies
+if importlib.util.find_spec("lerobot") is None:
+    sys.path.insert(0, str(TESTS / "recorded_types"))
+
+from lerobot_robot_so101_motion import SO101Motion, SO101MotionConfig  # noqa: E402
+
+READY = (0.0, -40.0, 40.0, 55.0, 0.0, 30.0)
+"""Over the table, the jaw a little open; LeRobot's values."""
+
+CAPS = (
+    *(CommandCaps(180.0, 500.0, np.degrees(1e3)),) * 5,
+    CommandCaps(90.0, np.degrees(10.0), np.degrees(600.0), braking=1376.0),
+)
+"""What joints may do that follow targets at the plugin's own caps."""
+
+
+class LeRobotBench(HardwareBench):
+    """The same servos, and robots on them.
+
+    Args:
+        folder: For the port and the calibrations.
+        options: What else is emulated.
+    """
+
+    def __init__(self, folder, **options):
+        super().__init__(folder, **options)
+        self._folder, self._robots = folder, []
+
+    def _command_caps(self):
+        return CAPS
+
+    def open_rig(self, settings):
+        """Open a rig as a plugin does, on this clock."""
+        names = [field.name for field in dataclasses.fields(settings)]
+        return self.open(**{**{name: getattr(settings, name) for name in names}, "timeout": 0.01})
+
+    def wait(self, future, seconds):
+        """Let time pass until ``future`` is done; fits ``Waiter``."""
+        end = self.clock.now() + seconds
+        while not future.done():
+            if self.clock.now() > end:
+                raise MotionError(f"it did not come to an end within {seconds:g} s")
+            wait([future], timeout=0.001)  # what plans has its own time
+            self.advance(0.02)
+        future.result()
+
+    def robot(self, cls=SO101Motion, config=SO101MotionConfig, **settings):
+        """A robot that is not connected yet."""
+        settings = {"port": str(self.port), "id": "arm", "calibration_dir": self._folder} | settings
+        robot = cls(config(**settings), open_rig=self.open_rig, waiter=self.wait)
+        self._robots.append(robot)
+        return robot
+
+    def close(self):
+        self.emulator.plug()
+        for robot in self._robots:
+            if robot.is_connected:
+                robot.disconnect()
+        super().close()
+
+    def connected(self, *degrees, **settings):
+        """A robot that has gone to these values, or to ``READY``."""
+        robot = self.robot(**settings)
+        robot.connect(calibrate=False)
+        robot.send_action(action(*(degrees or READY)))
+        self.advance(0.6)
+        return robot
+
+
+def action(*values):
+    names = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+    return {f"{name}.pos": value for name, value in zip(names, values, strict=True)}
+
+
+@contextmanager
+def lerobot_bench(folder, **options):
+    bench = LeRobotBench(folder, **options)
+    try:
+        yield bench
+    finally:
+        bench.close()
