@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, Finite
-from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
+from so101_motion.cli.param_types import IN_FILE, Finite, OutFile
+from so101_motion.cli.shared import (
+    CHECK_FAILED,
+    F,
+    Verbs,
+    aside,
+    json_option,
+    print_json,
+    write_report,
+)
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
@@ -63,6 +71,7 @@ def _read_options(verb: F) -> F:
     "--worst", type=click.IntRange(0, 1000), default=10, show_default=True,
     help="How many moments to list.",
 )  # fmt: skip
+@click.option("--html", type=OutFile(".html"), help="Write a report with plots to this file.")
 @json_option
 def check(
     path: Path,
@@ -72,6 +81,7 @@ def check(
     scene_file: Path | None,
     speed: float,
     worst: int,
+    html: Path | None,
     as_json: bool,
 ) -> None:
     """Look for what makes the data set in PATH unfit to learn from or to replay.
@@ -81,10 +91,15 @@ def check(
 
     \b
     so101 dataset check ~/.cache/huggingface/lerobot/me/pick
-    so101 dataset check pick --calibration arm.json --scene table.json
+    so101 dataset check pick --calibration arm.json --scene table.json --html report.html
     """  # noqa: D301
     from so101_motion.files.scene_file import read_scene
-    from so101_motion.tasks.datasets import Thresholds, check_data_set, open_data_set
+    from so101_motion.tasks.datasets import (
+        Thresholds,
+        check_data_set,
+        html_report,
+        open_data_set,
+    )
 
     report = check_data_set(
         open_data_set(path, side=side),
@@ -93,6 +108,8 @@ def check(
         scene=None if scene_file is None else read_scene(scene_file),
         thresholds=Thresholds(speed=to_rad(speed)),
     )
+    if html is not None:
+        write_report(html, html_report(report))
     if as_json:
         print_json("dataset-check", report.to_json())
     else:

@@ -24,7 +24,7 @@ def swing(n=90, fps=30.0, *, phase=0.0):
 
 def late(action, frames=3):
     """The state that follows an action some frames later."""
-    return np.concatenate([np.repeat(action[:1], frames, axis=0), action[:-frames]])
+    return np.concatenate([np.repeat(action[:1], frames, axis=0), action])[: len(action)]
 
 
 def write_data_set(

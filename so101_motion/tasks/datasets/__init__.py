@@ -6,6 +6,7 @@ extra ``dataset`` brings.
 
 from so101_motion.tasks.datasets.check import CheckReport, check_data_set
 from so101_motion.tasks.datasets.data_set import DataSet, Episode, open_data_set
+from so101_motion.tasks.datasets.html_report import html_report
 from so101_motion.tasks.datasets.joint_checks import Thresholds
 from so101_motion.tasks.datasets.moments import Moment
 from so101_motion.tasks.datasets.units import Units, units_of
@@ -18,6 +19,7 @@ __all__ = [
     "Thresholds",
     "Units",
     "check_data_set",
+    "html_report",
     "open_data_set",
     "units_of",
 ]

@@ -50,8 +50,7 @@ class CheckReport:
         why_units: Why, in words.
         fits: How well each meaning fits.
         notes: What a person should know before anything else.
-        episodes: How many there are.
-        frames: How many frames.
+        lengths: How many frames each episode has, by its number, in order.
         moments: The worst moments, the worst first.
         counts: How many moments of each kind there were, kept or not.
         frames_of: How many frames they were long altogether, by kind.
@@ -63,12 +62,21 @@ class CheckReport:
     why_units: str
     fits: tuple[Fit, ...]
     notes: tuple[str, ...]
-    episodes: int
-    frames: int
+    lengths: Mapping[int, int]
     moments: tuple[Moment, ...]
     counts: Mapping[str, int]
     frames_of: Mapping[str, int]
     differences: Differences | None
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes there are."""
+        return len(self.lengths)
+
+    @property
+    def frames(self) -> int:
+        """How many frames they have together."""
+        return sum(self.lengths.values())
 
     def to_json(self) -> dict[str, object]:
         """For programs."""
@@ -122,10 +130,10 @@ def check_data_set(
         thresholds=thresholds or Thresholds(),
     )
     contact = ContactCheck(moments, fps=fps, scene=scene)
-    episodes = frames = 0
+    lengths: dict[int, int] = {}
     tracked: list[Tracking] = []
     for episode in data_set.episodes():
-        episodes, frames = episodes + 1, frames + len(episode)
+        lengths[episode.index] = len(episode)
         action, state = angles(data_set, meant, episode)
         found = joints.check(episode, action, state)
         tracked += [] if found is None else [found]
@@ -138,9 +146,8 @@ def check_data_set(
         units=meant,
         why_units=why,
         fits=fits,
-        notes=_notes(data_set, meant, fits, calibration, episodes, frames),
-        episodes=episodes,
-        frames=frames,
+        notes=_notes(data_set, meant, fits, calibration, lengths),
+        lengths=lengths,
         moments=moments.worst(),
         counts=dict(moments.counts),
         frames_of=dict(moments.frames),
@@ -188,10 +195,10 @@ def _notes(
     units: Units,
     fits: tuple[Fit, ...],
     calibration: Stored | None,
-    episodes: int,
-    frames: int,
+    lengths: Mapping[int, int],
 ) -> tuple[str, ...]:
     metadata, notes = data_set.metadata, []
+    episodes, frames = len(lengths), sum(lengths.values())
     here = next(fit for fit in fits if fit.kind == units.kind)
     if here.outside > _MOSTLY_OUTSIDE:
         better = min(fits, key=lambda fit: fit.outside)

@@ -60,3 +60,24 @@ def test_a_recording_in_which_nothing_is_a_number_is_told_as_such(tmp_path):
     result = run("check", root)
     assert result.exit_code == 6
     assert "30 frames lack a number" in result.stdout
+
+
+def test_the_report_is_one_file_that_loads_nothing(tmp_path):
+    root = with_a_jump(tmp_path / "<b>set")
+    file = tmp_path / "report.html"
+    result = run("check", root, "--units", "model", "--html", file)
+    assert result.exit_code == 6
+    text = file.read_text()
+    assert "action: shoulder_pan jumps by 60" in text
+    assert text.count("<polyline") >= 2
+    assert "&lt;b&gt;set" in text
+    for loads in ("http", "src=", "href=", "@import", "url(", "<script", "<b>"):
+        assert loads not in text
+
+
+def test_a_report_draws_what_is_partly_unknown(tmp_path):
+    action = swing()
+    action[::7] = np.nan
+    root = write_data_set(tmp_path / "set", [action, np.full((1, 6), np.nan)])
+    run("check", root, "--html", tmp_path / "report.html")
+    assert "nan" not in (tmp_path / "report.html").read_text().lower().replace("<body", "")
