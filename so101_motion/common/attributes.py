@@ -41,8 +41,8 @@ class Attribute:
     Attributes:
         name: As users write it.
         use: What it is used for, in a sentence.
-        kind: ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"choice"`` or
-            ``"objects"``; ``"own"`` is read by code of its own.
+        kind: ``"number"``, ``"whole"``, ``"numbers"``, ``"flag"``, ``"text"``, ``"names"``,
+            ``"choice"`` or ``"objects"``; ``"own"`` is read by code of its own.
         unit: Of a number as users write it.
         range: The smallest and the largest number.
         default: What holds when it is not given, in ``unit``.
@@ -132,6 +132,8 @@ class Attributes:
             return self.choice(key, row.options)
         if row.kind == "text":
             return self.text(key, "") or None
+        if row.kind == "names":
+            return self.names(key)
         if row.kind == "objects":
             return self.objects(key)
         convert = _TO_SI.get(row.unit, float)
@@ -243,15 +245,15 @@ class Attributes:
             raise ConfigError(key, value, "must be a string")
         return value
 
-    def joints(self, key: str) -> tuple[str, ...]:
-        """A list of joint names, known or not; empty when not given.
+    def names(self, key: str) -> tuple[str, ...]:
+        """A list of names, known or not; empty when not given.
 
         Raises:
             ConfigError: It is something else.
         """
         value = self._values[key] if self.given(key) else ()
         if not isinstance(value, (list, tuple)) or not all(isinstance(e, str) for e in value):
-            raise ConfigError(key, value, "must be a list of joint names")
+            raise ConfigError(key, value, "must be a list of names")
         return tuple(value)
 
     def choice(self, key: str, options: tuple[str, ...]) -> str:

@@ -377,6 +377,21 @@ class MachineUnavailable(So101Error):
         super().__init__(f"machine {address}: {reason}")
 
 
+class SurroundingsUnknown(PlanningError):
+    """What is around the arm cannot be found out, so nothing is planned.
+
+    Attributes:
+        reason: What is wrong.
+        component: The component of the machine that it is about; empty if it is all of it.
+    """
+
+    def __init__(self, reason: str, *, component: str = "") -> None:
+        self.reason, self.component = reason, component
+        left_out = quoted(component or "*").replace("'", '"')
+        advice = f'put that right, or leave it out: "ignore_components": [{left_out}] of the arm'
+        super().__init__(f"{reason}; {advice}")
+
+
 class MachineRefused(MotionError):
     """A running machine refused a request.
 

@@ -80,6 +80,11 @@ _SURROUNDINGS = (
         form="list", ours=True, link="planning.md",
     ),
     Attribute(
+        "ignore_components", "components of the machine that are not planned around;"
+        ' `["*"]` is all of them', kind="names", form="list of names", ours=True,
+        link="planning.md#what-the-machine-has-around-the-arm",
+    ),
+    Attribute(
         "payload_kg", "what the gripper always carries", unit="kg", range=(0.0, HEAVIEST),
         default=0.0, ours=True,
     ),

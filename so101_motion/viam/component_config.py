@@ -93,6 +93,7 @@ class ArmConfig:
     load: LoadConfig
     position_tolerance: float | None  # [m]; None for the planner's
     approach_tolerance: float | None  # [rad]; likewise
+    ignored: tuple[str, ...]  # components of the machine that are not planned around
     unused: tuple[str, ...]  # given, understood, and without effect here
 
     TABLE: ClassVar[tuple[Attribute, ...]]
@@ -116,6 +117,7 @@ class ArmConfig:
             "position_tolerance": given.value("position_tolerance_mm"),
             "approach_tolerance": given.value("orientation_tolerance_deg"),
             "guarded": given.value("collision_guard"),
+            "ignored": given.value("ignore_components"),
             "unused": given.idle,
         }
         for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):

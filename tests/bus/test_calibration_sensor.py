@@ -247,7 +247,7 @@ async def test_steps_out_of_order_are_refused_with_what_is_possible(bench):
         ({"command": "start", "retries": 3}, "unknown argument"),
         ({"command": "motor_setup_discover"}, 'name the motor, such as "gripper"'),
         ({"command": "motor_setup_discover", "motor_name": "elbow"}, 'did you mean "elbow_flex"'),
-        ({"command": "stop_range_recording", "accept": "elbow_flex"}, "list of joint names"),
+        ({"command": "stop_range_recording", "accept": "elbow_flex"}, "list of names"),
         ({"comand": "start"}, "known"),
         ({}, "known"),
     ],

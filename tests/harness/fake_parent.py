@@ -59,10 +59,18 @@ SIMULATED_GRIPPER = "devrel:so101:simulated-gripper"
 
 
 class ParentService(UnimplementedRobotServiceBase):
-    """What the module needs of viam-server."""
+    """What the module needs of viam-server.
+
+    Attributes:
+        resources: What it names.
+        machine: Its frame system, a ``FakeMachine``; None for one arm above the world's origin
+            that is in no frame system.
+        lines: What the module has logged.
+    """
 
     def __init__(self, resources):
         self.resources = resources
+        self.machine = None
         self.lines = []
 
     async def ResourceNames(self, stream):
@@ -72,6 +80,10 @@ class ParentService(UnimplementedRobotServiceBase):
     async def TransformPose(self, stream):
         """The arm stands 100 mm above the world's origin; no other frame is known."""
         request = await stream.recv_message()
+        if self.machine is not None:
+            pose = await self.machine.transform_pose(request.source, request.destination)
+            await stream.send_message(TransformPoseResponse(pose=pose))
+            return
         if (request.source.reference_frame, request.destination) != ("world", "arm_origin"):
             raise GRPCError(Status.NOT_FOUND, "no such frame")
         pose = PoseInFrame(reference_frame="arm_origin", pose=Pose(z=-100.0, o_z=1.0))
@@ -87,7 +99,8 @@ class ParentService(UnimplementedRobotServiceBase):
 
     async def FrameSystemConfig(self, stream):
         await stream.recv_message()
-        await stream.send_message(FrameSystemConfigResponse())
+        configs = [] if self.machine is None else await self.machine.get_frame_system_config()
+        await stream.send_message(FrameSystemConfigResponse(frame_system_configs=configs))
 
     async def Log(self, stream):
         request = await stream.recv_message()

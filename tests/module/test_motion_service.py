@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
+from harness.fake_machine import FakeMachine, Thing, hanging
 from harness.fake_parent import config_of, until
 from harness.in_process_module import advance, arm_client, in_time, new_arm
 from viam.components.arm import JointPositions
@@ -17,12 +18,10 @@ from viam.proto.common import (
     Pose,
     PoseInFrame,
     RectangularPrism,
-    Transform,
     Vector3,
     WorldState,
 )
 from viam.proto.common import PoseCloud as GoalCloud
-from viam.proto.robot import FrameSystemConfig
 from viam.proto.service.motion import (
     CollisionSpecification,
     Constraints,
@@ -43,27 +42,16 @@ MOTION = "rdk:service:motion"
 READY = [0.0, -45.0, 45.0, 60.0, 0.0]
 
 
-class MachineWithGripper:
+def machine_with_gripper():
     """The arm stands on the world's origin; a gripper's frame is 60 mm ahead of the tool."""
-
-    async def transform_pose(self, query, destination):
-        offsets = {("world", "arm_origin"): 0.0, ("gripper", "arm"): 60.0}
-        z = offsets.get((query.reference_frame, destination))
-        if z is None:
-            raise GRPCError(Status.NOT_FOUND, f"frame {query.reference_frame} not found")
-        return PoseInFrame(reference_frame=destination, pose=Pose(z=z, o_z=1.0))
-
-    async def get_frame_system_config(self):
-        frames = {"arm": "world", "gripper": "arm", "camera": "world"}
-        return [
-            FrameSystemConfig(
-                frame=Transform(
-                    reference_frame=name,
-                    pose_in_observer_frame=PoseInFrame(reference_frame=parent, pose=Pose(o_z=1.0)),
-                )
-            )
-            for name, parent in frames.items()
-        ]
+    machine = FakeMachine(
+        hanging("arm", joints=5),
+        hanging("gripper", "arm", z=60.0),
+        hanging("camera"),
+        things=[Thing("gripper"), Thing("camera")],
+    )
+    machine.ends["arm"] = SE3.identity()  # its joints do not matter for what is asked here
+    return machine
 
 
 @asynccontextmanager
@@ -84,7 +72,8 @@ async def arm():
 
 @pytest.fixture
 async def motion(arm):
-    set_machine(MachineWithGripper)
+    machine = machine_with_gripper()
+    set_machine(lambda: machine)
     service = So101Motion.new(config_of(MOTION, "devrel:so101:motion", {}, "planner"), {})
     async with motion_client(service) as client:
         yield client
@@ -277,7 +266,8 @@ async def test_where_a_component_is_can_be_asked(arm, motion):
 @asynccontextmanager
 async def two_arms(**attributes):
     """A gripper hangs from the arm "arm"; beside it stands another, "left"."""
-    set_machine(MachineWithGripper)
+    machine = machine_with_gripper()
+    set_machine(lambda: machine)
     arms = [new_arm(name=name, simulate_time=False) for name in ("arm", "left")]
     config = config_of(MOTION, "devrel:so101:motion", attributes, "planner")
     try:

@@ -51,6 +51,7 @@ from so101_motion.common.errors import (
     ServoAlarm,
     ServoFault,
     So101Error,
+    SurroundingsUnknown,
     Unreachable,
     WorkerError,
     clipped,
@@ -291,6 +292,7 @@ STATUS: dict[type[So101Error], Status] = {
     MotorSetupError: Status.FAILED_PRECONDITION,
     MachineUnavailable: Status.UNAVAILABLE,
     MachineRefused: Status.ABORTED,
+    SurroundingsUnknown: Status.UNAVAILABLE,
     WorkerError: Status.INTERNAL,
 }
 """What each error is to a gRPC client; a motion that was ``Interrupted``, see ``grpc_error``."""

@@ -12,7 +12,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Protocol
 
 from grpclib import GRPCError
-from viam.proto.common import Pose, PoseInFrame, Transform
+from viam.components.component_base import ComponentBase
+from viam.proto.common import Pose, PoseInFrame, ResourceName, Transform
 from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.common.attributes import suggest
@@ -26,6 +27,16 @@ WORLD = "world"
 
 class Machine(Protocol):
     """The requests to the machine; the SDK's ``RobotClient`` fits."""
+
+    @property
+    def resource_names(self) -> list[ResourceName]:
+        """What it has, as of the last ``refresh``."""
+
+    async def refresh(self) -> None:
+        """Ask what it has."""
+
+    def get_component(self, name: ResourceName) -> ComponentBase:
+        """A client of one of its components."""
 
     async def transform_pose(self, query: PoseInFrame, destination: str) -> PoseInFrame:
         """A pose seen from another frame."""

@@ -47,7 +47,7 @@ async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> 
     held = {each.reference_frame for each in bodies if await frames.is_held(each.reference_frame)}
 
     def built() -> Scene:
-        names = _UniqueNames(scene)
+        names = UniqueNames(scene)
         obstacles, attached = list(scene.obstacles), list(scene.attached)
         for group, T_base_frame in groups:
             obstacles += [_obstacle(names, entry, T_base_frame) for entry in group.geometries]
@@ -102,17 +102,20 @@ async def _bodies(name: str, things: set[str], frames: Frames) -> tuple[str, ...
     """The planner's names of the bodies that Viam calls ``name``."""
     if name in things:
         return (name,)
+    group = tuple(each for each in things if each.startswith((f"{name}:", f"{name} (")))
     component, _, part = name.partition(":")
     part = part.removesuffix("_link").replace("_", " ")
     if component == frames.arm:
         return (part,) if part in LINKS else LINKS
     if await frames.is_held(component):
-        return tuple(HOLDERS)
+        return (*HOLDERS, *group)
+    if group:  # the geometries of a component
+        return group
     raise ConfigError("collision_specification", name, suggest(name, (frames.arm, *things)))
 
 
 def _obstacle(
-    names: _UniqueNames, entry: Geometry, T_base_frame: SE3, default: str = ""
+    names: UniqueNames, entry: Geometry, T_base_frame: SE3, default: str = ""
 ) -> Obstacle:
     return Obstacle(
         name=names.new(entry.label or default),
@@ -121,7 +124,7 @@ def _obstacle(
     )
 
 
-def _attached(names: _UniqueNames, entry: Geometry, T_tool_frame: SE3, default: str) -> Attached:
+def _attached(names: UniqueNames, entry: Geometry, T_tool_frame: SE3, default: str) -> Attached:
     return Attached(
         name=names.new(entry.label or default),
         shape=from_geometry(entry),
@@ -133,7 +136,7 @@ def _centre(entry: Geometry) -> SE3:
     return convert.from_pose(entry.center) if entry.HasField("center") else SE3.identity()
 
 
-class _UniqueNames:
+class UniqueNames:
     """Makes names unique; viam-server allows missing and repeated labels."""
 
     def __init__(self, scene: Scene) -> None:
@@ -146,6 +149,7 @@ class _UniqueNames:
         self._last: dict[str, int] = {}
 
     def new(self, wanted: str) -> str:
+        """``wanted``, with a number behind it if that name is taken."""
         base, name = wanted or "obstacle", wanted or "obstacle 1"
         number = self._last.get(base, 1)
         while name in self._taken:

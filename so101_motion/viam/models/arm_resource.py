@@ -9,12 +9,10 @@ and is done in the event loop's thread, for the kinematic model belongs to one t
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -24,13 +22,14 @@ from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
-from so101_motion.common.errors import SUPERSEDED, ConfigError, MotionError
+from so101_motion.common.errors import SUPERSEDED, MotionError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
-from so101_motion.files.scene_file import obstacles_from, scene_to
+from so101_motion.files.scene_file import scene_to
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import JointGoal, LeaveContactGoal, PathGoal, PoseGoal
+from so101_motion.planning.goals import Goal, JointGoal, LeaveContactGoal, PathGoal
+from so101_motion.planning.request import Plan, Search
 from so101_motion.rig.hardware_rig import Rig
 from so101_motion.viam.component_config import MANUAL_RANGES, ArmConfig, compliance
 from so101_motion.viam.conversion import convert, kinematics, meshes
@@ -41,9 +40,10 @@ from so101_motion.viam.conversion.planner_options import (
     cloud_in,
     to_goal_cloud,
 )
-from so101_motion.viam.conversion.world_state import MOST_THINGS
-from so101_motion.viam.models.configured import Configured, Dependencies
-from so101_motion.viam.models.dependencies import motion_name, motion_service
+from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
+from so101_motion.viam.models.configured import Configured
+from so101_motion.viam.models.dependencies import motion_name
+from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
 from so101_motion.viam.requests.commands import (
     KEYS,
@@ -56,74 +56,12 @@ from so101_motion.viam.requests.commands import (
 from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
 from so101_motion.viam.requests.streaming import played
+from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.surroundings import Surroundings
 
 AT_START = to_rad(0.5)
 """How near a first waypoint must be to where the arm is to be taken for its start [rad]. Motion
 services send the present joints as the first waypoint; an arm rests up to this far off; chosen."""
-
-
-def scene_of(wanted: ArmConfig) -> Scene:
-    """The obstacles of an arm's configuration.
-
-    Raises:
-        ConfigError: An obstacle cannot be meant; the message names it.
-    """
-    if len(wanted.obstacles) > MOST_THINGS:
-        given = f"{len(wanted.obstacles)} obstacles"
-        raise ConfigError("obstacles", given, f"are more than the {MOST_THINGS} that are read")
-    return _scene(wanted.floor_z, json.dumps(wanted.obstacles))
-
-
-@lru_cache(maxsize=8)
-def _scene(floor_z: float | None, obstacles: str) -> Scene:
-    """Cached: ``validate_config`` builds it in a thread, and the event loop uses it again."""
-    return Scene(floor_z=floor_z, obstacles=obstacles_from(json.loads(obstacles)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArmSettings:
-    """The settings of an arm component beyond those of its rig.
-
-    Attributes:
-        motion: The motion service that plans MoveToPosition; None when we plan it.
-        visualize_ee_frame: Whether the tool frame is drawn.
-        guarded: Whether moves that do not wait keep clear of the arm and what is around it.
-        use_urdf: Whether kinematics are served as URDF instead of SVA.
-        position_tolerance: Largest position error that counts as arrived [m]; None for ours.
-        approach_tolerance: Largest error of the approach direction [rad]; None for ours.
-    """
-
-    motion: MotionService | None
-    visualize_ee_frame: bool
-    guarded: bool
-    use_urdf: bool
-    position_tolerance: float | None
-    approach_tolerance: float | None
-
-    @classmethod
-    def of(cls, wanted: ArmConfig, dependencies: Dependencies) -> ArmSettings:
-        """Read the settings from a configuration.
-
-        Raises:
-            ConfigError: It names a motion service that is not there.
-        """
-        return cls(
-            motion=motion_service(wanted.motion, dependencies),
-            visualize_ee_frame=wanted.visualize_ee_frame,
-            guarded=wanted.guarded,
-            use_urdf=wanted.use_urdf,
-            position_tolerance=wanted.position_tolerance,
-            approach_tolerance=wanted.approach_tolerance,
-        )
-
-    def goal(self, T_base_goal: SE3) -> PoseGoal:
-        """Add this arm's tolerances to a goal."""
-        goal = PoseGoal(T_base_tool=T_base_goal)
-        return replace(
-            goal,
-            position_tolerance=self.position_tolerance or goal.position_tolerance,
-            approach_tolerance=self.approach_tolerance or goal.approach_tolerance,
-        )
 
 
 class ArmResource(Configured, Arm):
@@ -151,6 +89,8 @@ class ArmResource(Configured, Arm):
         self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
         self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = OptionWarnings(self.logger)
+        machine = MachineBodies(self.short_name, settings.ignored, self.here, GripperResource.here)
+        self.surroundings = Surroundings(machine, self.logger)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
@@ -182,6 +122,14 @@ class ArmResource(Configured, Arm):
         """Whether a motion is being planned or is under way."""
         return self._arm.is_moving or not self._arm.newest_motion.future.done()
 
+    def T_end(self) -> SE3:
+        """Where the tool is in the base frame."""
+        return self._arm.T_base("tool")
+
+    def T_links(self) -> Mapping[str, SE3]:
+        """Where the links are in the base frame, by their URDF names."""
+        return self._arm.T_base_links()
+
     # Moving
 
     async def move_to_position(
@@ -197,8 +145,23 @@ class ArmResource(Configured, Arm):
             self._ignored.warn(extra)
             options = PlannerOptions.of(extra)
             goal = options.goal(self.settings.goal(convert.from_pose(pose)))
-            search = options.search(self._arm.scene)
-            await self.arrived(self._arm.start_move(goal, search=search))
+            await self.arrived(self._start_move(goal, options.search(self._arm.scene)))
+
+    def _start_move(self, goal: Goal, search: Search) -> Motion:
+        """Plan around what is around the arm then, and move."""
+        if not self.surroundings.is_asked:
+            return self._arm.start_move(goal, search=search)
+        loop = asyncio.get_running_loop()
+        return self._arm.start_planned(
+            lambda: asyncio.run_coroutine_threadsafe(self._planned(goal, search), loop)
+        )
+
+    async def _planned(self, goal: Goal, search: Search) -> Plan:
+        async def plan(scene: Scene) -> Plan:
+            around = replace(search, scene=scene)
+            return await asyncio.wrap_future(self._arm.start_plan(goal, search=around))
+
+        return await self.surroundings.planned(search.scene or self._arm.scene, plan)
 
     async def _move_by_service(
         self, service: MotionService, pose: Pose, extra: dict[str, Any], **kwargs: Any
@@ -236,7 +199,7 @@ class ArmResource(Configured, Arm):
         with grpc_statuses():
             q_goal = self._checked(convert.from_joint_values(positions.values))
             if convert.flag(extra or {}, "wait", True):
-                await self.arrived(self._arm.start_move(JointGoal(q=q_goal)))
+                await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:
                 left_alone(self._retarget(q_goal), self.logger)
 
@@ -414,7 +377,7 @@ class ArmResource(Configured, Arm):
 
     async def _leave_contact(self) -> dict[str, Any]:
         await self.ready()
-        await self.arrived(self._arm.start_move(LeaveContactGoal()))
+        await self.arrived(self._start_move(LeaveContactGoal(), Search()))
         return {"success": True}
 
     async def _enter_manual_mode(self, given: Attributes) -> dict[str, Any]:

@@ -19,7 +19,8 @@ from so101_motion.rig.hardware_rig import HardwareRig, open_without_waiting
 from so101_motion.viam.component_config import HardwareArmConfig
 from so101_motion.viam.conversion import convert, served_joints
 from so101_motion.viam.conversion.convert import grpc_statuses
-from so101_motion.viam.models.arm_resource import AT_START, ArmResource, ArmSettings, scene_of
+from so101_motion.viam.models.arm_resource import AT_START, ArmResource
+from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready

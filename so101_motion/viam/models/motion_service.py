@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -34,6 +35,7 @@ from so101_motion.common.errors import ConfigError, MotionError, NoPath, Plannin
 from so101_motion.common.geometry import SE3, Array, rotation_angle
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, PoseCloud, PoseGoal
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
 from so101_motion.planning.kinematics.model import RobotModel
@@ -96,7 +98,9 @@ class So101Motion(ServiceForAnArm, MotionService):
             await resource.ready()
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
             if arm.in_manual or not arm.newest_motion.future.done():
-                await self._refuse_hopeless(wanted)
+                await resource.surroundings.planned(
+                    arm.scene, partial(self._refuse_hopeless, wanted)
+                )
             await self._seen_through(
                 resource,
                 arm.start_planned(
@@ -196,19 +200,19 @@ class So101Motion(ServiceForAnArm, MotionService):
         for resource, motion in tuple(self._running):
             await resource.ended(motion, "the removal of its motion service")
 
-    async def _refuse_hopeless(self, wanted: MoveArguments) -> None:
+    async def _refuse_hopeless(self, wanted: MoveArguments, around: Scene) -> None:
         """Refuse what would be refused from anywhere, before it ends what the arm is doing.
 
         Raises:
             So101Error: Why it is hopeless; a path that is not found from here is not.
         """
-        asked = await self._asked(wanted)
+        asked = await self._asked(wanted, around)
         planning = asked.arm.start_plan(asked.goal, search=asked.search)
         with suppress(NoPath):
             await asyncio.wrap_future(planning)
 
-    async def _asked(self, wanted: MoveArguments) -> _PlanningTask:
-        """Interpret a request at the arm's present place.
+    async def _asked(self, wanted: MoveArguments, around: Scene) -> _PlanningTask:
+        """Interpret a request at the arm's present place, with what is around it now.
 
         Raises:
             So101Error: It cannot be meant.
@@ -221,7 +225,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         if wanted.destination.HasField("goal_cloud"):
             options = replace(options, cloud=from_goal_cloud(wanted.destination.goal_cloud))
         frames = Frames(name, arm.T_base(), wanted.transforms)
-        scene = await scene_with(arm.scene, wanted.world, frames)
+        scene = await scene_with(around, wanted.world, frames)
         asked = ToolConstraints.of(
             wanted.constraints, counts_turn=options.metric is GoalMetric.FULL_POSE
         )
@@ -241,8 +245,13 @@ class So101Motion(ServiceForAnArm, MotionService):
         )
 
     async def _planned(self, wanted: MoveArguments) -> Plan:
-        """Plan a request and check every constraint; moves nothing."""
-        asked = await self._asked(wanted)
+        """Plan a request around what is there now, and check every constraint; moves nothing."""
+        resource = await self._arm_for(wanted.component, wanted.transforms)
+        plan = partial(self._planned_in, wanted)
+        return await resource.surroundings.planned(resource.rig.arm.scene, plan)
+
+    async def _planned_in(self, wanted: MoveArguments, around: Scene) -> Plan:
+        asked = await self._asked(wanted, around)
         goal, T_tool_component = asked.goal, asked.T_tool_component
         problem: PlanningError | None = None
         for attempt in _attempts(goal, asked.constraints):

@@ -14,7 +14,8 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.rig.hardware_rig import TICK, Rig, open_simulated
 from so101_motion.viam.component_config import SimulatedArmConfig
-from so101_motion.viam.models.arm_resource import ArmResource, ArmSettings, scene_of
+from so101_motion.viam.models.arm_resource import ArmResource
+from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.requests.await_motion import in_own_thread
 from so101_motion.viam.requests.commands import Taking, in_deg

@@ -70,7 +70,7 @@ class CalibrationCommands:
         return {**self._next(), "homing_offsets": offsets}
 
     async def _stop_recording(self, given: Attributes) -> dict[str, Any]:
-        await self._carry_out(steps.Command.STOP_RECORDING, accept=given.joints("accept"))
+        await self._carry_out(steps.Command.STOP_RECORDING, accept=given.names("accept"))
         view = self._calibrator.situation.view
         return {
             **self._next(),

@@ -37,6 +37,7 @@ ONE_OF_EACH = [
     errors.CalibrationError("elbow_flex", "too narrow", "calibrate again"),
     errors.MotorSetupError("gripper", "no servo", "none answers", "switch the power on"),
     errors.MachineUnavailable("10.0.0.7:8080", "does not answer; is it running?"),
+    errors.SurroundingsUnknown('"crate" does not tell its geometries', component="crate"),
     errors.MachineRefused("the motion", "ABORTED", "ended early by stop"),
     errors.WorkerError("died"),
 ]

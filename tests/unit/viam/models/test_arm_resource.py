@@ -3,7 +3,7 @@ import pytest
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.component_config import SimulatedArmConfig
 from so101_motion.viam.conversion.world_state import MOST_THINGS
-from so101_motion.viam.models.arm_resource import scene_of
+from so101_motion.viam.models.arm_settings import scene_of
 
 
 def config(count):

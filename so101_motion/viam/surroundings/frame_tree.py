@@ -1,0 +1,159 @@
+"""The machine's frame system as it is configured: what hangs from what, and where.
+
+A component has two frames. ``<name>_origin`` is where its configuration puts it in its parent;
+``<name>`` is the end of its kinematics, such as the tool of an arm, and the same frame where it has
+none. What hangs from ``<name>`` moves with its joints, what hangs from ``<name>_origin`` does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+from viam.proto.common import Geometry
+from viam.proto.robot import FrameSystemConfig
+
+from so101_motion.common.attributes import suggest
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.frames import LONGEST_CHAIN, WORLD
+
+MOST_PARTS = 1_000
+"""Most components of a frame system that are read; chosen, larger machines have dozens."""
+
+_ORIGIN = "_origin"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Part:
+    """One component in the frame system.
+
+    Attributes:
+        name: The component's.
+        parent: The frame it hangs from.
+        T_parent_origin: Where it is there.
+        geometry: What its frame's configuration says it looks like; None if nothing.
+        has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
+        has_joints: Whether that end moves.
+    """
+
+    name: str
+    parent: str
+    T_parent_origin: SE3
+    geometry: Geometry | None
+    has_end: bool
+    has_joints: bool
+
+
+class FrameTree:
+    """The components of a frame system.
+
+    Args:
+        configs: What the machine says.
+
+    Attributes:
+        parts: The components by name.
+
+    Raises:
+        ConfigError: They cannot be meant: too many, two of one name, a pose that is not finite,
+            a parent that is not there, or one that hangs from itself.
+    """
+
+    def __init__(self, configs: Iterable[FrameSystemConfig]) -> None:
+        self.parts: dict[str, Part] = {}
+        for config in configs:
+            part = _part(config)
+            if part.name in self.parts:
+                raise ConfigError("frame", part.name, "is there twice in the frame system")
+            if len(self.parts) == MOST_PARTS:
+                given = f"more than {MOST_PARTS} components"
+                raise ConfigError("frame system", given, "are more than are read")
+            self.parts[part.name] = part
+        for name in self.parts:
+            for _ in self.above(name):
+                pass
+
+    def above(self, name: str) -> Iterator[tuple[str, bool]]:
+        """The components ``name`` hangs from, nearest first, each with whether from its end.
+
+        Raises:
+            ConfigError: The chain ends nowhere, or leads round in a circle.
+        """
+        frame, steps = self.parts[name].parent, 0
+        while frame != WORLD:
+            holder = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
+            if holder not in self.parts:
+                reason = (
+                    f'has the parent "{frame}", which is no frame; {suggest(frame, self.parts)}'
+                )
+                raise ConfigError("frame", name, reason)
+            steps += 1
+            if steps > LONGEST_CHAIN:
+                reason = f"hangs from itself, or from more than {LONGEST_CHAIN} others"
+                raise ConfigError("frame", name, reason)
+            yield holder, frame in self.parts
+            frame = self.parts[holder].parent
+
+    def is_held(self, name: str, arm: str) -> bool:
+        """Whether a component moves with the tool of ``arm``."""
+        return (arm, True) in self.above(name)
+
+    def ends_needed(self) -> set[str]:
+        """The components with kinematics from whose end something hangs."""
+        return {
+            holder
+            for name in self.parts
+            for holder, at_end in self.above(name)
+            if at_end and self.parts[holder].has_end
+        }
+
+    def T_world(self, frame: str, ends: Mapping[str, SE3]) -> SE3:
+        """Where a frame is in the world.
+
+        Args:
+            frame: A component's, or its origin's.
+            ends: Where the ends of components are in their origins; at the origin if missing.
+        """
+        if frame == WORLD:
+            return SE3.identity()
+        name = frame if frame in self.parts else frame.removesuffix(_ORIGIN)
+        T = self.parts[name].T_parent_origin
+        if frame in self.parts and frame in ends:
+            T = T @ ends[frame]
+        for holder, at_end in self.above(name):
+            part = self.parts[holder]
+            T = part.T_parent_origin @ (ends[holder] @ T if at_end and holder in ends else T)
+        return T
+
+
+def _part(config: FrameSystemConfig) -> Part:
+    frame = config.frame
+    name, seen = frame.reference_frame, frame.pose_in_observer_frame
+    if not name or name == WORLD:
+        raise ConfigError("frame", name, "is no name of a component")
+    try:
+        T_parent_origin = convert.from_pose(seen.pose)
+    except ConfigError as error:
+        raise ConfigError(f"frame of {name}", error.value, error.reason) from error
+    is_old = config.HasField("kinematics") and len(config.kinematics.fields) > 0
+    has_end = is_old or config.HasField("model")
+    joints = len(config.model.joints) if config.HasField("model") else 0
+    return Part(
+        name=name,
+        parent=seen.reference_frame or WORLD,
+        T_parent_origin=T_parent_origin,
+        geometry=frame.physical_object if frame.HasField("physical_object") else None,
+        has_end=has_end,
+        has_joints=joints > 0 or (is_old and _has_joints(config)),
+    )
+
+
+def _has_joints(config: FrameSystemConfig) -> bool:
+    """Whether kinematics as a struct have joints; what is no list of them may have."""
+    fields = config.kinematics.fields
+    if "joints" not in fields:
+        return "links" not in fields  # a model that is written in another way
+    return fields["joints"].WhichOneof("kind") != "list_value" or bool(
+        fields["joints"].list_value.values
+    )

@@ -1,0 +1,114 @@
+"""A machine around an arm: a frame system, and components with geometries."""
+
+import asyncio
+
+from grpclib import GRPCError, Status
+from viam.components.generic import Generic
+from viam.proto.common import (
+    Geometry,
+    Pose,
+    PoseInFrame,
+    RectangularPrism,
+    ResourceName,
+    Transform,
+    Vector3,
+)
+from viam.proto.robot import FrameSystemConfig
+
+from so101_motion.common.geometry import SE3
+from so101_motion.viam.conversion import convert
+
+
+def a_box(x, y, z, label="", /, **center):
+    """A box of these edges [mm]; ``center`` as in a pose."""
+    dims = Vector3(x=x, y=y, z=z)
+    center = Pose(**({"o_z": 1} | center))
+    return Geometry(box=RectangularPrism(dims_mm=dims), label=label, center=center)
+
+
+def hanging(name, parent="world", *, geometry=None, joints=0, **pose):
+    """A component of a frame system; ``pose`` [mm] in its parent."""
+    seen = PoseInFrame(reference_frame=parent, pose=Pose(**({"o_z": 1} | pose)))
+    frame = Transform(reference_frame=name, pose_in_observer_frame=seen, physical_object=geometry)
+    config = FrameSystemConfig(frame=frame)
+    for i in range(joints):
+        config.model.joints.add(id=str(i))
+    return config
+
+
+class Thing(Generic):
+    """A component that does nothing but have geometries; ``None``: it has not heard of them."""
+
+    def __init__(self, name, geometries=None):
+        super().__init__(name)
+        self.geometries, self.asked = geometries, 0
+
+    async def do_command(self, command, **kwargs):
+        return {}
+
+    async def get_geometries(self, **kwargs):
+        self.asked += 1
+        if isinstance(self.geometries, Exception):
+            raise self.geometries
+        if self.geometries is None:
+            raise GRPCError(Status.UNIMPLEMENTED, "no geometries")
+        return self.geometries
+
+
+class FakeMachine:
+    """What the module's connection to its parent can be asked.
+
+    Attributes:
+        configs: The frame system; an exception is raised.
+        things: Components by name.
+        ends: Where the ends of components with joints are in their origins.
+        silent: Whether it never answers.
+    """
+
+    def __init__(self, *configs, things=()):
+        self.configs = list(configs)
+        self.things = {each.name: each for each in things}
+        self.ends = {}
+        self.silent = False
+
+    @property
+    def resource_names(self):
+        return [
+            ResourceName(namespace="rdk", type="component", subtype="generic", name=name)
+            for name in self.things
+        ]
+
+    async def refresh(self):
+        pass
+
+    def get_component(self, name):
+        return self.things[name.name]
+
+    async def get_frame_system_config(self):
+        if self.silent:
+            await asyncio.Event().wait()
+        if isinstance(self.configs, Exception):
+            raise self.configs
+        # What comes over a wire is never the same object.
+        return [FrameSystemConfig.FromString(each.SerializeToString()) for each in self.configs]
+
+    async def transform_pose(self, query, destination):
+        T = self._world(destination).inverse @ self._world(query.reference_frame)
+        T = T @ convert.from_pose(query.pose)
+        return PoseInFrame(reference_frame=destination, pose=convert.to_pose(T))
+
+    def _world(self, frame):
+        T = SE3.identity()
+        while frame != "world":
+            frames = {each.frame.reference_frame: each for each in self.configs}
+            if frame in frames:
+                if len(frames[frame].model.joints) and frame not in self.ends:
+                    raise GRPCError(Status.UNKNOWN, f"{frame} does not tell its joints")
+                T = self.ends.get(frame, SE3.identity()) @ T
+            name = frame if frame in frames else frame.removesuffix("_origin")
+            if name not in frames:
+                raise GRPCError(Status.NOT_FOUND, f"frame {frame} not found")
+            seen = frames[name].frame.pose_in_observer_frame
+            T = convert.from_pose(seen.pose) @ T
+            frame = seen.reference_frame
+        return T

@@ -1,0 +1,151 @@
+"""Arms plan around the machine they belong to: over gRPC, with the frame system of their parent."""
+
+import json
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from harness.fake_machine import FakeMachine, Thing, a_box, hanging
+from harness.fake_parent import (
+    ARM,
+    GRIPPER,
+    MOTION,
+    SIMULATED,
+    SIMULATED_GRIPPER,
+    running_module,
+)
+from viam.components.arm import JointPositions
+from viam.components.generic.service import GenericRPCService
+from viam.proto.common import Pose, PoseInFrame
+from viam.resource.manager import ResourceManager
+
+from so101_motion.common.geometry import SE3
+from so101_motion.viam.conversion import convert
+
+T_ARM_LEFT = SE3.from_rpy((0.0, 0.0, -np.pi / 2.0), (0.2, 0.45, 0.0))
+OURS = [  # the left arm stretches before the other
+    hanging("arm", joints=5),
+    hanging("left", x=200.0, y=450.0, theta=-90.0, joints=5),
+    hanging("gripper", "arm"),
+]
+FRAME = "arm_origin"
+
+
+class Bench:
+    """The module's process with two arms, a gripper and a motion service, and its machine."""
+
+    def __init__(self, module, things):
+        self.module, self.manager = module, things
+
+    async def begin(self, **attributes):
+        self.module.parent.machine = FakeMachine(*OURS)
+        quick = {"speed_degs_per_sec": 180, "acceleration_degs_per_sec_per_sec": 500}
+        self.arm = await self.module.add(ARM, SIMULATED, quick | attributes, "arm")
+        self.left = await self.module.add(ARM, SIMULATED, quick, "left")
+        await self.module.add(GRIPPER, SIMULATED_GRIPPER, {}, "gripper")
+        self.motion = await self.module.add(MOTION, "devrel:so101:motion", {}, "planner")
+        return self
+
+    def has(self, *configs):
+        """Put components around the arms; each is running."""
+        machine = self.module.parent.machine
+        machine.configs = [*OURS, *configs]
+        for config in configs:
+            self.add(Thing(config.frame.reference_frame))
+
+    def add(self, thing):
+        self.manager.register(thing)
+        self.module.parent.machine.things[thing.name] = thing
+        self.module.parent.resources[:] = self.module.parent.machine.resource_names
+
+    async def plan(self, *xyz, component="arm", **world):
+        pose = dict(zip(("x", "y", "z"), xyz, strict=True), oZ=1)
+        destination = {"referenceFrame": FRAME, "pose": pose}
+        request = {"componentName": component, "destination": destination} | world
+        return (await self.motion.do_command({"preview": json.dumps(request)}))["preview"]
+
+    async def go(self, *xyz):
+        x, y, z = xyz
+        await self.arm.move_to_position(Pose(x=x, y=y, z=z, o_z=1))
+
+    async def both_refuse(self, *xyz, of):
+        """Both ways to ask for it, and what they name."""
+        x, y, z = xyz
+        with pytest.raises(GRPCError, match=of) as refused:
+            await self.go(*xyz)
+        assert refused.value.status is Status.FAILED_PRECONDITION
+        there = PoseInFrame(reference_frame=FRAME, pose=Pose(x=x, y=y, z=z, o_z=1))
+        with pytest.raises(GRPCError, match=of):
+            await self.motion.move("arm", there)
+
+
+@pytest.fixture
+async def process():
+    manager = ResourceManager()
+    async with running_module(services=[GenericRPCService(manager)]) as (module, _, _):
+        yield Bench(module, manager)
+
+
+def outside(tool_path_mm, center, size):
+    """How far a path stays from a box [mm]; 0 when it enters."""
+    away = np.abs(np.array(tool_path_mm) - center) - np.array(size) / 2.0
+    return float(np.linalg.norm(np.maximum(away, 0.0), axis=1).min())
+
+
+async def test_the_machine_is_planned_around(process):
+    """One process for all of it: a start costs a second."""
+    bench = await process.begin()
+
+    # Through the other arm: its tool is no place for this one's.
+    tool = convert.from_pose(await bench.left.get_end_position())
+    met = T_ARM_LEFT @ tool
+    await bench.both_refuse(*(1000.0 * met.p), of="'left:")
+
+    # The other arm turns away, and the next plan knows.
+    await bench.left.move_to_joint_positions(JointPositions(values=[100, 60, -60, 0, 0]))
+    await bench.plan(*(1000.0 * met.p))
+
+    # Through a box that the configuration names: refused in it, and gone around.
+    center, size = (220.0, 120.0, 150.0), (40.0, 40.0, 300.0)
+    wall = a_box(*size, x=center[0], y=center[1], z=center[2])
+    await bench.go(220, 30, 120)
+    before = await bench.plan(130, 220, 120)
+    assert outside(before["tool_path_mm"], center, size) < 10.0
+    bench.has(hanging("wall", geometry=wall))
+    await bench.both_refuse(*center, of="'wall'")
+    after = await bench.plan(130, 220, 120)
+    assert outside(after["tool_path_mm"], center, size) > 3.0
+    await bench.go(130, 220, 120)
+
+    # A component that answers with its geometries instead.
+    bench.has()
+    bench.add(Thing("pallet", [a_box(60, 60, 60, "pallet:tray", z=100.0)]))
+    bench.module.parent.machine.configs = [*OURS, hanging("pallet", x=200.0)]
+    await bench.both_refuse(200, 0, 100, of="'pallet'")
+
+    # A component that hangs from the gripper is held: it would be in the table.
+    stick = hanging("stick", "gripper", geometry=a_box(15, 15, 250, z=125.0))
+    bench.has()
+    await bench.plan(200, 0, 60)
+    bench.has(stick)
+    await bench.both_refuse(200, 0, 10, of="'stick'")
+
+    # A request may except what the machine has.
+    bench.has(hanging("crate", geometry=a_box(60, 60, 60, x=250.0, z=40.0)))
+    allows = [{"frame1": "arm", "frame2": "crate"}]
+    except_it = {"constraints": {"collisionSpecification": [{"allows": allows}]}}
+    await bench.plan(250, 0, 60, **except_it)
+    await bench.both_refuse(250, 0, 60, of="'crate'")
+
+
+async def test_what_is_ignored_by_name_is_gone_through_and_what_is_not_known_is_refused(process):
+    bench = await process.begin(ignore_components=["wall"])
+    wall = a_box(40, 40, 300, x=220.0, z=150.0)
+    bench.has(hanging("wall", geometry=wall))
+    await bench.go(220, 0, 150)
+    bench.has(hanging("fence", geometry=wall), hanging("broken"))
+    bench.manager.get_resource(Thing, Thing.get_resource_name("broken")).geometries = GRPCError(
+        Status.UNAVAILABLE, "unplugged"
+    )
+    with pytest.raises(GRPCError, match=r'"broken" does not.*"ignore_components": \["broken"\]'):
+        await bench.go(200, 100, 150)

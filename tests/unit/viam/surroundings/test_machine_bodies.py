@@ -1,0 +1,251 @@
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from harness.fake_machine import FakeMachine, Thing, a_box, hanging
+
+from so101_motion.common.errors import SurroundingsUnknown
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.surroundings import frame_tree
+from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies, scene_around
+
+
+class Neighbour:
+    """An arm of this process at joint angles."""
+
+    model = RobotModel.load()
+
+    def __init__(self, q=(0.0, 0.0, 0.0, 0.0, 0.0)):
+        self.q, self.trouble = np.array(q), None
+
+    async def found(self):
+        if self.trouble is not None:
+            raise self.trouble
+
+    def T_end(self):
+        return self.model.frame(self.q, "tool")
+
+    def T_links(self):
+        return self.model.link_placements(self.q, 0.0)
+
+
+@pytest.fixture
+def around():
+    """Puts a machine around an arm "arm" and reads it for that."""
+
+    def begin(machine, ignored=(), arms=None, grippers=(), patience=2.0):
+        set_machine(lambda: machine)
+        arms = arms or {"arm": Neighbour()}
+        return MachineBodies("arm", ignored, arms, grippers, patience=patience)
+
+    yield begin
+    set_machine(lambda: None)
+
+
+def by_name(bodies):
+    return {body.name: body for body in bodies}
+
+
+ARM = hanging("arm", x=100.0, joints=5)
+
+
+async def test_a_geometry_of_the_configuration_is_seen_from_the_base(around):
+    crate = hanging("crate", x=300.0, z=20.0, geometry=a_box(40, 60, 80, z=10.0))
+    [body] = await around(FakeMachine(ARM, crate, things=[Thing("crate")])).read()
+    assert (body.name, body.held) == ("crate", False)
+    np.testing.assert_allclose(body.T.p, (0.2, 0.0, 0.03), atol=1e-9)
+    np.testing.assert_allclose(body.shape.size, (0.04, 0.06, 0.08))
+
+
+async def test_what_a_component_answers_counts_with_its_labels(around):
+    pallet = Thing("pallet", [a_box(10, 10, 10, "pallet:left", y=50.0), a_box(10, 10, 10, "foot")])
+    bodies = await around(FakeMachine(ARM, hanging("pallet"), things=[pallet])).read()
+    assert set(by_name(bodies)) == {"pallet:left", "pallet:foot"}
+    np.testing.assert_allclose(by_name(bodies)["pallet:left"].T.p, (-0.1, 0.05, 0.0), atol=1e-9)
+
+
+async def test_what_hangs_from_the_tool_is_held_and_what_hangs_from_the_base_is_not(around):
+    machine = FakeMachine(
+        ARM,
+        hanging("gripper", "arm"),
+        hanging("stick", "gripper", z=100.0, geometry=a_box(10, 10, 200)),
+        hanging("lamp", "arm_origin", y=200.0, geometry=a_box(10, 10, 200)),
+        things=[Thing("stick"), Thing("lamp")],
+    )
+    bodies = by_name(await around(machine, grippers=["gripper"]).read())
+    assert bodies["stick"].held
+    np.testing.assert_allclose(bodies["stick"].T.p, (0, 0, 0.1), atol=1e-9)
+    assert not bodies["lamp"].held
+    np.testing.assert_allclose(bodies["lamp"].T.p, (0, 0.2, 0), atol=1e-9)
+
+
+async def test_another_arm_of_this_process_is_where_its_joints_are(around):
+    left = Neighbour((0.5, -0.3, 0.2, 0.1, 0.0))
+    turned = hanging("left", x=500.0, theta=180.0, joints=5)
+    reader = around(FakeMachine(ARM, turned), arms={"arm": Neighbour(), "left": left})
+    bodies = by_name(await reader.read())
+    assert {"left:base", "left:upper arm", "left:jaw"} < set(bodies)
+    T_base_left = SE3.from_rpy((0.0, 0.0, np.pi), (0.4, 0.0, 0.0))
+    T = T_base_left @ left.T_links()["lower_arm_link"]
+    np.testing.assert_allclose(bodies["left:lower arm"].T.p, T.p, atol=1e-9)
+    left.q = left.q + 0.2
+    assert (
+        np.linalg.norm(by_name(await reader.read())["left:jaw"].T.p - bodies["left:jaw"].T.p) > 0.01
+    )
+
+
+async def test_what_hangs_from_another_arm_moves_with_that(around):
+    left = Neighbour()
+    machine = FakeMachine(
+        ARM,
+        hanging("left", y=500.0, joints=5),
+        hanging("camera", "left", geometry=a_box(20, 20, 20)),
+        things=[Thing("camera")],
+    )
+    reader = around(machine, arms={"arm": Neighbour(), "left": left})
+    left.q = np.array((0.3, 0.2, 0.1, 0.0, 0.0))
+    body = by_name(await reader.read())["camera"]
+    assert not body.held
+    np.testing.assert_allclose(body.T.p, left.T_end().p + np.array((-0.1, 0.5, 0.0)), atol=1e-9)
+
+
+async def test_what_hangs_from_joints_of_others_is_where_the_machine_says(around):
+    machine = FakeMachine(
+        ARM,
+        hanging("gantry", joints=1),
+        hanging("load", "gantry", geometry=a_box(20, 20, 20)),
+        things=[Thing("gantry"), Thing("load")],
+    )
+    reader = around(machine)
+    for x in (0.3, 0.5):
+        machine.ends["gantry"] = SE3.from_translation((x, 0.0, 0.0))
+        body = by_name(await reader.read())["load"]
+        np.testing.assert_allclose(body.T.p, (x - 0.1, 0, 0), atol=1e-9)
+    del machine.ends["gantry"]
+    with pytest.raises(SurroundingsUnknown, match=r'where "gantry" is.*ignore_components'):
+        await reader.read()
+
+
+async def test_components_are_left_out_by_name(around):
+    machine = FakeMachine(
+        ARM, *(hanging(name, geometry=a_box(10, 10, 10)) for name in "ab"), things=[Thing("b")]
+    )
+    assert [body.name for body in await around(machine, ignored=["a"]).read()] == ["b"]
+    assert await around(machine, ignored=[ALL]).read() == ()
+
+
+async def test_a_changed_configuration_counts_from_the_next_plan_on(around):
+    machine = FakeMachine(ARM, hanging("a", geometry=a_box(10, 10, 10)), things=[Thing("a")])
+    reader = around(machine)
+    await reader.read()
+    machine.configs[1] = hanging("a", y=30.0, geometry=a_box(10, 10, 10))
+    [body] = await reader.read()
+    np.testing.assert_allclose(body.T.p, (-0.1, 0.03, 0), atol=1e-9)
+
+
+async def test_who_moves_is_asked_each_time_and_who_has_no_geometries_is_not(around):
+    board, door = Thing("board"), Thing("door", [a_box(10, 10, 10)])
+    reader = around(FakeMachine(ARM, hanging("board"), hanging("door"), things=[board, door]))
+    await reader.read()
+    door.geometries = [a_box(10, 10, 10, y=70.0)]
+    [body] = await reader.read()
+    np.testing.assert_allclose(body.T.p, (-0.1, 0.07, 0), atol=1e-9)
+    assert (board.asked, door.asked) == (1, 2)
+
+
+async def test_what_is_as_it_was_makes_the_same_scene(around):
+    left = Neighbour()
+    machine = FakeMachine(
+        ARM,
+        hanging("left", x=400.0, joints=5),
+        hanging("crate", geometry=a_box(10, 10, 10)),
+        things=[Thing("crate")],
+    )
+    reader = around(machine, arms={"arm": Neighbour(), "left": left})
+    first = scene_around(Scene(), await reader.read())
+    left.q = left.q + 0.0015 * np.eye(5)[0]  # a tick
+    assert scene_around(Scene(), await reader.read()) == first
+    left.q = left.q + 0.01
+    assert scene_around(Scene(), await reader.read()) != first
+
+
+async def test_without_a_frame_system_or_a_frame_nothing_is_known(around):
+    machine = FakeMachine(hanging("crate", geometry=a_box(10, 10, 10)))
+    reader = around(machine)
+    assert await reader.read() == ()
+    assert "no frame" in reader.without
+    machine.configs = GRPCError(Status.UNIMPLEMENTED, "frame system")
+    assert await reader.read() == ()
+    assert "no frame system" in reader.without
+
+
+@pytest.mark.parametrize(
+    ("configs", "things", "says"),
+    [
+        ([hanging("a", "b"), hanging("b", "a")], [], "hangs from itself"),
+        ([hanging("a", "moon")], [], '"moon", which is no frame'),
+        ([hanging("a"), hanging("a")], [], "twice"),
+        ([hanging("a", x=float("nan"))], [], "finite"),
+        ([hanging("a", geometry=a_box(10, float("nan"), 10))], [Thing("a")], '"a" cannot be meant'),
+        ([hanging("a", geometry=a_box(10, 10, 10, x=float("inf")))], [Thing("a")], '"a" cannot be'),
+        ([hanging("a" * 100_000)], [], "does not run"),
+        ([hanging("a")], [], '"a" has a frame but does not run'),
+        ([hanging("a")], [Thing("a", GRPCError(Status.UNAVAILABLE, "unplugged"))], "unplugged"),
+        ([hanging("a")], [Thing("a", [a_box(1, 1, 1)] * 1001)], "1001 geometries"),
+    ],
+)
+async def test_what_cannot_be_meant_or_known_is_refused_in_a_sentence(
+    around, configs, things, says
+):
+    with pytest.raises(SurroundingsUnknown, match=says) as refused:
+        await around(FakeMachine(ARM, *configs, things=things)).read()
+    assert "ignore_components" in str(refused.value)
+    assert len(str(refused.value)) < 1001
+
+
+async def test_a_chain_and_a_frame_system_without_end_are_refused(around):
+    names = [f"part {i}" for i in range(frame_tree.MOST_PARTS + 1)]
+    chain = [hanging(name, above) for name, above in zip(names[1:], names, strict=False)]
+    with pytest.raises(SurroundingsUnknown, match="hangs from itself, or from more than"):
+        await around(FakeMachine(ARM, hanging(names[0]), *chain[:-2])).read()
+    with pytest.raises(SurroundingsUnknown, match="more than 1000 components"):
+        await around(FakeMachine(ARM, *map(hanging, names))).read()
+
+
+async def test_a_component_of_another_language_has_none_when_it_says_so(around):
+    a = Thing("a", GRPCError(Status.UNKNOWN, "rpc error: method Geometries unimplemented"))
+    assert await around(FakeMachine(ARM, hanging("a"), things=[a])).read() == ()
+
+
+async def test_a_machine_that_does_not_answer_is_not_waited_for(around):
+    machine = FakeMachine(ARM)
+    machine.silent = True
+    with pytest.raises(SurroundingsUnknown, match=r"within 0.01 s.*ignore_components"):
+        await around(machine, patience=0.01).read()
+    machine.silent, machine.configs = False, GRPCError(Status.UNKNOWN, "broken")
+    with pytest.raises(SurroundingsUnknown, match="broken"):
+        await around(machine).read()
+
+
+async def test_an_arm_whose_joints_are_not_known_is_not_planned_around(around):
+    left = Neighbour()
+    left.trouble = GRPCError(Status.UNAVAILABLE, "not ready: servo 3 is silent")
+    reader = around(
+        FakeMachine(ARM, hanging("left", joints=5)), arms={"arm": Neighbour(), "left": left}
+    )
+    with pytest.raises(SurroundingsUnknown, match='"left" is: not ready: servo 3'):
+        await reader.read()
+
+
+async def test_names_that_the_arm_has_itself_are_told_apart(around):
+    machine = FakeMachine(
+        ARM,
+        hanging("gripper", "arm", geometry=a_box(10, 10, 10)),
+        hanging("far", x=1e6, geometry=a_box(10, 10, 10)),
+        things=[Thing("far")],
+    )
+    scene = scene_around(Scene(), await around(machine, grippers=["gripper"]).read())
+    assert [held.name for held in scene.attached] == ["gripper (component)"]
+    assert scene.obstacles == ()
