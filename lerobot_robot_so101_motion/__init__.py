@@ -3,7 +3,18 @@
 LeRobot finds this package by its name and its classes by the names of their configurations.
 """
 
-from lerobot_robot_so101_motion.config import SO101MotionArmConfig, SO101MotionConfig
+from lerobot_robot_so101_motion.config import (
+    SO101MotionArmConfig,
+    SO101MotionConfig,
+    SO101MotionLeaderConfig,
+)
+from lerobot_robot_so101_motion.leader import SO101MotionLeader
 from lerobot_robot_so101_motion.robot import SO101Motion
 
-__all__ = ["SO101Motion", "SO101MotionArmConfig", "SO101MotionConfig"]
+__all__ = [
+    "SO101Motion",
+    "SO101MotionArmConfig",
+    "SO101MotionConfig",
+    "SO101MotionLeader",
+    "SO101MotionLeaderConfig",
+]

@@ -129,6 +129,9 @@ class ArmSession:
         scene: What is around it.
         waiter: How to wait for a motion; by default on the wall clock.
 
+    Attributes:
+        wait: As ``waiter``.
+
     Raises:
         ConfigError: A cap is out of range.
     """
@@ -136,7 +139,7 @@ class ArmSession:
     def __init__(
         self, rig: HardwareRig, pace: Pace, scene: Scene, *, waiter: Waiter | None = None
     ) -> None:
-        self.rig, self._pace, self._wait = rig, pace, waiter or wait_in_real_time
+        self.rig, self._pace, self.wait = rig, pace, waiter or wait_in_real_time
         arm = rig.arm
         arm.scene = scene
         arm.set_ceiling(JointCaps(speed=pace.speed, acceleration=pace.acceleration))
@@ -201,7 +204,7 @@ class ArmSession:
         endings = [each.close() for each in (self._following, self._jaw) if each is not None]
         self._following = self._jaw = None
         for ending in endings:
-            self._wait(ending, REST_WITHIN)
+            self.wait(ending, REST_WITHIN)
 
     def go(self, q: Array, *, within: float = PARKED_WITHIN) -> None:
         """Go to joint angles, shape (5,), [rad], by a plan at the pace of the approach, and wait.
@@ -303,11 +306,11 @@ class ArmSession:
 
     def _await(self, motion: Motion, within: float) -> None:
         try:
-            self._wait(motion.future, within)
+            self.wait(motion.future, within)
         except BaseException:
             motion.interrupt("stop")  # nothing if it is over
             with suppress(So101Error, TimeoutError):
-                self._wait(motion.future, REST_WITHIN)
+                self.wait(motion.future, REST_WITHIN)
             raise
 
 

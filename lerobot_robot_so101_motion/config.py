@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lerobot.cameras import CameraConfig
 from lerobot.robots import RobotConfig
+from lerobot.teleoperators import TeleoperatorConfig
 
 
 @dataclass
@@ -54,3 +55,19 @@ class SO101MotionArmConfig:
 @dataclass
 class SO101MotionConfig(RobotConfig, SO101MotionArmConfig):
     """One arm: ``--robot.type=so101_motion``."""
+
+
+@TeleoperatorConfig.register_subclass("so101_motion_leader")
+@dataclass
+class SO101MotionLeaderConfig(TeleoperatorConfig):
+    """An arm that is led by hand: ``--teleop.type=so101_motion_leader``.
+
+    Attributes:
+        port: The serial port.
+        use_degrees: As for the robot; give both the same.
+        speed_degs_per_sec: Cap on the speed of each joint while the leader is driven [deg/s].
+    """
+
+    port: str
+    use_degrees: bool = True
+    speed_degs_per_sec: float = 60.0

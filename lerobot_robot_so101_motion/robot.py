@@ -14,15 +14,13 @@ import numpy as np
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot
 from lerobot.utils.constants import HF_LEROBOT_CALIBRATION, ROBOTS
-from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from lerobot_robot_so101_motion import calibration, endings
+from lerobot_robot_so101_motion.arm_on_port import ArmOnPort
 from lerobot_robot_so101_motion.arm_session import ArmSession, Pace, Waiter
 from lerobot_robot_so101_motion.config import SO101MotionConfig
-from lerobot_robot_so101_motion.units import JOINTS, KEYS, JointUnits, is_number
+from lerobot_robot_so101_motion.units import JOINTS, KEYS, is_number
 from so101_motion.common.errors import So101Error
 from so101_motion.common.units import to_rad
-from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.collision.scene import Scene
@@ -67,15 +65,20 @@ class SO101Motion(Robot):
             config.calibration_dir = HF_LEROBOT_CALIBRATION / ROBOTS / STOCK_FOLDER
         super().__init__(config)
         self.config = config
-        self._open_rig, self._waiter = open_rig, waiter
+        self._arm = ArmOnPort(
+            str(self),
+            port=config.port,
+            file=self.calibration_fpath,
+            use_degrees=config.use_degrees,
+            open_rig=open_rig,
+            waiter=waiter,
+            disconnect=self.disconnect,
+        )
         self._scene = Scene() if config.scene is None else read_scene(config.scene)
         self._park = None if config.park is None else SavedPoses().find(config.park).q
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
-        self._session: ArmSession | None = None
-        self._units: JointUnits | None = None
         self._wanted: dict[str, float] = {}
         self._told_at: dict[str, float] = {}
-        self._ending = endings.Ending(self.disconnect)
 
     # What it is
 
@@ -98,7 +101,7 @@ class SO101Motion(Robot):
     @property
     def is_connected(self) -> bool:
         """Whether the arm has been opened and not been given up."""
-        return self._session is not None
+        return self._arm.is_open
 
     @property
     def is_calibrated(self) -> bool:
@@ -118,10 +121,17 @@ class SO101Motion(Robot):
             DeviceAlreadyConnectedError: It is connected.
             ConnectionError: The arm cannot be reached; the message says why.
         """
-        if self.is_connected:
-            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        config = self.config
+        pace = Pace(
+            speed=to_rad(config.speed_degs_per_sec),
+            acceleration=to_rad(config.acceleration_degs_per_sec_per_sec),
+            approach_speed=to_rad(config.approach_speed_degs_per_sec),
+            stale_after=config.stale_after_s,
+            guarded=config.guard,
+        )
+        self._arm.open(pace, self._scene, is_calibrated=self.is_calibrated)
+        self._wanted = {}
         try:
-            self._open()
             if calibrate and not self.is_calibrated:
                 self.calibrate()
             for camera in self.cameras.values():
@@ -129,24 +139,18 @@ class SO101Motion(Robot):
         except BaseException:
             self._give_up()
             raise
-        self.configure()
 
     def configure(self) -> None:
         """Do nothing: the servos are set up when the arm is opened."""
 
     def calibrate(self) -> None:
         """Calibrate the arm with the help of a person; see ``calibration.calibrate``."""
-        session = self._connected()
-        session.rest()
-        calibration.calibrate(
-            self.config.port, self.calibration_fpath, name=str(self), open_rig=self._open_rig
-        )
+        self._arm.calibrate()
         self._load_calibration()
-        self._units = JointUnits(session.rig.servos.setups, use_degrees=self.config.use_degrees)
 
     def setup_motors(self) -> None:
         """Give the motors their ids, one after the other, with the help of a person."""
-        calibration.set_up_motors(self.config.port, self.calibration_fpath, self._open_rig)
+        self._arm.set_up_motors()
 
     # Going on
 
@@ -157,13 +161,10 @@ class SO101Motion(Robot):
             DeviceNotConnectedError: It is not connected.
             ConnectionError: The arm does not answer any more.
         """
-        session = self._connected()
         try:
-            state = session.state
+            values: dict[str, Any] = dict(self._arm.here)
         except So101Error as error:
             raise ConnectionError(str(error)) from error
-        aperture = min(max(session.rig.gripper.aperture, 0.0), 1.0)
-        values: dict[str, Any] = dict(self._in_units().to_lerobot(state.q, aperture))
         for key, camera in self.cameras.items():
             if getattr(camera, "use_rgb", True):
                 values[key] = _picture(camera)
@@ -189,15 +190,16 @@ class SO101Motion(Robot):
             ConnectionError: The arm cannot follow; the message says why.
             ValueError: There is no such joint.
         """
-        session, units = self._connected(), self._in_units()
+        arm = self._arm
         try:
             sent = self._checked(action)
+            before = self._wanted or arm.here
             if sent is None:
-                return dict(self._wanted or self._here(session))
-            wanted = {**(self._wanted or self._here(session)), **sent}
+                return dict(before)
+            wanted = {**before, **sent}
             if self.config.max_relative_target is not None:
-                wanted = self._near(wanted, self._here(session))
-            taken = units.to_lerobot(*session.follow(*units.from_lerobot(wanted)))
+                wanted = self._near(wanted, arm.here)
+            taken = arm.units.to_lerobot(*arm.session.follow(*arm.units.from_lerobot(wanted)))
         except So101Error as error:
             raise ConnectionError(f"{self} cannot follow: {error}") from error
         for key in KEYS:
@@ -216,7 +218,7 @@ class SO101Motion(Robot):
         Raises:
             DeviceNotConnectedError: It is not connected.
         """
-        session = self._connected()
+        session = self._arm.session
         try:
             self._leave(session)
         finally:
@@ -244,69 +246,13 @@ class SO101Motion(Robot):
 
     # How
 
-    def _settings(self) -> ServoSettings:
-        file = self.calibration_fpath
-        return ServoSettings(
-            port=self.config.port,
-            servo_ids=SERVO_IDS,
-            gripper_id=GRIPPER_ID,
-            calibration_file=file if file.is_file() else None,
-            fallback_file=file,
-        )
-
-    def _open(self) -> None:
-        config = self.config
-        try:
-            rig = self._open_rig(self._settings())
-        except So101Error as error:
-            raise ConnectionError(f"{self} cannot be opened: {error}") from error
-        pace = Pace(
-            speed=to_rad(config.speed_degs_per_sec),
-            acceleration=to_rad(config.acceleration_degs_per_sec_per_sec),
-            approach_speed=to_rad(config.approach_speed_degs_per_sec),
-            stale_after=config.stale_after_s,
-            guarded=config.guard,
-        )
-        try:
-            self._session = ArmSession(rig, pace, self._scene, waiter=self._waiter)
-        except BaseException:
-            rig.close()
-            raise
-        self._units = JointUnits(rig.servos.setups, use_degrees=config.use_degrees)
-        self._wanted = {}
-        self._ending.attend()
-        if not self.is_calibrated:
-            sources = {setup.source for setup in rig.servos.setups.values()}
-            _log.warning(
-                "%s has no calibration file (%s); what its servos remember is used%s",
-                self,
-                self.calibration_fpath,
-                ", and defaults where that cannot be" if "defaults" in sources else "",
-            )
-
     def _give_up(self) -> None:
-        session, self._session = self._session, None
-        self._ending.leave()
         try:
-            if session is not None:
-                session.close()
+            self._arm.close()
         finally:
             for camera in self.cameras.values():
                 if camera.is_connected:
                     camera.disconnect()
-
-    def _connected(self) -> ArmSession:
-        if self._session is None:
-            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
-        return self._session
-
-    def _in_units(self) -> JointUnits:
-        assert self._units is not None
-        return self._units
-
-    def _here(self, session: ArmSession) -> dict[str, float]:
-        aperture = min(max(session.rig.gripper.aperture, 0.0), 1.0)
-        return self._in_units().to_lerobot(session.state.q, aperture)
 
     def _checked(self, action: Mapping[str, Any]) -> dict[str, float] | None:
         """The values of the joints that are sent; None if one is no number."""

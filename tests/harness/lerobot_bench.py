@@ -19,7 +19,14 @@ sys.path.insert(0, str(TESTS.parent))  # where the plugin lies
 if importlib.util.find_spec("lerobot") is None:
     sys.path.insert(0, str(TESTS / "recorded_types"))
 
-from lerobot_robot_so101_motion import SO101Motion, SO101MotionConfig  # noqa: E402
+from lerobot_robot_so101_motion import (  # noqa: E402
+    SO101Motion,
+    SO101MotionConfig,
+    SO101MotionLeader,
+    SO101MotionLeaderConfig,
+)
+
+__all__ = ["SO101MotionLeader", "SO101MotionLeaderConfig"]
 
 READY = (0.0, -40.0, 40.0, 55.0, 0.0, 30.0)
 """Over the table, the jaw a little open; LeRobot's values."""
