@@ -1,4 +1,4 @@
-"""``so101 dataset``: check LeRobot data sets."""
+"""``so101 dataset``: check LeRobot data sets and convert them."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from so101_motion.cli.shared import (
     print_json,
     write_report,
 )
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _KINDS = click.Choice(["degrees", "range", "old", "model"])
 
 @click.group(cls=Verbs)
 def dataset() -> None:
-    """Check data sets of LeRobot."""
+    """Check data sets of LeRobot, and convert them."""
 
 
 def _read_options(verb: F) -> F:
@@ -116,6 +117,74 @@ def check(
         _print_check(report, worst)
     if report.moments:
         raise SystemExit(CHECK_FAILED)
+
+
+@dataset.command()
+@click.argument("path", type=_FOLDER)
+@click.argument("out", type=click.Path(path_type=Path))
+@_read_options
+@click.option("--to", "to_units", type=_KINDS, help="What they shall mean.  [default: the same]")
+@click.option(
+    "--to-calibration",
+    "to_calibration_file",
+    type=IN_FILE,
+    help="Calibration of the arm it shall fit.  [default: that of --calibration]",
+)
+@click.option("--link", is_flag=True, help="Link videos and images instead of copying them.")
+@json_option
+def convert(
+    path: Path,
+    out: Path,
+    side: str,
+    units: str,
+    calibration_file: Path | None,
+    to_units: str | None,
+    to_calibration_file: Path | None,
+    link: bool,
+    as_json: bool,
+) -> None:
+    """Write the data set in PATH anew to OUT: other units, or an arm that is calibrated otherwise.
+
+    The joints keep their angles, only the numbers that say them change. PATH is only read. OUT is
+    there whole or not at all.
+
+    \b
+    so101 dataset convert old new --units old --to degrees --to-calibration arm.json
+    so101 dataset convert mine yours --units range --calibration mine.json --to-calibration yours.json
+    """  # noqa: D301, E501
+    from so101_motion.tasks.datasets import convert_data_set, open_data_set
+    from so101_motion.tasks.datasets.check import declared
+    from so101_motion.tasks.datasets.units import exact_units_of
+
+    data_set = open_data_set(path, side=side)
+    units = units or declared(data_set)
+    if not units:
+        raise click.UsageError(
+            "what do its numbers mean? --units says it; so101 dataset check finds out what fits"
+        )
+    calibration = _calibration(calibration_file)
+    other = _calibration(to_calibration_file) or calibration
+    source = exact_units_of(units, calibration, option="calibration")
+    target = exact_units_of(to_units or units, other, option="to-calibration")
+    for which, meant in (("recorded", source), ("new", target)):
+        guessed = [j for j, by in zip(ARM_JOINTS, meant.zeros, strict=True) if by == "middle"]
+        if guessed:
+            aside(
+                f"{which} arm: zero is taken to be the middle of the travel of {', '.join(guessed)}"
+            )
+    done = convert_data_set(data_set, out, source=source, target=target, link=link)
+    beyond = {joint: count for joint, count in done.beyond.items() if count}
+    if as_json:
+        facts = {"from": units, "to": target.kind, "episodes": done.episodes, "frames": done.frames}
+        print_json(
+            "dataset-convert", {"path": str(path), "out": str(out), **facts, "beyond": beyond}
+        )
+        return
+    for joint, count in beyond.items():
+        click.echo(
+            f"{joint} is beyond the new arm's travel in {count} frames; they were kept", err=True
+        )
+    click.echo(f"written to {out}: {done.episodes} episodes, {done.frames} frames", err=True)
 
 
 def _calibration(file: Path | None) -> Stored | None:

@@ -1,10 +1,11 @@
 """Check, convert and replay LeRobot data sets of an SO-101 (versions 2.1 and 3).
 
-``open_data_set`` reads, ``check_data_set`` finds what is wrong. Parquet needs pyarrow, which the
-extra ``dataset`` brings.
+``open_data_set`` reads, ``check_data_set`` finds what is wrong, ``convert_data_set`` writes it
+anew. Parquet needs pyarrow, which the extra ``dataset`` brings.
 """
 
 from so101_motion.tasks.datasets.check import CheckReport, check_data_set
+from so101_motion.tasks.datasets.convert import Conversion, convert_data_set
 from so101_motion.tasks.datasets.data_set import DataSet, Episode, open_data_set
 from so101_motion.tasks.datasets.html_report import html_report
 from so101_motion.tasks.datasets.joint_checks import Thresholds
@@ -13,12 +14,14 @@ from so101_motion.tasks.datasets.units import Units, units_of
 
 __all__ = [
     "CheckReport",
+    "Conversion",
     "DataSet",
     "Episode",
     "Moment",
     "Thresholds",
     "Units",
     "check_data_set",
+    "convert_data_set",
     "html_report",
     "open_data_set",
     "units_of",

@@ -16,8 +16,10 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.datasets.contact_check import ContactCheck
 from so101_motion.tasks.datasets.data_set import DataSet, Episode
 from so101_motion.tasks.datasets.joint_checks import JointCheck, Thresholds, Tracking
+from so101_motion.tasks.datasets.metadata import UNITS, read_object
 from so101_motion.tasks.datasets.moments import KINDS, Moment, Moments
 from so101_motion.tasks.datasets.units import IN_WORDS, Fit, Units, UnitsGuess, units_of
+from so101_motion.tasks.datasets.units import KINDS as UNIT_KINDS
 
 _MOSTLY_OUTSIDE = 0.05
 """From which share of frames beyond the stops on the units are doubted. Chosen."""
@@ -171,8 +173,18 @@ def meaning(
         guess.add(episode.action if episode.state is None else episode.state)
     if asked is not None:
         return asked, "as asked for", guess.fits()
+    said = declared(data_set)
+    if said:
+        return units_of(said, calibration), f"{UNITS} says so", guess.fits()
     kind, why = guess.best()
     return units_of(kind, calibration), why, guess.fits()
+
+
+def declared(data_set: DataSet) -> str:
+    """What a data set itself says its numbers mean; empty if it says nothing, as LeRobot's do."""
+    path = data_set.metadata.root / UNITS
+    kind = read_object(path).get("units") if path.is_file() else ""
+    return kind if isinstance(kind, str) and kind in UNIT_KINDS else ""
 
 
 def angles(data_set: DataSet, units: Units, episode: Episode) -> tuple[Array, Array | None]:

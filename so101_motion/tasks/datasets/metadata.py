@@ -25,6 +25,9 @@ INFO, STATS = Path("meta/info.json"), Path("meta/stats.json")
 EPISODES_2, EPISODE_STATS_2 = Path("meta/episodes.jsonl"), Path("meta/episodes_stats.jsonl")
 EPISODES_3 = Path("meta/episodes")
 
+UNITS = Path("meta/so101_units.json")
+"""Says in a data set of ours what its numbers mean; LeRobot does not look at it."""
+
 LARGEST_INFO = 4_000_000
 """Largest ``info.json`` that is read [byte]; with a dozen cameras it has 10,000. Chosen."""
 

@@ -6,7 +6,7 @@ the columns that are wanted are read, and a few thousand rows at a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,33 @@ MOST_BYTES = 2_000_000_000
 numbers a frame for the most frames."""
 
 _HOW = "needs pyarrow, which is not installed; try: pip install 'so101-motion[dataset]'"
+
+
+Table = Any  # pyarrow's, which has no types
+
+
+def with_vectors(table: Table, name: str, values: NDArray[np.float64]) -> Table:
+    """A table with other numbers in a column of lists, shape (n, length), of the same type."""
+    arrow, _ = _arrow()
+    place, kind = table.column_names.index(name), table.schema.field(name).type
+    flat = arrow.array(values.ravel(), arrow.float64()).cast(kind.value_type, safe=False)
+    if arrow.types.is_fixed_size_list(kind):
+        column = arrow.FixedSizeListArray.from_arrays(flat, type=kind)
+    else:
+        ends = np.arange(len(values) + 1, dtype=np.int64) * values.shape[1]
+        wide = arrow.types.is_large_list(kind)
+        offsets = arrow.array(ends, arrow.int64() if wide else arrow.int32())
+        column = (arrow.LargeListArray if wide else arrow.ListArray).from_arrays(
+            offsets, flat, type=kind
+        )
+    return table.set_column(place, table.schema.field(name), column)
+
+
+def with_lists(table: Table, name: str, rows: Sequence[Sequence[float]]) -> Table:
+    """A table with other lists in a column, one a row, of the same type."""
+    arrow, _ = _arrow()
+    place, field = table.column_names.index(name), table.schema.field(name)
+    return table.set_column(place, field, arrow.array([list(row) for row in rows], field.type))
 
 
 def require() -> None:
@@ -62,10 +89,10 @@ class Reader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._arrow, parquet = _arrow()
+        self._arrow, self._parquet = _arrow()
         self._path = path
         try:
-            self._file = parquet.ParquetFile(str(path), memory_map=False, pre_buffer=False)
+            self._file = self._parquet.ParquetFile(str(path), memory_map=False, pre_buffer=False)
             self.rows = int(self._file.metadata.num_rows)
             self.columns = tuple(str(name) for name in self._file.schema_arrow.names)
         except Exception as error:  # whatever a broken file makes pyarrow raise
@@ -112,15 +139,36 @@ class Reader:
         except Exception as error:
             raise self._broken(error) from error
 
-    def table(self) -> Any:
-        """All of it, as pyarrow has it; only of files that are known to be small."""
-        try:
-            self._bound((), {})
-            return self._file.read(use_threads=False)
-        except ConfigError:
-            raise
-        except Exception as error:
-            raise self._broken(error) from error
+    def rewrite(self, path: Path, change: Callable[[Table], Table]) -> None:
+        """Write the file anew with other columns; its row groups and its own notes stay.
+
+        Args:
+            path: Where to.
+            change: Makes of a group of rows, as pyarrow's table, another one with the same columns
+                of the same types.
+
+        Raises:
+            ConfigError: The file is broken.
+            OSError: The new one cannot be written.
+        """
+        self._bound((), {})
+        with self._parquet.ParquetWriter(str(path), self._file.schema_arrow) as writer:
+            for k in range(self._file.metadata.num_row_groups):
+                try:
+                    table = self._file.read_row_group(k, use_threads=False)
+                except Exception as error:
+                    raise self._broken(error) from error
+                writer.write_table(change(table))
+
+    def vectors_of(self, table: Table, name: str, length: int) -> NDArray[np.float64]:
+        """A column of lists of a table of this file, shape (n, length).
+
+        Raises:
+            ConfigError: It is something else.
+        """
+        chunks = table.column(name).chunks
+        parts = [self._vectors(name, chunk, length) for chunk in chunks]
+        return np.concatenate([np.zeros((0, length)), *parts])
 
     def _bound(self, wanted: Sequence[str], vectors: dict[str, int]) -> None:
         """Refuse a file whose wanted columns are missing or larger than they can be."""

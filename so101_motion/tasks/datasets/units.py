@@ -66,6 +66,7 @@ class Units:
         lower: The lowest angle that can be meant: the end of the travel, shape (6,), [rad].
         upper: The highest, shape (6,), [rad].
         zeros: How each arm joint's zero is known, as ``Zero.by`` says, or ``"assumed"``.
+        is_jaw_known: Whether a calibration says how far the jaw opens.
     """
 
     kind: str
@@ -74,6 +75,7 @@ class Units:
     lower: Array
     upper: Array
     zeros: tuple[str, ...]
+    is_jaw_known: bool
 
     def __post_init__(self) -> None:
         for name in ("factor", "offset", "lower", "upper"):
@@ -109,7 +111,30 @@ def units_of(kind: str, calibration: Stored | None = None) -> Units:
         lower=np.array([each.lower for each in joints]),
         upper=np.array([each.upper for each in joints]),
         zeros=tuple(each.zero_by for each in joints[:5]),
+        is_jaw_known=calibration is not None and GRIPPER_JOINT in calibration.calibration,
     )
+
+
+def exact_units_of(kind: str, calibration: Stored | None, *, option: str) -> Units:
+    """The units of a kind, refused where only a calibration would make them exact.
+
+    Args:
+        kind: One of ``KINDS``.
+        calibration: The arm's; None if it is not known.
+        option: What an error calls the setting that names the calibration.
+
+    Raises:
+        ConfigError: It is needed and not there, or lacks a joint; or there is no such kind.
+    """
+    units = units_of(kind, calibration)
+    if kind in (DEGREES, RANGE):
+        if calibration is None:
+            reason = f"is needed for {IN_WORDS[kind]}: it says where zero is, and how long a travel"
+            raise ConfigError(option, None, reason)
+        missing = [joint for joint in JOINTS if joint not in calibration.calibration]
+        if missing:
+            raise ConfigError(option, str(calibration.path), f"lacks {', '.join(missing)}")
+    return units
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
