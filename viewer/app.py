@@ -19,6 +19,7 @@ from .panels.ways_home import WaysHome, waiting
 from .program.program_panel import ProgramPart
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
+from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
 from .source import Source, SourceOpener
 from .world.world_panel import WorldPart
@@ -127,12 +128,15 @@ def serve_source(
     *,
     allow_remote: bool = False,
     plan: Plan | None = None,
+    key_of: KeyOf = new_key,
 ) -> Preview:
     """Serve the page at once, and show the arm of ``source`` as soon as it is there.
 
-    Arguments, result and errors are otherwise those of ``serve``.
+    Arguments, result and errors are otherwise those of ``serve`` and ``start_guarded``.
     """
-    server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 motion")
+    server = start_guarded(
+        host, port, allow_remote=allow_remote, label="SO-101 motion", key_of=key_of
+    )
     try:
         return Preview(source, server, plan=plan)
     except BaseException:

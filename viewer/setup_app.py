@@ -13,6 +13,7 @@ from .app import serve
 from .scene.lighting import set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
+from .server.kept_key import KeyOf, new_key
 from .setup.calibration_target import FixedArm, Ports, fixed_machine
 from .setup.part import SetupPart
 from .setup.stop import SetupStop
@@ -50,6 +51,7 @@ def serve_setup(
     reply_timeout: float = REPLY_TIMEOUT,
     sensor: MachineSensor | None = None,
     progress_file: Path | None = None,
+    key_of: KeyOf = new_key,
 ) -> SetupApp:
     """Serve the setup app.
 
@@ -61,6 +63,7 @@ def serve_setup(
         reply_timeout: How long a motor may take to answer beyond the time on the wire [s].
         sensor: The calibration sensor of a machine whose motors are meant; closed by its owner.
         progress_file: Where it is kept how far the setup is; the terminal's file by default.
+        key_of: As for ``start_guarded``.
 
     Returns:
         The running app; its ``url`` is the link that opens it.
@@ -72,7 +75,9 @@ def serve_setup(
     """
     fixed = None if sensor is None else fixed_machine(sensor)
     kept = SetupProgress(progress_file or own_folder() / NAME, fixed.where if fixed else None)
-    server = start_guarded(host, port, allow_remote=allow_remote, label="SO-101 setup")
+    server = start_guarded(
+        host, port, allow_remote=allow_remote, label="SO-101 setup", key_of=key_of
+    )
     try:
         where = Ports(named=tuple(ports), reply_timeout=reply_timeout)
         return SetupApp(server, ports=where, fixed=fixed, progress=kept)

@@ -206,6 +206,7 @@ def _in_browser(port: str | None, machine: MachineSource | None, page: Page) -> 
             allow_remote=page.allow_remote,
             ports=() if port is None or sensor is not None else (port,),
             sensor=sensor,
+            key_of=page.key_of(f"setup of {machine.address if machine else port or 'a kit'}"),
         )
         keep_open(stack.enter_context(served), page)
     click.echo("so101 setup --web goes on from here", err=True)

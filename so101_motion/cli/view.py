@@ -34,12 +34,25 @@ class Page:
     Attributes:
         port: Port to listen on; None for 8080 or the next free one after it.
         allow_remote: Whether ``host`` may be more than this machine alone.
+        new_link: Whether links of earlier starts shall not be valid any more.
     """
 
     host: str
     port: int | None
     allow_remote: bool
     browser: bool
+    new_link: bool
+
+    def key_of(self, what: str) -> Callable[[int], str]:
+        """Makes the key of the page of ``what``: that of its last start on the same port."""
+        from so101_viewer.server import kept_key
+
+        def key(port: int) -> str:
+            if self.port == 0:  # another port with every start
+                return str(kept_key.new_key())
+            return str(kept_key.key_for(what, port, is_new=self.new_link))
+
+        return key
 
 
 def page_options(verb: F) -> F:
@@ -58,6 +71,7 @@ def page_options(verb: F) -> F:
         "--allow-remote", is_flag=True, help="Let --host be more than this machine alone."
     )
     @click.option("--no-browser", is_flag=True, help="Only print the link.")
+    @click.option("--new-link", is_flag=True, help="Make the links of earlier starts invalid.")
     @functools.wraps(verb)
     def with_page(
         *args: Any,
@@ -65,9 +79,16 @@ def page_options(verb: F) -> F:
         web_port: int | None,
         allow_remote: bool,
         no_browser: bool,
+        new_link: bool,
         **kwargs: Any,
     ) -> Any:
-        page = Page(host=host, port=web_port, allow_remote=allow_remote, browser=not no_browser)
+        page = Page(
+            host=host,
+            port=web_port,
+            allow_remote=allow_remote,
+            browser=not no_browser,
+            new_link=new_link,
+        )
         return verb(*args, page=page, **kwargs)
 
     return with_page  # type: ignore[return-value]  # its own options and those above
@@ -116,7 +137,11 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
     with (
         in_lines(),
         viewer.serve_source(
-            arm, host=page.host, port=page.port, allow_remote=page.allow_remote
+            arm,
+            host=page.host,
+            port=page.port,
+            allow_remote=page.allow_remote,
+            key_of=page.key_of(source.title),
         ) as preview,
     ):
         click.echo(f"so101: {source.what}", err=True)

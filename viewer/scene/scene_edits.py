@@ -103,8 +103,15 @@ def resized(
     return shape
 
 
-def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
-    """``scene`` with one more obstacle of this name, where there is room on the floor."""
+def added(scene: Scene, shape: Shape, *, name: str, place: SE3 | None = None) -> Scene:
+    """``scene`` with one more obstacle of this name, where there is room on the floor.
+
+    Args:
+        scene: What is there.
+        shape: Of the new one.
+        name: What it is called; a number follows.
+        place: Where it is, seen from the base, if that is known.
+    """
     floor = FLOOR_Z if scene.floor_z is None else scene.floor_z
     low, high = _extent(shape)
     z = floor + 0.001 - low  # a hair above, or it would flicker
@@ -115,7 +122,7 @@ def added(scene: Scene, shape: Shape, *, name: str) -> Scene:
     ]
     taken = [each.T_base_obstacle.p for each in scene.obstacles]
     room = (p for p in spots if all(np.linalg.norm(p - other) > _APART for other in taken))
-    place = SE3.from_translation(np.round(next(room, spots[0]), 3))
+    place = place or SE3.from_translation(np.round(next(room, spots[0]), 3))
     return scene.with_obstacles(
         [Obstacle(name=free_name(scene, name), shape=shape, T_base_obstacle=place)]
     )

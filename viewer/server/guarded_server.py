@@ -19,7 +19,6 @@ import errno
 import http.client
 import ipaddress
 import logging
-import secrets
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -36,6 +35,7 @@ from websockets.http11 import Request, Response
 from so101_motion.common.errors import ConfigError, So101Error
 
 from .head import add_head
+from .kept_key import KeyOf, new_key
 from .request_policy import RequestPolicy, harden
 
 _KNOCK_TIMEOUT = 10.0
@@ -85,6 +85,7 @@ def start_guarded(
     *,
     allow_remote: bool = False,
     label: str = "",
+    key_of: KeyOf = new_key,
 ) -> GuardedServer:
     """Start a viser server that accepts only the link it returns.
 
@@ -93,6 +94,7 @@ def start_guarded(
         port: Port to listen on; 0 for any free one; None for 8080 or the next free one after it.
         allow_remote: Whether ``host`` may be more than this machine's loopback.
         label: Title of the page's main panel.
+        key_of: Makes the key of the page on a port; another one each time if not given.
 
     Raises:
         ConfigError: The host or port cannot be used, or needs ``allow_remote``.
@@ -104,7 +106,7 @@ def start_guarded(
     hostname = socket.gethostname().lower()
     name = (reached_at() or hostname) if everywhere else _bracketed(host)
     policy = RequestPolicy(
-        key=secrets.token_urlsafe(32),
+        key=key_of(bound_port),
         port=bound_port,
         names=frozenset({name, hostname, _bracketed(address), "localhost"}),
         any_address=everywhere,

@@ -2,9 +2,9 @@
 
 Three attacks are meant: a page in the same browser opens a websocket to us (its ``Origin`` shows
 it); a page rebinds its own name to 127.0.0.1 (its ``Host`` shows it); another user or machine
-connects (it has no key). The key is 32 random bytes, made at each start. It reaches the browser
-once, in the printed link, and becomes a cookie that scripts cannot read and other sites cannot
-send.
+connects (it has no key). The key is 32 random bytes; see ``kept_key.py`` for how long it is valid.
+It reaches the browser once, in the printed link, and becomes a cookie that scripts cannot read and
+other sites cannot send.
 """
 
 from __future__ import annotations
@@ -47,9 +47,10 @@ body { font: 18px/1.5 system-ui, sans-serif; max-width: 34em; margin: 12vh auto;
 code { font-size: .95em; background: #8883; padding: .1em .3em; border-radius: 4px; }
 </style>
 <main><h1>This link has expired</h1>
-<p>Copy the new one from the terminal: every start of the program makes a new link.</p>
-<p>If it does not run any more, start it again with <code>so101 view</code>, or
-<code>so101 setup --web</code> for the setup.</p></main></html>
+<p>Copy the new one from the terminal in which <code>so101 view</code> or
+<code>so101 setup --web</code> runs; it is printed at the start.</p>
+<p>If it does not run any more, start the same command again: this link may then
+be valid again.</p></main></html>
 """
 
 
@@ -58,7 +59,7 @@ class RequestPolicy:
     """The rules of one running server.
 
     Attributes:
-        key: The secret of this run.
+        key: The secret in the link.
         port: Where the server listens.
         names: Host names by which it may be called, lower case, without port.
         any_address: Whether any IP address will do as a host. Needed when listening on all

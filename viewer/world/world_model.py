@@ -16,19 +16,18 @@ import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.common.units import to_m
-from so101_motion.files.scene_file import scene_from, scene_to, write_scene
+from so101_motion.files.scene_file import scene_to, write_scene
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import (
     FLOOR,
     LINKS,
     Attached,
-    Mesh,
     Obstacle,
+    PointCloud,
     Scene,
     Shape,
 )
-from so101_motion.planning.collision.shape_files import read_mesh, read_shape, welded
+from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
@@ -36,12 +35,10 @@ from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
 from ..scene.scene_edits import Thing
+from .dropped_files import VOXEL, read_dropped, thinned
 
 DRAG_PERIOD = 0.2
 """How often a scene that is being dragged is handed to whoever plans [s]; chosen."""
-
-MOST_TRIANGLES = 50_000
-"""A mesh with more would make pages and plans slow; chosen: ten times a simplified part."""
 
 _MOST_PAST = 50
 
@@ -59,6 +56,7 @@ class WorldModel:
         selected: Name of the thing that is being edited, or None.
         sentence: What the last edit came to.
         dragging: Whether somebody holds a thing by its handles.
+        voxel: Edge of the cubes of a cloud that is loaded [m].
     """
 
     def __init__(self, scene: Scene, *, file: Path) -> None:
@@ -66,6 +64,7 @@ class WorldModel:
         self.selected: str | None = None
         self.sentence = INVITATION
         self.dragging = False
+        self.voxel = VOXEL
         self._past: list[Scene] = []
         self._given, self._given_at = scene, float("-inf")
 
@@ -218,25 +217,32 @@ class WorldModel:
         return json.dumps(world_state_json(self.scene, arm=arm), indent=1, ensure_ascii=False)
 
     def load(self, name: str, content: bytes) -> None:
-        """Load a scene file, or add the body in a mesh file (millimetres).
+        """Load a scene file, or add what is in a file of a mesh or of points.
 
         Args:
-            name: What the file is called; its ending says what it is.
+            name: What the file is called.
             content: What is in it.
 
         Raises:
-            ConfigError: It is neither.
+            ConfigError: It is nothing of that.
         """
-        path = PurePath(name)
-        kind = path.suffix.lower()
-        if kind in (".stl", ".ply"):
-            self._add(_mesh(name, kind[1:], content), path.stem)
-        elif kind == ".json":
-            scene = _scene(name, content)
-            self._change(scene, f"Loaded {len(scene_edits.things(scene))} things.")
+        found = read_dropped(name, content, voxel=self.voxel)
+        if isinstance(found, Scene):
+            self._change(found, f"Loaded {len(scene_edits.things(found))} things.")
             self.select(self.selected)
+        elif isinstance(found, PointCloud):
+            self._add(found, PurePath(name).stem, place=SE3.identity())
+            count = f"{len(found.points)} voxels of {1000.0 * self.voxel:g} mm"
+            self.sentence = Sentence(text=f"Added {self.selected}, {count}, where it was seen.")
         else:
-            raise ConfigError("file", name, "must be a scene (.json) or a mesh (.stl, .ply)")
+            self._add(found, PurePath(name).stem)
+
+    def set_voxel(self, voxel: float) -> None:
+        """Set the edge of a cloud's cubes [m]: of the selected one, and of those to come."""
+        thing = self.thing
+        if thing is not None and isinstance(thing.shape, PointCloud):
+            self._put(replace(thing, shape=thinned(thing.shape.points, voxel)), "Resized.")
+        self.voxel = voxel
 
     def adopt(self, scene: Scene) -> None:
         """Use a scene that another program gave the arm; it can be undone."""
@@ -251,8 +257,8 @@ class WorldModel:
             raise ConfigError("name", None, "select an object first")
         return self.selected
 
-    def _add(self, shape: Shape, name: str) -> None:
-        scene = scene_edits.added(self.scene, shape, name=name)
+    def _add(self, shape: Shape, name: str, *, place: SE3 | None = None) -> None:
+        scene = scene_edits.added(self.scene, shape, name=name, place=place)
         new = scene.obstacles[-1].name
         self._change(scene, f"Added {new}. Drag it by its arrows, or give numbers.")
         self.select(new)
@@ -308,21 +314,3 @@ def in_each_other(pair: tuple[str, str]) -> Sentence:
         " motion first backs out slowly, if it can.",
         tone=Tone.BAD,
     )
-
-
-def _scene(name: str, content: bytes) -> Scene:
-    try:
-        text = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ConfigError("file", name, f"is not JSON: {error}") from error
-    return scene_from(text, folder=None)  # a browser must not have files of ours read
-
-
-def _mesh(name: str, kind: str, content: bytes) -> Mesh:
-    """The body in a mesh file, around the middle of its bounding box."""
-    try:
-        vertices, triangles = welded(*read_mesh(kind, content, most=MOST_TRIANGLES))
-    except ConfigError as error:
-        raise ConfigError("file", name, f"({error.value}) {error.reason}") from error
-    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
-    return Mesh(vertices=to_m(vertices - middle), triangles=triangles)

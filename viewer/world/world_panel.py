@@ -25,6 +25,7 @@ from so101_motion.planning.collision.scene import (
     Box,
     Capsule,
     Obstacle,
+    PointCloud,
     Scene,
     Sphere,
 )
@@ -38,6 +39,7 @@ from ..page.screen_state import Tone
 from ..page.shared_fields import SharedField, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
 from ..scene.scene_view import SceneView
+from .dropped_files import ENDINGS
 from .world_model import OverlapCheck, WorldModel, in_each_other
 
 _GIZMO = "/world-handles"
@@ -157,9 +159,13 @@ class WorldPart(Part):
         bring = gui.add_upload_button(
             "Load",
             icon=viser.Icon.UPLOAD,
-            hint="A scene (.json), or a mesh in mm (.stl, .ply)",
-            mime_type=".json,.stl,.ply",
+            hint="A scene (.json), a mesh in mm (.stl, .ply), or points in m (.ply, .pcd, .xyz)",
+            mime_type=",".join(ENDINGS),
         )
+        voxel = gui.add_number(
+            "Voxel (mm)", 10.0, min=1.0, max=100.0, step=1.0, hint="Of points that are loaded"
+        )
+        self._voxel = self._field(voxel, lambda mm: self.world.set_voxel(to_m(mm)), shown=tenth)
         self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))
 
     def _field(self, widget: Any, command: Callable[[Any], None], *, shown: Any) -> SharedField:
@@ -285,6 +291,8 @@ class WorldPart(Part):
         self._at.label = "Position in gripper (mm)" if is_held else "Position (mm)"
         self._position.show(None if pose is None else to_mm(pose.p))
         self._turn.show(to_deg(pose.rpy) if pose is not None and turns else None)
+        cloud = shape if isinstance(shape, PointCloud) else None
+        self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
         self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
         acts = _acts(thing, can_undo=self.world.can_undo)

@@ -1,4 +1,4 @@
-"""Read meshes and point clouds from files (STL, PLY, PCD), and simplify meshes.
+"""Read meshes and point clouds from files (STL, PLY, PCD, XYZ), and simplify meshes.
 
 A file of a million triangles takes a second to read, so whoever takes one from a request looks at
 its head alone (``shape_file``) and hands its bytes on; they are read where they are needed, in the
@@ -153,6 +153,34 @@ def read_points(data: bytes) -> Array:
         raise _no_cloud(data, error) from error
 
 
+def read_cloud(kind: str, data: bytes) -> Array:
+    """Read the points of a PCD, PLY or XYZ file, shape (n, 3), in its unit; n >= 1.
+
+    Points that are not finite, as cameras write them where they see nothing, are left out.
+
+    Raises:
+        ConfigError: It is too large, or no such file.
+    """
+    if len(data) > LARGEST_FILE:
+        reason = f"is larger than the {LARGEST_FILE} bytes that are read"
+        raise ConfigError("point_cloud", f"{len(data)} bytes", reason)
+    if kind == "pcd":
+        points = read_points(data)
+    elif kind == "ply":
+        points = _ply_points(data)
+    else:
+        points = _text_points(data)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        raise ConfigError("point_cloud", f"{len(data)} bytes", "holds no points")
+    return points
+
+
+def holds_faces(data: bytes) -> bool:
+    """Whether a PLY file holds a surface, and not points alone; ``ConfigError`` if it is none."""
+    return _count(_ply_head(data)[0], rb"element face (\d+)") > 0
+
+
 def _refuse_large(kind: str, data: bytes, size: int, most_triangles: int = MOST_TRIANGLES) -> None:
     """Refuse a file of ``size`` bytes that holds too much.
 
@@ -261,6 +289,49 @@ def _any_mesh(kind: str, data: bytes) -> tuple[Array, Any]:
 
 
 # Point clouds
+
+
+def _ply_points(data: bytes) -> Array:
+    """The vertices of a PLY file: the usual forms, in which they come first."""
+    _refuse_large("ply", data, len(data))
+    head, begin = _ply_head(data)
+    lines = [line.split() for line in head.decode("ascii", "replace").splitlines()]
+    words = [line for line in lines if line and line[0] in ("format", "element", "property")]
+    try:
+        assert words[0][0] == "format"
+        assert words[1][:2] == ["element", "vertex"]
+        rest = [k for k, line in enumerate(words[2:], 2) if line[0] == "element"]
+        columns = [(line[2], line[1]) for line in words[2 : rest[0] if rest else None]]
+        count, form = int(words[1][2]), words[0][1]
+        if form == "ascii":
+            rows = data[begin:].split(b"\n", count)[:count]
+            names = [name for name, _ in columns]
+            table = np.array([row.split()[: len(names)] for row in rows], dtype=np.float64)
+            return np.asarray(table[:, [names.index(axis) for axis in "xyz"]])
+        order = {"binary_little_endian": "<", "binary_big_endian": ">"}[form]
+        record = np.dtype([(name, order + _PLY_TYPES[kind][1:]) for name, kind in columns])
+        found = np.frombuffer(data, record, count, begin)
+        return np.stack([found[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    except (AssertionError, IndexError, KeyError, ValueError) as error:
+        reason = "is not a ply file whose points can be read"
+        raise ConfigError("point_cloud", f"{len(data)} bytes", reason) from error
+
+
+def _text_points(data: bytes) -> Array:
+    """Three numbers a line, and what follows them; lines of words and comments are left out."""
+    rows = [line.replace(b",", b" ").split()[:3] for line in data.splitlines()]
+    rows = [row for row in rows if len(row) == 3 and _LETTER.match(row[0]) is None]
+    if len(rows) > MOST_POINTS:
+        reason = f"has {len(rows)} points, {MOST_POINTS} are read; thin it out"
+        raise ConfigError("point_cloud", f"{len(data)} bytes", reason)
+    try:
+        return np.array(rows, dtype=np.float64).reshape(-1, 3)
+    except ValueError as error:
+        reason = "is not a file of points: three numbers a line"
+        raise ConfigError("point_cloud", f"{len(data)} bytes", reason) from error
+
+
+_LETTER = re.compile(rb"[#/A-Za-z_]")
 
 
 def _around(points: Array, centre: Array | None) -> Array:

@@ -37,9 +37,10 @@ def test_a_busy_port_is_named_with_something_to_try(run):
 
 
 @pytest.mark.slow
-def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead():
+def test_where_no_port_was_asked_for_it_says_which_one_is_taken_instead(tmp_path, monkeypatch):
     import socket
 
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))  # where the key is kept
     command = [sys.executable, "-m", "so101_motion.cli", "demo", "--no-browser"]
     with socket.socket() as taken:
         with contextlib.suppress(OSError):  # another program may have it already

@@ -136,7 +136,7 @@
 
     const TRYING = 'The page comes back by itself as soon as the program answers again.';
     const EXPIRED =
-      'The program was started anew, so this link has expired. Copy the new one from its terminal.';
+      'Another page runs here now, so this link has expired. Copy the new one from its terminal.';
     const tell = (more) => {
       lost.replaceChildren(make('b'), make('span'));
       lost.firstChild.textContent = 'No connection: STOP does not work.';

@@ -14,7 +14,9 @@ from so101_motion.planning.collision.shape_files import (
     MOST_POINTS,
     MOST_TRIANGLES,
     coarse,
+    holds_faces,
     mesh_kind,
+    read_cloud,
     read_mesh,
     read_points,
     read_shape,
@@ -158,3 +160,49 @@ def test_a_coarse_mesh_joins_the_vertices_of_a_cell_and_drops_what_collapses():
     assert len(vertices) == 3
     assert len(faces) == 1
     assert sorted(vertices[:, 0]) == pytest.approx([0.0, 0.005, 1.0])
+
+
+POINTS = np.array([[0.1, 0.2, 0.3], [-1.0, 0.0, 2.5], [0.0, 0.25, 0.0]])
+
+
+def ply_of_points(form: str) -> bytes:
+    head = (
+        f"ply\nformat {form} 1.0\ncomment seen\nelement vertex 3\nproperty float x\n"
+        "property float y\nproperty float z\nproperty uchar red\nend_header\n"
+    ).encode()
+    if form == "ascii":
+        return head + b"".join(b"%g %g %g 7\n" % tuple(p) for p in POINTS)
+    order = "<" if "little" in form else ">"
+    record = np.dtype([("p", f"{order}f4", 3), ("red", "u1")])
+    rows = np.zeros(3, record)
+    rows["p"] = POINTS
+    return head + rows.tobytes()
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_a_ply_file_without_faces_is_a_cloud(form):
+    assert not holds_faces(ply_of_points(form))
+    np.testing.assert_allclose(read_cloud("ply", ply_of_points(form)), POINTS, 1e-6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"0.1 0.2 0.3\n-1 0 2.5\n0 0.25 0\n",
+        b"# made by hand\n//X Y Z\nx,y,z\n3\n0.1,0.2,0.3,255\r\n-1,0,2.5,9\n\n0,0.25,0,1",
+        b"0.1 0.2 0.3\nnan nan nan\n-1 0 2.5\n0 0.25 0",
+    ],
+)
+def test_a_text_of_points_is_read_whatever_is_around_them(text):
+    np.testing.assert_allclose(read_cloud("xyz", text), POINTS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [("xyz", b""), ("xyz", b"1 2 three\n"), ("xyz", b"1 2\n"), ("ply", b"ply\n"),
+     ("ply", ply_of_points("binary_little_endian")[:-1]), ("pcd", b"1 2 3"),
+     ("ply", ply_of_points("ascii").replace(b"property float z\n", b""))],
+)  # fmt: skip
+def test_a_file_without_points_is_refused(kind, data):
+    with pytest.raises(ConfigError):
+        read_cloud(kind, data)

@@ -168,8 +168,10 @@ def test_a_mesh_is_added_around_its_middle(world):
         ("scene.json", b"{", "is not JSON"),
         ("scene.json", b"\xff\xfe", "is not JSON"),
         ("scene.json", b'{"obstacles": [{"name": "a", "mesh_file": "/etc/hostname"}]}', "none can"),
-        ("part.stl", b"solid nothing", "triangles"),
-        ("part.exe", b"", "must be a scene"),
+        ("part.stl", b"solid nothing", "'part.stl': holds no triangles"),
+        ("seen.ply", b"ply", "'seen.ply': is not a ply file"),
+        ("seen.xyz", b"hello", "'seen.xyz': holds no points"),
+        ("part.exe", b"", "is neither a scene"),
     ],
 )
 def test_a_file_that_is_no_scene_is_refused_and_nothing_changes(world, name, content, says):
@@ -229,3 +231,23 @@ def test_held_things_are_in_obstacles_too(contacts):
     pair = contacts.overlap(scene.with_obstacles([wall]), q, 0.0)
     assert pair is not None
     assert "'wall'" in pair
+
+
+def test_a_cloud_stays_where_it_was_seen_and_has_voxels_of_a_size_that_is_chosen(world):
+    points = np.random.default_rng(3).uniform(0.2001, 0.2999, (20_000, 3))
+    text = "\n".join(f"{x:.5f} {y:.5f} {z:.5f}" for x, y, z in points).encode()
+    world.load("shelf.xyz", text)
+    cloud = world.thing.shape
+    assert world.names == ("shelf 1",)
+    assert len(cloud.points) == 1_000
+    assert cloud.resolution == 0.01
+    np.testing.assert_allclose(world.thing.T_base_obstacle.p + cloud.points.mean(axis=0), 0.25)
+    world.set_voxel(0.05)
+    assert len(world.thing.shape.points) == 8
+    world.undo()
+    assert len(world.thing.shape.points) == 1_000
+    world.set_voxel(0.001)
+    world.remove()
+    with pytest.raises(ConfigError, match="choose larger voxels"):
+        world.load("wide.xyz", b"".join(b"%g %g 0\n" % (x / 900, y / 900)
+                                        for x in range(300) for y in range(300)))  # fmt: skip

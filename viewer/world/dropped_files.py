@@ -1,0 +1,93 @@
+"""Read the files that are loaded on the World tab: scenes, meshes, point clouds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import PurePath
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_m
+from so101_motion.files.scene_file import scene_from
+from so101_motion.planning.collision.coal_shapes import full_cubes
+from so101_motion.planning.collision.scene import Mesh, PointCloud, Scene
+from so101_motion.planning.collision.shape_files import holds_faces, read_cloud, read_mesh, welded
+
+ENDINGS = (".json", ".stl", ".ply", ".pcd", ".xyz")
+"""Of the files that can be loaded."""
+
+MOST_TRIANGLES = 50_000
+"""A mesh with more would make pages and plans slow; chosen: ten times a simplified part."""
+
+MOST_CUBES = 50_000
+"""The same for the cubes of a point cloud; chosen."""
+
+VOXEL = 0.01
+"""Edge of a cloud's cubes unless somebody says otherwise [m]; chosen, as for Viam's clouds."""
+
+
+def read_dropped(name: str, content: bytes, *, voxel: float = VOXEL) -> Scene | Mesh | PointCloud:
+    """What a file holds.
+
+    Meshes are in millimetres and are put around the middle of their bounding box. Point clouds are
+    in metres and stay where they are, seen from the arm's base.
+
+    Args:
+        name: What the file is called; its ending says what it is.
+        content: What is in it.
+        voxel: Edge of the cubes of a cloud [m].
+
+    Raises:
+        ConfigError: Nothing that can be used; the sentence begins with the file's name.
+    """
+    kind = PurePath(name).suffix.lower()
+    if kind not in ENDINGS:
+        raise ConfigError(
+            "file", name, "is neither a scene (.json), a mesh (.stl, .ply) nor points"
+            " (.ply, .pcd, .xyz)"
+        )  # fmt: skip
+    try:
+        if kind == ".json":
+            return _scene(name, content)
+        if kind == ".stl" or (kind == ".ply" and holds_faces(content)):
+            return _mesh(kind[1:], content)
+        return thinned(read_cloud(kind[1:], content), voxel)
+    except ConfigError as error:
+        if error.key == "file":
+            raise
+        raise ConfigError("file", name, error.reason) from error
+
+
+def thinned(points: Array, voxel: float) -> PointCloud:
+    """A cloud with one point for each of its cubes, which is all that planning looks at.
+
+    Args:
+        points: Shape (n, 3), [m].
+        voxel: Edge of the cubes [m].
+
+    Raises:
+        ConfigError: There are too many cubes, or points that cannot be.
+    """
+    points = full_cubes(PointCloud(points=points, resolution=voxel))
+    if len(points) > MOST_CUBES:
+        raise ConfigError(
+            "points", len(points), f"fills {len(points)} voxels, at most {MOST_CUBES} can be used;"
+            " choose larger voxels, or cut it to what the arm can reach"
+        )  # fmt: skip
+    return PointCloud(points=points, resolution=voxel)
+
+
+def _scene(name: str, content: bytes) -> Scene:
+    try:
+        text = json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError("file", name, f"is not JSON: {error}") from error
+    return scene_from(text, folder=None)  # a browser must not have files of ours read
+
+
+def _mesh(kind: str, content: bytes) -> Mesh:
+    vertices, triangles = welded(*read_mesh(kind, content, most=MOST_TRIANGLES))
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    return Mesh(vertices=to_m(vertices - middle), triangles=np.asarray(triangles))
