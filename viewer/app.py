@@ -22,6 +22,7 @@ from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
 from .source import Source, SourceOpener
+from .teach.teach_panel import TeachPart
 from .world.world_panel import WorldPart
 
 
@@ -86,6 +87,7 @@ class Preview(ServedPage):
             ),
             SharePart(context, move.page, title=title),
             *self._about_the_arm(context, move, program),
+            TeachPart(context, self._source.open_leader),
             *setup_parts(context, on_stage=move.set_visible),
             jog,
         )

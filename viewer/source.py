@@ -13,6 +13,7 @@ from pathlib import Path
 
 from so101_motion.common.errors import So101Error
 from so101_motion.rig.protocols import RigLike
+from so101_motion.rig.rig import Rig
 
 log = logging.getLogger(__name__)
 
@@ -30,12 +31,14 @@ class Source:
         open: Makes the rig; raises ``So101Error`` while that is not possible.
         lasts: Whether the rig goes on when the page is closed; else the page closes it.
         scene_file: The file its surroundings are from, where the page saves them again.
+        open_leader: Opens the arm that this one may follow; None if there is none.
     """
 
     title: str
     open: Callable[[], RigLike]
     lasts: bool = False
     scene_file: Path | None = None
+    open_leader: Callable[[], Rig] | None = None
 
     @classmethod
     def given(cls, rig: RigLike, title: str) -> Source:

@@ -53,7 +53,7 @@ def bar(view: JointView, style: str = "") -> Text:
 def comparison(lines: Iterable[SummaryLine]) -> Table:
     """What will be saved, joint by joint, beside the values before."""
     table = Table(box=None, pad_edge=False)
-    for heading in ("joint", "travel", "quality", "since before"):
+    for heading in ("joint", "travel", "quality", "change"):
         table.add_column(heading, header_style="dim")
     for line in lines:
         quality = Text(line.quality, style=_STYLES[line.tone])

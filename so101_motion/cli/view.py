@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE
+from so101_motion.cli.param_types import IN_FILE, PORT
 from so101_motion.cli.shared import F, import_preview, in_lines
 from so101_motion.cli.sources import AnySource, Source, any_source_options
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
@@ -102,27 +102,55 @@ def page_options(verb: F) -> F:
     type=IN_FILE,
     help="What stands around the arm: a scene file, as so101 plan takes it.",
 )
+@click.option(
+    "--leader",
+    type=PORT,
+    help='An arm that this one can follow: its serial port, or "sim". Begun on the Teach tab.',
+)
+@click.option("--leader-calibration", type=click.Path(path_type=Path), help="Its calibration file.")
 @page_options
-def view(source: AnySource, scene_file: Path | None, page: Page) -> None:
+def view(
+    source: AnySource,
+    scene_file: Path | None,
+    leader: str | None,
+    leader_calibration: Path | None,
+    page: Page,
+) -> None:
     """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
 
     \b
     so101 view --sim
     so101 view --port /dev/ttyACM0
     so101 view --machine my-arm.local:8080
+    so101 view --port /dev/ttyACM0 --leader /dev/ttyACM1
 
     The page opens even if the arm is not there yet, and finds it again when it was away.
     """  # noqa: D301
-    show(source, page, scene_file=scene_file)
+    leads = None
+    if leader is not None:
+        if not isinstance(source, Source):
+            raise click.UsageError("--leader goes with --port or --sim; a machine knows its leader")
+        if leader == source.port:
+            raise click.UsageError("--leader and --port must be two arms")
+        port = None if leader == "sim" else leader
+        leads = Source(port=port, calibration_file=leader_calibration)
+    show(source, page, scene_file=scene_file, leader=leads)
 
 
-def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> None:
+def show(
+    source: AnySource,
+    page: Page,
+    *,
+    scene_file: Path | None = None,
+    leader: Source | None = None,
+) -> None:
     """Serve the page until Ctrl-C.
 
     Args:
         source: Where the arm comes from.
         page: Where to serve it.
         scene_file: What stands around the arm, and where the page saves it again.
+        leader: The arm that this one may follow, if there is one.
 
     Raises:
         ConfigError: The page cannot be served there, or the scene cannot be read.
@@ -133,7 +161,12 @@ def show(source: AnySource, page: Page, *, scene_file: Path | None = None) -> No
     scene = None if scene_file is None else read_scene(scene_file)
     if scene is not None and isinstance(source, Source) and source.port is None:
         source = replace(source, q_start=_free_pose(scene))
-    arm = viewer.Source(title=source.title, open=_opener(source, scene), scene_file=scene_file)
+    arm = viewer.Source(
+        title=source.title,
+        open=_opener(source, scene),
+        scene_file=scene_file,
+        open_leader=None if leader is None else leader.open,
+    )
     with (
         in_lines(),
         viewer.serve_source(

@@ -23,6 +23,7 @@ from pathlib import Path
 from so101_motion.calib.motors import arm_identification
 from so101_motion.calib.motors.arm_identification import Role, ServosOnBus
 from so101_motion.calib.motors.servo_search import LIKELIEST_FIRST
+from so101_motion.calib.motors.setup_view import AS_NEW
 from so101_motion.calib.record import file_search
 from so101_motion.calib.record.file_search import FoundFile
 from so101_motion.calib.record.record import SERVO_IDS
@@ -290,6 +291,10 @@ def _about_no_arm(seen: ServosOnBus) -> str:
     others = [facts for facts in seen.servos.values() if not facts.is_sts3215]
     if others:
         return f"servo {others[0].servo_id} is a {others[0].model}, no servo of an SO-101"
+    if set(seen.servos) == {AS_NEW} and not seen.shared and not seen.garbled:
+        return "one motor with the id 1 answers, as a new one does: the setup gives it its own id"
+    if seen.shared and set(seen.shared) | set(seen.servos) == {AS_NEW}:
+        return "several new motors answer, all with the id 1: connect only one of them"
     ids = ", ".join(map(str, sorted((*seen.servos, *seen.shared)))) or "none"
     shared = ", and several share an id" if seen.shared or seen.garbled else ""
     return (

@@ -86,6 +86,19 @@ class Outline:
         return sum(swing.duration for swing in self.swings)
 
     @property
+    def left_out(self) -> str:
+        """One sentence about the joints that are not tested; empty when all are."""
+        if not self.obstacles:
+            return ""
+        joints = " and ".join(joint for joint, _ in self.obstacles)
+        if self.obstacles[0][0] == GRIPPER_JOINT:
+            return f"Left out is the {joints}: {self.obstacles[0][1]}."
+        return (
+            f"Left out for want of room: {joints}. To test them too, let go, move the arm to a more"
+            " open pose, and have it held again."
+        )
+
+    @property
     def sentence(self) -> str:
         """A sentence that says what will move and how far."""
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
@@ -133,7 +146,7 @@ class MoveTest:
             try:
                 swings.append(self._swing(i, q))
             except PlanningError as error:
-                obstacles.append((joint, f"{error}. Bring the arm to a freer pose"))
+                obstacles.append((joint, f"{error}. Move the arm to a more open pose"))
         if self._gripper is not None:
             if self._gripper.is_holding:
                 obstacles.append((GRIPPER_JOINT, "it holds something; take it out of the jaws"))

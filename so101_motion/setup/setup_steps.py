@@ -174,6 +174,13 @@ def _complete(known: SetupState) -> Check:
     return found
 
 
+def _assembled(known: SetupState) -> Check:
+    if known.saved is not None:
+        return ok("assembly", "the arm is together, for it is calibrated")
+    text = "no wire tells whether the arm is screwed together"
+    return warn("assembly", text, "screw it together, then check joint by joint")
+
+
 def _reached(known: SetupState, name: str, *states: State, left: str) -> Check:
     """Whether a calibration has come this far."""
     view = known.view
@@ -231,8 +238,8 @@ CONNECT = SetupStep(
 MOTORS = SetupStep(
     name="motors",
     title="Motor ids",
-    instruction="A motor goes by its number, its id. New ones all have 1, so they get their own"
-    " one at a time, from the gripper to the shoulder. Connect only the motor that is asked for.",
+    instruction="Each motor needs its own id. New motors all have id 1, so connect and set them one"
+    " at a time, from the gripper to the shoulder.",
     minutes=6,
     check=_numbered,
 )
@@ -244,6 +251,15 @@ CHAIN = SetupStep(
     " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper. Then verify them.",
     minutes=2,
     check=_complete,
+)
+
+ASSEMBLY = SetupStep(
+    name="assembly",
+    title="Assembly",
+    instruction="Switch the power off and screw the arm together, each motor in its own joint; that"
+    " takes an hour or two, and this page waits. Then check joint by joint.",
+    minutes=0,
+    check=_assembled,
 )
 
 POSE = SetupStep(
@@ -274,8 +290,8 @@ SAVE = SetupStep(
 TEST = SetupStep(
     name="test",
     title="Final test",
-    instruction="Let the arm make small slow motions, joint by joint, and see whether it does what"
-    " it is told.",
+    instruction="Let the arm make small slow motions, joint by joint, and check that it follows"
+    " commands.",
     minutes=2,
     check=_tested,
 )
@@ -295,7 +311,7 @@ FULL = Workflow(
     title="Full Setup",
     purpose="A new kit: each motor gets its number, the id. You screw the arm together, which takes"
     " an hour or two more. Then it is calibrated and tested.",
-    steps=(CONNECT, MOTORS, CHAIN, *_CALIBRATION),
+    steps=(CONNECT, MOTORS, CHAIN, ASSEMBLY, *_CALIBRATION),
 )
 
 MOTORS_ONLY = Workflow(

@@ -10,7 +10,7 @@ from axe_playwright_python.sync_playwright import Axe
 from conftest import PHONE, Visit
 from harness.browser_user import HOME, READY, Guest
 from playwright.sync_api import Locator
-from so101_viewer import Preview, serve
+from so101_viewer import Preview, Source, serve, serve_source
 
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
@@ -141,6 +141,9 @@ def test_on_phones_and_tablets_bar_picture_and_panels_have_places_of_their_own(
         assert min(right - left, bottom - top) >= 44  # a thumb hits it
         for name in ("Plan", "home", "Hold", "Let go"):
             assert box(small.button(name))[3] - box(small.button(name))[1] >= 44
+        views = box(page.locator("#so101-views"))
+        for notice in page.locator(".mantine-Notification-root").all():  # drawn without a GPU
+            assert not overlap(views, box(notice))
         picture = box(page.locator("canvas").first)
         assert (picture[2] - picture[0]) * (picture[3] - picture[1]) > 0.3 * width * height
     stop.click()
@@ -209,6 +212,44 @@ def test_jogging_lasts_as_long_as_a_key_or_a_button_is_held(guest: Guest, rig: R
     page.get_by_role("tab", name="Move").click()
 
 
+GAMEPAD = """
+window.pad = {connected: true, axes: [0, 0, 0, 0], buttons: [...Array(16)].map(() => ({value: 0}))};
+navigator.getGamepads = () => [null, window.pad];
+window.dispatchEvent(new Event('gamepadconnected'));
+"""
+
+
+def test_a_gamepad_jogs_as_long_as_a_shoulder_button_is_held(guest: Guest, rig: Rig) -> None:
+    def turns() -> float:
+        return float(rig.arm.state.qd_ref[0])
+
+    def holds(pressed: bool, stick: float) -> None:
+        guest.page.evaluate(
+            "([pressed, stick]) => { window.pad.axes[0] = stick;"
+            " window.pad.buttons[5].pressed = pressed; }",
+            [pressed, stick],
+        )
+
+    guest.page.get_by_role("tab", name="Jog").click()
+    guest.press("Start jogging")
+    guest.until(lambda: guest.says("Hold a button or its key."))
+    guest.page.evaluate(GAMEPAD)
+    holds(False, 1.0)
+    guest.page.wait_for_timeout(200)
+    assert turns() == 0.0
+    holds(True, 1.0)
+    guest.until(lambda: turns() < -to_rad(1.0))
+    holds(True, 0.1)  # a stick that does not come back to its middle quite
+    guest.until(lambda: abs(turns()) < 1e-6, seconds=5.0)
+    holds(True, -1.0)
+    guest.until(lambda: turns() > to_rad(1.0))
+    guest.page.evaluate("window.pad.connected = false")  # its battery is empty
+    guest.until(lambda: abs(turns()) < 1e-6, seconds=5.0)
+    guest.page.evaluate("navigator.getGamepads = () => []")
+    guest.press("End jogging")
+    guest.page.get_by_role("tab", name="Move").click()
+
+
 def test_p_plans_and_no_single_key_moves_the_arm(guest: Guest, rig: Rig) -> None:
     guest.page.keyboard.press("p")
     guest.until(lambda: guest.button("Execute").is_enabled())
@@ -255,7 +296,8 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     rig: Rig, visit: Visit
 ) -> None:
     name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
-    with serve(rig, port=0, title=name) as preview:
+    source = Source.given(rig, name)
+    with serve_source(source, port=0, key_of=lambda _port: "k" * 43) as preview:
         window = visit(SMALL)
         window.open(preview.url)
         window.until(lambda: window.says("<b id=bold>"))
@@ -268,6 +310,11 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
     window.until(lambda: window.says("No connection: STOP does not work."))
     window.until(lambda: window.button("STOP").is_disabled())
     assert not window.page.locator("#so101-state b").is_visible()
-    with serve(rig, port=port):  # the same command again, with a key of its own
+    with serve_source(source, port=port, key_of=lambda _port: "k" * 43):  # the same command again
+        window.until(lambda: window.button("STOP").is_enabled())
+        window.until(lambda: not window.page.locator("#so101-lost").is_visible())
+        window.until(lambda: window.page.locator("#so101-state b").is_visible())
+        assert window.page.get_by_role("tab", name="Move").count() == 1
+    with serve(rig, port=port):  # another page
         window.until(lambda: window.says("this link has expired. Copy the new one"))
     window.leave()

@@ -25,6 +25,7 @@ from so101_motion.calib.procedure.pose_estimate import HOMING_POSE
 from so101_motion.calib.record import store
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import GRIPPER_JOINT
+from so101_motion.drivers.emulator import registers as reg
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(400)]
 
@@ -130,7 +131,7 @@ def person(visit: Visit, app: SetupApp) -> Newcomer:
 def test_from_the_choice_to_the_first_motor(person: Newcomer, kit: Kit) -> None:
     person.presses("Full Setup")
     person.sees("no servo answers")  # and that is no obstacle yet
-    person.reloads("Step 1 of 8")
+    person.reloads("Step 1 of 9")
     person.presses("Next")
     person.sees("Connect only the motor of gripper, which opens and closes the jaw")
     person.sees_lit("moving_jaw_so101_v1_link", ORANGE)
@@ -144,18 +145,20 @@ def test_from_the_choice_to_the_first_motor(person: Newcomer, kit: Kit) -> None:
 
 
 def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit: Kit) -> None:
-    for servo_id, joint in zip(range(6, 0, -1), SETUP_ORDER, strict=True):
-        plug_in(kit, joint)
-        write = f"Write id {servo_id} to this motor"
-        person.guest.until(lambda write=write: person.can(write), seconds=60.0)
-        if joint == "gripper":
-            person.sees_lit("moving_jaw_so101_v1_link", GREEN)
-            assert kit.ids.count(1) == 6, "nothing is written by finding it"
-            person.guest.page.reload()
-        person.presses(write)
-        person.guest.until(lambda write=write: person.guest.button(write).count() == 0)
-    assert kit.ids == [1, 2, 3, 4, 5, 6]
-    person.sees("All motors are settled")
+    plug_in(kit, "gripper")
+    write = "Write id 6 to this motor"
+    person.guest.until(lambda: person.can(write), seconds=60.0)
+    person.sees_lit("moving_jaw_so101_v1_link", GREEN)
+    assert kit.ids.count(1) == 6, "nothing is written by finding it"
+    person.guest.page.reload()
+    person.presses(write)
+    person.guest.until(lambda: person.guest.button(write).count() == 0)
+    assert kit.ids == [1, 1, 1, 1, 1, 6]
+    person.sees("unplug the motor of gripper")
+    for servo_id, joint in zip(range(5, 0, -1), SETUP_ORDER[1:], strict=True):  # in another program
+        kit.world.servo(joint).memory.keep(reg.ID, servo_id)
+        person.presses(f"Skip {joint}")
+    person.sees("All six motors are set up")
     person.presses("Next")
 
 
@@ -171,6 +174,17 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     person.reloads("Servo 6 (gripper) does not answer")
     person.presses("Verify again")
     person.guest.until(lambda: person.can("Next"))
+    person.presses("Next")
+
+
+def test_the_assembly_is_checked_joint_by_joint(person: Newcomer) -> None:
+    person.sees("Motor 1 turns the arm on its base")
+    person.sees_lit("shoulder_link", ORANGE)
+    person.presses("This joint is right")
+    person.sees("Motor 2 lifts the upper arm")
+    person.sees("Still to check: shoulder_lift, elbow_flex")
+    before = person.guest.pose_of("/setup/arm/upper_arm_link")
+    person.guest.until(lambda: person.guest.pose_of("/setup/arm/upper_arm_link") != before)
     person.presses("Next")
 
 
@@ -199,8 +213,8 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
     kit.let_go()
     hand = threading.Thread(target=tremble)
     hand.start()
-    person.presses("I hold it there")
-    person.sees("Hold still")
+    person.ticks_the_box()  # no hand is left for a button
+    person.sees("Hold still: it moves")
     person.guest.page.wait_for_timeout(2000)
     assert not person.can("Next")
     turning.set()
@@ -247,7 +261,7 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
     for share in _shares(0.2, 0.6):
         kit.put(share, ("elbow_flex",))
         person.guest.page.wait_for_timeout(30)
-    person.sees("keep elbow_flex from going farther?")
+    person.sees("Is something blocking elbow_flex?")
     assert not person.can("Finish the recording")
     person.ticks_the_box()
     person.guest.until(lambda: person.can("Finish the recording"))

@@ -100,8 +100,8 @@ class SceneView:
     def _draw(self, thing: Thing, chosen: bool) -> _Drawn:
         path = f"{self._root}/{next(self._numbers)}"
         node = _node(self._stage, path, read_shape(thing.shape), *_look(thing, chosen))
-        if self._on_pick is not None:
-            self._on_pick(node, thing.name)
+        if self._on_pick is not None and not isinstance(node, viser.PointCloudHandle):
+            self._on_pick(node, thing.name)  # a cloud cannot be clicked
         return _Drawn(thing=thing, chosen=chosen, pose=None, node=node)
 
     def _show_floor(self, floor_z: float | None) -> None:

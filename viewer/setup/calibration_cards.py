@@ -84,7 +84,7 @@ def summary(lines: Iterable[SummaryLine]) -> str:
         + (_below(line.reason, line.tone, 4) if line.reason else "")
         for line in lines
     )
-    return _table(("joint", "travel", "quality", "since before"), rows)
+    return _table(("joint", "travel", "quality", "change"), rows)
 
 
 def report(joints: Sequence[JointAccuracy]) -> str:

@@ -68,7 +68,7 @@ class ChainPage(StepPage):
         if self.check().verdict != "fail" or self._is_calibrating:
             return None
         is_first = self._setup.seen.servos is None
-        return "verify them first" if is_first else "verify them once all is mended"
+        return "verify them first" if is_first else "verify again once fixed"
 
     def _as_it_was(self) -> str:
         return "nothing was changed, and nothing was moved"

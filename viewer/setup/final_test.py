@@ -15,6 +15,7 @@ import viser
 
 from so101_motion import __version__
 from so101_motion.common.modes import Mode
+from so101_motion.common.named_poses import POSES
 from so101_motion.common.state import JointState
 from so101_motion.setup.accuracy import MoveReport
 from so101_motion.setup.checkup import Check
@@ -23,13 +24,20 @@ from so101_motion.setup.setup_steps import TEST
 
 from ..page.shared_fields import SharedField, put
 from . import calibration_cards, cards
+from .asking_button import AskingButton
 from .calibration_target import SetupTarget
 from .page import StepPage
 from .setup_context import SetupContext
 
+OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
+"""Where every joint has room for its test motion, shape (5,), [rad]."""
+
 _STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
-_LIMP = "The joints are limp. Bring the arm to a pose that is free all around, and have it held."
-_MENDED = "Once that is mended, have the joints held again. Keep a hand on the arm."
+_LIMP = (
+    "The joints are limp. Bring the arm to a pose like the blue ghost's, free all around, and have"
+    " it held."
+)
+_MENDED = "Once that is fixed, have the joints held again. Keep a hand on the arm."
 _CLEAR = "Tick the box when nothing is in its way and no hand is near it."
 _SEEN = "Did the arm do what its picture did, the same joints to the same sides?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
@@ -95,6 +103,10 @@ class FinalTestPage(StepPage):
         """Make the widgets."""
         self._todo = gui.add_html("")
         self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
+        self._release = AskingButton(
+            self._setup.context, "Let go, for a better pose", "It sinks: press again to let go",
+            self._let_go, viser.Icon.HAND_GRAB,
+        )  # fmt: skip
         agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
         self._start = gui.add_button(
             "Move and measure", icon=viser.Icon.PLAYER_PLAY, color="green", visible=False
@@ -143,7 +155,7 @@ class FinalTestPage(StepPage):
         seen = None if state is None else (state.mode, *np.round(state.q, 4), round(state.q_jaw, 3))
         before, self._shown = self._shown, (seen, trial, found, self._is_agreed)
         self._conclude()
-        return self._shown != before
+        return self._release.refresh() or self._shown != before
 
     def show(self) -> None:
         """Show the planned motions, the running one, and the results."""
@@ -158,6 +170,9 @@ class FinalTestPage(StepPage):
         self._hold.visible = state is not None and not holds
         self._hold.disabled = busy
         can_begin = holds and not runs and outline is not None and report is None
+        self._release.show(shown=can_begin, can=not busy)
+        is_limp = state is not None and state.mode is Mode.LIMP
+        self._setup.picture.ghost(OPEN_POSE if is_limp else None, state.q_jaw if state else 0.0)
         self._start.visible = can_begin
         self._agreed.show(self._is_agreed if can_begin else None)
         self._start.disabled = not self._is_agreed or busy
@@ -201,10 +216,7 @@ class FinalTestPage(StepPage):
         if trial.report is not None:
             return cards.instruction(TEST.title, "")
         html = cards.instruction("This will move:", trial.outline.sentence)
-        html += "".join(
-            cards.note(f"{joint} is left out: {reason}")
-            for joint, reason in trial.outline.obstacles
-        )
+        html += cards.note(trial.outline.left_out)
         if trial.trouble is not None:
             html += cards.failed(str(trial.trouble))
         return html + cards.note(_CLEAR)
@@ -250,6 +262,12 @@ class FinalTestPage(StepPage):
         self._do(
             "holding the joints", lambda target: target.calibrator.hold(), lambda _: self._plan()
         )
+
+    def _let_go(self) -> None:
+        target, self._trial = self._setup.target, None
+        if target is not None and target.rig is not None:
+            arm = target.rig.arm
+            self._setup.do("letting go of the joints", lambda: arm.set_torque(False))
 
     def _agree_to(self, is_clear: bool) -> None:
         self._is_agreed = is_clear

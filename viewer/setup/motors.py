@@ -25,6 +25,7 @@ from so101_motion.setup.setup_steps import MOTORS
 from ..page.shared_fields import put
 from ..page.texts import capital
 from . import cards
+from .asking_button import AskingButton
 from .cards import MotorLook
 from .page import StepPage
 from .picture import GREEN, ORANGE
@@ -38,12 +39,12 @@ PATIENCE = 12.0
 one motor and plug in another."""
 
 _LOOKING = (
-    "Looking at the cable all the time, no need to press anything before a motor is found. The six"
-    " motors of a follower's kit are alike: take any. Those of a leader differ: see its guide for"
-    " which goes where."
+    "Watching the cable; nothing to press yet. The six motors of a follower's kit are alike: take"
+    " any. Those of a leader differ: see its guide for which goes where."
 )
 
 _NONE = "none"
+_START_OVER, _SURE = "Start over with the gripper", "Press again to start over"
 _NOBODY = "no servo answers"
 _SILENT = (
     "No motor has answered for a while. Is the power supply on, and does the motor's cable sit in"
@@ -159,6 +160,7 @@ class MotorsPage(StepPage):
         self._doing = gui.add_html("")
         self._list = gui.add_html("")
         self._redo = gui.add_dropdown("Set up again", (_NONE, *SETUP_ORDER), initial_value=_NONE)
+        self._anew = AskingButton(self._setup.context, _START_OVER, _SURE, self._begin_anew)
         on_press = self._setup.context.on_press
         on_press(self._write, self._assign)
         on_press(self._again, self.model.look_again)
@@ -186,7 +188,7 @@ class MotorsPage(StepPage):
                 self._setup.progress.add(motor.joint)
         now = (replace(view, doing=""), self.model.hint)
         is_news, self._shown = now != self._shown, now
-        return is_news
+        return self._anew.refresh() or is_news
 
     def show(self) -> None:
         """Show the state of each motor, and highlight the one asked for."""
@@ -210,6 +212,7 @@ class MotorsPage(StepPage):
         if joint is not None:
             self._write.label = f"Write id {view.motors[joint].target_id} to this motor"
             self._skip.label = f"Skip {joint}"
+        self._anew.show(can=view.step > 0 and not self._setup.doing)
 
     def can_go_on(self) -> str | None:
         """How many motors are left; a motor's card shows its problem."""
@@ -238,7 +241,7 @@ class MotorsPage(StepPage):
         if self._is_writing:
             return capital(self._setup.doing)
         if view.next_joint is None and self.model.picked is None:
-            return "All motors are settled. Press Next."
+            return "All six motors are set up. Press Next."
         if is_found:
             return "Nothing is written until you press the button. The motor does not move."
         return self.model.hint or _LOOKING
@@ -261,6 +264,16 @@ class MotorsPage(StepPage):
         self.model.picked = None
         put(self._redo, _NONE)
         self.model.look_again()
+
+    def _begin_anew(self) -> None:
+        """Forget which motors are done: another kit, or all once more."""
+        target = self._setup.target
+        if target is not None:
+            self._setup.do("starting over", target.calibrator.motor_setup.reset, self._forget)
+
+    def _forget(self, _: object) -> None:
+        self._setup.progress.forget_motors()
+        self._settled()
 
     def _pick(self, joint: str) -> None:
         self.model.picked = joint if joint in SETUP_ORDER else None

@@ -7,13 +7,13 @@ what the step has begun and says how it has left the arm.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from functools import partial
 
 import viser
 
 from so101_motion.calib.motors.progress import NAME, SetupProgress
+from so101_motion.calib.motors.setup_view import SETUP_ORDER
 from so101_motion.common.errors import So101Error
 from so101_motion.setup.port_selection import own_folder
 from so101_motion.setup.setup_steps import CONNECT, MOTORS_ONLY, TEST, WORKFLOWS, Workflow
@@ -23,6 +23,8 @@ from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.texts import capital
 from . import cards
+from .asking_button import AskingButton
+from .assembly import AssemblyPage
 from .calibration_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .chain import ChainPage
 from .configure import ConfigurePage
@@ -39,7 +41,7 @@ from .step_wizard import StepWizard
 
 TITLE = "Setup"
 
-_ABORT, _SURE, _ASKED_FOR = "Abort the setup", "Press again to abort", 5.0
+_ABORT, _SURE = "Abort the setup", "Press again to abort"
 
 _MOTORS_DONE = "All done. Screw the arm together, then choose Calibration Only."
 
@@ -74,6 +76,7 @@ class SetupPart(Part):
             "connect": ConnectionPage(self.setup, ports),
             "motors": MotorsPage(self.setup),
             "chain": ChainPage(self.setup),
+            "assembly": AssemblyPage(self.setup),
             "pose": PosePage(self.setup),
             "record": RecordPage(self.setup),
             "save": SavePage(self.setup),
@@ -83,7 +86,6 @@ class SetupPart(Part):
         self._current: StepPage | None = None
         self._left_behind = ""
         self._is_stale = True
-        self._sure_until = 0.0  # until then a second press aborts [s]
         with context.tabs.add_tab(TITLE, viser.Icon.TOOL):
             self._build(context.gui)
         if resumes:
@@ -114,16 +116,19 @@ class SetupPart(Part):
             self._why_not = gui.add_html("")
             self._next = gui.add_button("Next", icon=viser.Icon.ARROW_RIGHT)
             self._back = gui.add_button("Back", icon=viser.Icon.ARROW_LEFT, color="gray")
-            self._abort = gui.add_button(_ABORT, icon=viser.Icon.X, color="gray")
+            self._abort = AskingButton(
+                self.setup.context, _ABORT, _SURE, self._give_up, viser.Icon.X
+            )
         on_press = self.setup.context.on_press
         on_press(self._next, self._go_on)
         on_press(self._back, self._go_back)
-        on_press(self._abort, self._give_up)
 
     # What the buttons do
 
     def _choose(self, workflow: Workflow) -> None:
         self._left_behind = ""
+        if len(self.setup.progress.done) == len(SETUP_ORDER):
+            self.setup.progress.clear()  # that kit is done, this is another one
         self.wizard.choose(workflow)
         self._turn_to_step()
 
@@ -152,13 +157,9 @@ class SetupPart(Part):
             self._turn_to_step()
 
     def _give_up(self) -> None:
-        page, now = self._current, time.monotonic()
+        page = self._current
         if page is None or self.setup.doing:
             return
-        if now > self._sure_until:
-            self._sure_until = now + _ASKED_FOR
-            return
-        self._sure_until = 0.0
 
         def ended(sentence: str) -> None:
             self.wizard.end()
@@ -213,9 +214,8 @@ class SetupPart(Part):
         ended = self.setup.collect()
         torque = self.setup.torque.look(self.setup.target, is_blind=self.setup.is_looking)
         news = self._current is not None and self._current.refresh()
-        if self._sure_until and time.monotonic() > self._sure_until:
-            self._sure_until, is_stale = 0.0, True
-        return is_stale or ended or torque or news
+        asked = self._abort.refresh()
+        return is_stale or ended or torque or news or asked
 
     def show(self) -> None:
         """Update the tab and the picture."""
@@ -238,9 +238,9 @@ class SetupPart(Part):
         can_test = step.name == TEST.name and target is not None and target.rig is not None
         skips = can_test and self.setup.tested is None
         self._next.label = "Skip the test" if skips else "Finish" if wizard.is_last else "Next"
-        self._abort.label = _SURE if time.monotonic() <= self._sure_until else _ABORT
         self._next.disabled = reason is not None
-        self._back.disabled = self._abort.disabled = bool(self.setup.doing)
+        self._back.disabled = bool(self.setup.doing)
+        self._abort.show(can=not self.setup.doing)
         self._why_not.content = self._words(reason)
         self._current.show()
 

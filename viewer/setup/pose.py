@@ -19,6 +19,7 @@ from so101_motion.calib.procedure.stillness import STILL, Stillness
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.setup.setup_steps import POSE
 
+from ..page.shared_fields import SharedField
 from . import calibration_cards, cards
 from .calibration_target import SetupTarget
 from .page import CalibrationPage
@@ -31,10 +32,18 @@ _LET_GO = (
 )
 _MATCH = (
     "Match the blue ghost: upper arm upright, forearm and gripper level and straight ahead, the jaw"
-    " half open. Then turn the gripper until it opens straight upwards, and look closely: how you"
-    " hold it is what it takes for straight from now on."
+    " half open. Then turn the gripper until it opens straight upwards, and look closely: this"
+    " position becomes its zero."
 )
 _TAKEN = "The pose is taken. Relax, and go on."
+
+ALONE = 3.0
+"""How long the arm is held still for its pose to be taken without the button [s]; chosen: longer
+than a hand rests on the way."""
+
+MOVED = 114
+"""How far a joint must have been moved before [tick], 10 deg; else an arm that just lies there
+would be taken for one that is held. Chosen."""
 
 
 class PosePage(CalibrationPage):
@@ -44,6 +53,8 @@ class PosePage(CalibrationPage):
         super().__init__(setup, POSE)
         self._stillness: Stillness | None = None  # while the pose is about to be taken
         self._still = 0.0
+        self._begun_at: dict[str, int | None] | None = None  # while it is taken without the button
+        self._has_moved = False  # since then
 
     def build(self, gui: viser.GuiApi) -> None:
         """Make the widgets."""
@@ -53,6 +64,13 @@ class PosePage(CalibrationPage):
         self._take = gui.add_button(
             "I hold it there", icon=viser.Icon.CHECK, color="green", visible=False
         )
+        alone = gui.add_checkbox(
+            "Take it when I hold still",
+            False,
+            hint=f"For both hands: {ALONE:g} s without moving, after the arm was moved",
+            visible=False,
+        )
+        self._alone = SharedField(alone, self._go_alone, self._setup.context, shown=bool)
         self._again = gui.add_button(
             "Take the pose again", icon=viser.Icon.REPEAT, color="gray", visible=False
         )
@@ -68,7 +86,7 @@ class PosePage(CalibrationPage):
 
     def enter(self) -> None:
         """Show the pose."""
-        self._stillness = None
+        self._stillness = self._begun_at = None
 
     def leave(self) -> None:
         """Do not take a pose that was about to be taken."""
@@ -94,7 +112,9 @@ class PosePage(CalibrationPage):
         self._take.visible = state is State.STARTED
         self._again.visible, self._mend.visible = taken, state is State.ERROR
         self._let_go.disabled = self._again.disabled = self._mend.disabled = busy
-        self._take.disabled = busy or self._stillness is not None
+        is_alone = self._begun_at is not None
+        self._take.disabled = busy or (self._stillness is not None and not is_alone)
+        self._alone.show(is_alone if state is State.STARTED else None)
         self._say()
 
     def _show_pose(self, state: State, seen: PoseEstimate) -> None:
@@ -119,8 +139,10 @@ class PosePage(CalibrationPage):
         view = now.view
         html = cards.note(view.note or "")
         if self._stillness is not None:
-            left = STILL - self._still
+            left = self._needed - self._still
             text = f"hold still: {left:.1f} s more" if self._still else "hold still: it moves"
+            if self._begun_at is not None and not self._has_moved:
+                text = "bring the arm into the pose, then hold still"
             html += cards.going_on(text)
         elif view.error and not self._setup.trouble:
             html += cards.failed(view.error)
@@ -152,20 +174,43 @@ class PosePage(CalibrationPage):
 
     def _wait_for_stillness(self) -> None:
         if not self._setup.doing:
-            self._stillness, self._still = Stillness(), 0.0
+            self._stillness, self._still, self._begun_at = Stillness(), 0.0, None
+
+    def _go_alone(self, is_alone: bool) -> None:
+        """Take the pose without a button, once the arm was moved and then held still."""
+        target, self._has_moved, self._still = self._setup.target, False, 0.0
+        self._stillness = self._begun_at = None
+        if is_alone and target is not None:
+            self._stillness, self._begun_at = Stillness(), _ticks(target)
+
+    @property
+    def _needed(self) -> float:
+        return STILL if self._begun_at is None else ALONE
 
     def _await_stillness(self) -> bool:
         """Take the pose once the arm is still; return whether anything is new."""
         stillness, target = self._stillness, self._setup.target
         if stillness is None or target is None:
             return False
-        now = target.calibrator.situation
-        if now.view.state is not State.STARTED:
-            self._stillness = None
+        if target.calibrator.situation.view.state is not State.STARTED:
+            self._stillness = self._begun_at = None
             return True
-        ticks = {joint: view.ticks for joint, view in now.joints.items()}
+        ticks = _ticks(target)
         self._still = stillness.feed(time.monotonic(), ticks)
-        if self._still >= STILL:
-            self._stillness = None
+        begun_at = self._begun_at
+        self._has_moved = self._has_moved or begun_at is None or _moved(begun_at, ticks)
+        if self._still >= self._needed and self._has_moved:
+            self._stillness = self._begun_at = None
             self._setup.do("taking the pose", partial(target.calibrator.step, Command.SET_HOMING))
         return True
+
+
+def _ticks(target: SetupTarget) -> dict[str, int | None]:
+    return {joint: view.ticks for joint, view in target.calibrator.situation.joints.items()}
+
+
+def _moved(before: dict[str, int | None], now: dict[str, int | None]) -> bool:
+    """Whether any joint is elsewhere; ticks count round and round."""
+    pairs = [(before.get(joint), place) for joint, place in now.items()]
+    turned = [(b - a + 2048) % 4096 - 2048 for a, b in pairs if a is not None and b is not None]
+    return any(abs(each) > MOVED for each in turned)

@@ -97,8 +97,7 @@ class RecordPage(CalibrationPage):
             self._accepted = ()  # what was agreed to is not what is asked now
         self._limited.visible = bool(offered)
         self._limited.content = cards.note(
-            f"Does something on your arm keep {' and '.join(offered)} from going farther? Then"
-            " accept what was recorded as it is."
+            f"Is something blocking {' and '.join(offered)}? If not, accept what was recorded."
         )
         self._accepts.show(bool(self._accepted) if offered else None)
 
@@ -110,7 +109,7 @@ class RecordPage(CalibrationPage):
         if check.verdict != "fail":
             return None
         if self._setup.known.view.error:
-            return "first see to what is said above"
+            return "resolve the problem above first"
         return (
             "finish the recording" if check.sentence == "the recording goes on" else check.sentence
         )

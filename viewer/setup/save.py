@@ -15,12 +15,16 @@ from so101_motion.setup.setup_steps import SAVE
 
 from ..page.texts import capital
 from . import calibration_cards, cards
+from .final_test import OPEN_POSE
 from .page import CalibrationPage
 from .setup_context import SetupContext
 
 _BESIDE = (
-    " What this file says now is kept. Since before: how far the two ends of each travel have"
-    " moved."
+    " What this file says now is kept. Change: how far the two ends of each travel have moved."
+)
+_OPEN_POSE = (
+    "First bring the arm to a pose like the blue ghost's, free all around: saving holds its joints"
+    " there, and the final test begins there."
 )
 
 
@@ -78,6 +82,7 @@ class SavePage(CalibrationPage):
             self._lines = summary.lines(now.joints, self._setup.before)
         saved = self._setup.saved
         self._todo.content = cards.instruction(SAVE.title, _instruction(is_open, saved is not None))
+        self._setup.picture.ghost(OPEN_POSE if is_open else None)
         is_in_force = self._outcome is not None and not self._is_undone
         self._table.content = (
             calibration_cards.summary(self._lines) if is_open or is_in_force else ""
@@ -131,7 +136,7 @@ class SavePage(CalibrationPage):
 
 def _instruction(is_open: bool, is_saved: bool) -> str:
     if is_open:
-        return SAVE.instruction
+        return f"{SAVE.instruction} {_OPEN_POSE}"
     if is_saved:
         return "The motors and the file hold the calibration."
     return "There is nothing to save yet: go back to the homing pose."

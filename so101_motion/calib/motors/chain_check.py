@@ -77,7 +77,7 @@ def _missing(joint: str, servo_id: int, seen: ServosOnBus, other_baud: int | Non
         fix = f"check the cable between servos {last} and {last + 1}; {_AGAIN}"
     else:
         error = f"servo {servo_id} ({joint}) does not answer, though servos behind it do"
-        fix = f"connect it alone and discover {joint}, it may have another id; {_AGAIN}"
+        fix = f"connect {joint} alone and set it up again; its id may be wrong; {_AGAIN}"
     return MotorCheck(joint=joint, servo_id=servo_id, status="not_responding", error=error, fix=fix)
 
 

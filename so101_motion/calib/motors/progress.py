@@ -61,6 +61,11 @@ class SetupProgress:
             self.port, self.done = port, []
             self._keep()
 
+    def forget_motors(self) -> None:
+        """Forget which motors have their ids; the step stays."""
+        self.done = []
+        self._keep()
+
     def clear(self) -> None:
         """Forget the progress, because all is done or starts again."""
         self.done, self.workflow, self.step = [], "", ""

@@ -151,5 +151,5 @@ def test_a_joint_that_cannot_move_freely_is_named_and_left_out(rig):
     outline = make(rig).outline()
     blocked = dict(outline.obstacles)
     assert "shoulder_pan" in blocked
-    assert "freer pose" in blocked["shoulder_pan"]
+    assert "more open pose" in blocked["shoulder_pan"]
     assert "shoulder_pan" not in [swing.joint for swing in outline.swings]

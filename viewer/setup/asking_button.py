@@ -1,0 +1,56 @@
+"""A button that asks before it does anything: it acts when it is pressed twice."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import viser
+
+from ..page.page_context import PageContext
+
+ASKED_FOR = 5.0
+"""How long it asks before it is as it was [s]; chosen."""
+
+
+class AskingButton:
+    """A gray button that acts at the second press, within ``ASKED_FOR``.
+
+    Args:
+        question: What it says after the first press.
+        command: What it does then.
+        icon: In front of it.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        label: str,
+        question: str,
+        command: Callable[[], object],
+        icon: viser.IconName = viser.Icon.RESTORE,
+    ) -> None:
+        self._label, self._question, self._command = label, question, command
+        self._until = 0.0
+        self._button = context.gui.add_button(label, icon=icon, color="gray")
+        context.on_press(self._button, self._press)
+
+    def refresh(self) -> bool:
+        """Return whether its question has just expired."""
+        if self._until and time.monotonic() > self._until:
+            self._until = 0.0
+            return True
+        return False
+
+    def show(self, *, shown: bool = True, can: bool = True) -> None:
+        """Update it; ``can`` tells whether it may be pressed."""
+        self._button.visible = shown
+        self._button.label = self._question if self._until else self._label
+        self._button.disabled = not can
+
+    def _press(self) -> None:
+        asked, self._until = self._until, 0.0
+        if time.monotonic() <= asked:
+            self._command()
+        else:
+            self._until = time.monotonic() + ASKED_FOR

@@ -1,0 +1,250 @@
+"""Record a path along which a hand leads the arm, and replay it; without viser.
+
+Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
+``PathTeaching``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import ConfigError, Interrupted, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.files import user_storage
+from so101_motion.rig.rig import Rig
+from so101_motion.tasks.guided import GuidedPath, PathRecorder, Replay, files, plan_replay
+from so101_motion.tasks.guided import start_replay as start
+from so101_motion.tasks.program.rehearsal import stands_at
+from so101_motion.tasks.teleop.local_arms import jaw_of
+
+from ..page import texts
+from ..page.guiding import Guiding
+from ..page.screen_state import Sentence, Tone
+
+WELCOME = Sentence(text="Record a path: the arm goes soft, and you lead it by hand.")
+BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
+PLANNING = Sentence(text="Planning the replay …")
+PLAN = Sentence(text="Press Plan replay: it is checked for collisions, nothing moves.")
+ARM_MOVED = Sentence(text="The arm has moved. Press Plan replay again.")
+DONE = Sentence(text="Done. Press Plan replay to go it again.", tone=Tone.GOOD)
+
+
+class Doing(Enum):
+    """What the teaching is doing."""
+
+    NOTHING = "nothing"
+    BEGINNING = "beginning"
+    RECORDING = "recording"
+    PLANNING = "planning"
+    REPLAYING = "replaying"
+
+
+class PathTeaching:
+    """Records, keeps, plans and replays one path at a time.
+
+    Args:
+        rig: The arm and its gripper.
+        submit: Runs a slow call beside the page.
+
+    Attributes:
+        path: As it was shown, or loaded; None before.
+        replay: Its plan, as long as it can be run; else None.
+        doing: What is going on.
+        sentence: What to know or to do now.
+        name: What the path is called.
+        saved: Names of the saved ones.
+    """
+
+    def __init__(self, rig: Rig, submit: Callable[[Callable[[], Any]], Future[Any]]) -> None:
+        self._rig, self._submit = rig, submit
+        self._guiding = Guiding(rig.arm, rig.clock, submit)
+        self._recorder: PathRecorder | None = None
+        self._planning: Future[Replay] | None = None
+        self._motion: Motion | None = None
+        self.path: GuidedPath | None = None
+        self.replay: Replay | None = None
+        self.doing = Doing.NOTHING
+        self.sentence = WELCOME
+        self.name = ""
+        self.saved = self._listed()
+
+    # Recording
+
+    @property
+    def can_record(self) -> bool:
+        """Whether the arm may be led by hand now."""
+        return self.doing is Doing.NOTHING and (
+            self._guiding.can_start or self._rig.arm.state.mode is Mode.GUIDING
+        )
+
+    def record(self) -> None:
+        """Let the arm go soft and record its path."""
+        if self.can_record:
+            self.doing, self.sentence = Doing.BEGINNING, BEGINS
+            self._guiding.start()
+
+    def end_recording(self) -> None:
+        """End the recording; the arm holds where it is."""
+        if self._recorder is not None:
+            self._keep(self._recorder)
+            self._submit(lambda: self._rig.arm.set_manual(False))
+
+    # Replay
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether a replay can be planned now."""
+        return (
+            self.path is not None
+            and self.doing is Doing.NOTHING
+            and self._rig.arm.state.mode is Mode.HOLDING
+        )
+
+    @property
+    def can_run(self) -> bool:
+        """Whether the plan can be run now."""
+        return self.can_plan and self.replay is not None
+
+    def plan(self) -> None:
+        """Plan the replay; nothing moves."""
+        path, rig = self.path, self._rig
+        if path is not None and self.can_plan:
+            self.replay = None
+            self.doing, self.sentence = Doing.PLANNING, PLANNING
+            self._planning = self._submit(lambda: plan_replay(rig.arm, path, gripper=jaw_of(rig)))
+
+    def run(self) -> None:
+        """Move along the path as it was planned."""
+        if self.replay is not None and self.can_run:
+            self.doing = Doing.REPLAYING
+            self.sentence = texts.MOVING
+            self._motion = start(self._rig.arm, jaw_of(self._rig), self.replay)
+
+    # Files
+
+    def call(self, name: str) -> None:
+        """Set the name for saving."""
+        self.name = name
+
+    def save(self) -> None:
+        """Save the path under its name; replaces one of that name."""
+        if self.path is None:
+            raise ConfigError("path", None, "record a path first")
+        if not self.name.strip():
+            raise ConfigError("name", None, "type a name first")
+        file = files.file_of(_folder(), self.name.strip())
+        files.write(self.path, file, replace=True)
+        self.name, self.saved = file.stem, self._listed()
+        self.sentence = texts.saved(file.stem)
+
+    def load(self, name: str) -> None:
+        """Take a saved path; nothing moves."""
+        self._take(files.read(files.file_of(_folder(), name)))
+        self.name = name
+
+    def delete(self, name: str) -> None:
+        """Delete a saved path; the one that is shown stays."""
+        files.delete(files.file_of(_folder(), name))
+        self.saved = self._listed()
+        self.sentence = texts.deleted(name)
+
+    def report(self, error: BaseException) -> None:
+        """Show that a command failed."""
+        self.sentence = texts.ended(error)
+
+    # What time brings
+
+    def refresh(self) -> None:
+        """Take in what has happened since the last call."""
+        try:
+            self._guiding.refresh()
+        except So101Error as error:
+            self.doing = Doing.NOTHING
+            self.report(error)
+        self._watch_recording()
+        self._collect_plan()
+        self._collect_run()
+        replay = self.replay
+        if replay is not None and self.doing is Doing.NOTHING:
+            state = self._rig.arm.state
+            if not stands_at(replay.approach.q_start, state.q_ref):
+                self.replay, self.sentence = None, ARM_MOVED
+
+    @property
+    def recorded(self) -> int:
+        """How many points have been recorded."""
+        return 0 if self._recorder is None else self._recorder.points
+
+    # How
+
+    def _watch_recording(self) -> None:
+        rig, recorder = self._rig, self._recorder
+        if self.doing is Doing.BEGINNING and rig.arm.state.mode is Mode.GUIDING:
+            self._recorder, self.doing = PathRecorder(rig.executor, jaw_of(rig)), Doing.RECORDING
+        elif recorder is not None and recorder.ended_by:
+            self._keep(recorder)
+        if self._recorder is not None:
+            self.sentence = _recording(self._recorder, self._guiding.left)
+
+    def _keep(self, recorder: PathRecorder) -> None:
+        why, self._recorder = recorder.ended_by, None
+        self._take(recorder.end())
+        if why:
+            self.sentence = Sentence(text=f"The recording ended: {why}. {PLAN.text}")
+
+    def _take(self, path: GuidedPath) -> None:
+        self.path, self.replay, self.doing = path, None, Doing.NOTHING
+        text = f"{path.duration:.1f} s, {len(path)} points. {PLAN.text}"
+        self.sentence = Sentence(text=text, tone=Tone.GOOD)
+
+    def _collect_plan(self) -> None:
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning, self.doing = self._planning, None, Doing.NOTHING
+        error = planning.exception()
+        if error is not None:
+            self.report(error)
+            return
+        self.replay = planning.result()
+        self.sentence = _planned(self.replay)
+
+    def _collect_run(self) -> None:
+        if self._motion is None or not self._motion.future.done():
+            return
+        motion, self._motion, self.doing = self._motion, None, Doing.NOTHING
+        self.replay = None
+        error = motion.future.exception()
+        if error is None:
+            self.sentence = DONE
+        elif isinstance(error, Interrupted) and error.by == "stop":
+            self.sentence = Sentence(text="Stopped. The arm holds where it is.")
+        else:
+            self.report(error)
+
+    def _listed(self) -> tuple[str, ...]:
+        try:
+            return tuple(each.name for each in files.listed(_folder()))
+        except So101Error:
+            return ()
+
+
+def _folder() -> Path:
+    return user_storage.folder() / "paths"
+
+
+def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
+    end = "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
+    text = f"Recording, {recorder.points} points. Lead the arm by hand.{end}"
+    return Sentence(text=text, tone=Tone.WARM)
+
+
+def _planned(replay: Replay) -> Sentence:
+    approach = replay.approach.duration
+    along = replay.duration - approach
+    text = f"Planned: {approach:.1f} s to its beginning, then {along:.1f} s along it. Press Replay."
+    return Sentence(text=text, tone=Tone.GOOD)

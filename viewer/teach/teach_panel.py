@@ -1,0 +1,138 @@
+"""The Teach tab: record a path by hand and replay it; follow a leader arm."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.rig import Rig
+from so101_motion.tasks.guided import GuidedPath
+
+from ..page import markup
+from ..page.page_context import ArmContext
+from ..page.part import Part
+from ..page.shared_fields import SharedField, grey
+from ..scene.robot_view import segments
+from .leading import Leading, OpenLeader, session_for
+from .path_teaching import Doing, PathTeaching
+
+_NONE = "none"
+_COLOR = (12, 133, 153)
+_MOST_POINTS = 400  # of the line that is drawn
+
+
+class TeachPart(Part):
+    """The widgets of the Teach tab.
+
+    Args:
+        open_leader: Opens the leader arm, if there is one on this computer.
+    """
+
+    def __init__(self, context: ArmContext, open_leader: OpenLeader | None) -> None:
+        rig = context.rig
+        self._scene = context.server.scene
+        self.teaching = PathTeaching(rig, context.beside) if isinstance(rig, Rig) else None
+        session = session_for(rig, open_leader)
+        self.leading = None if session is None else Leading(session, context.beside)
+        self._drawn: GuidedPath | None = None
+        self._line: viser.LineSegmentsHandle | None = None
+        self._shown: object = None
+        if self.teaching is None and self.leading is None:
+            return
+        self._context = context
+        with context.tabs.add_tab("Teach", viser.Icon.HAND_GRAB):
+            if self.teaching is not None:
+                self._add_path(context.gui, self.teaching)
+            if self.leading is not None:
+                self._add_leader(context.gui, self.leading)
+
+    def _add_path(self, gui: viser.GuiApi, teaching: PathTeaching) -> None:
+        context = self._context.reporting(teaching.report)
+        self._sentence = gui.add_html("")
+        self._record = gui.add_button("Record a path", icon=viser.Icon.PLAYER_RECORD)
+        self._plan = gui.add_button("Plan replay", icon=viser.Icon.ROUTE)
+        self._run = gui.add_button("Replay", icon=viser.Icon.PLAYER_PLAY, color="green")
+        context.on_press(self._record, self._switch_recording)
+        context.on_press(self._plan, teaching.plan)
+        context.on_press(self._run, teaching.run)
+        with gui.add_folder("Save and load", expand_by_default=False):
+            name = gui.add_text("Path name", "")
+            self._name = SharedField(name, teaching.call, context, shown=str)
+            self._write = gui.add_button_group("Path", ("save",))
+            self._saved = gui.add_dropdown("Saved", (_NONE,))
+            self._use = gui.add_button_group("Saved one", ("load", "delete"))
+        context.on_choice(self._write, lambda _name: teaching.save())
+        use = {"load": teaching.load, "delete": teaching.delete}
+        context.on_choice(self._use, lambda what: use[what](self._saved.value))
+
+    def _add_leader(self, gui: viser.GuiApi, leading: Leading) -> None:
+        gui.add_divider()
+        self._follows = gui.add_html("")
+        self._follow = gui.add_button("Follow the leader", icon=viser.Icon.COPY)
+        self._context.on_press(self._follow, leading.toggle)
+
+    def _switch_recording(self) -> None:
+        assert self.teaching is not None  # its button was made
+        if self.teaching.doing is Doing.RECORDING:
+            self.teaching.end_recording()
+        else:
+            self.teaching.record()
+
+    def refresh(self) -> bool:
+        """Take in what has happened; return whether anything is new."""
+        teaching, leading, before = self.teaching, self.leading, self._shown
+        told: list[object] = []
+        if teaching is not None:
+            teaching.refresh()
+            told += [teaching.sentence, teaching.doing, teaching.path, teaching.replay]
+            told += [teaching.can_plan, teaching.can_record, teaching.saved, teaching.name]
+        if leading is not None:
+            leading.refresh()
+            told += [leading.sentence, leading.is_on, leading.can_switch]
+        self._shown = told
+        return before is None or told != before
+
+    def show(self) -> None:
+        """Update the widgets."""
+        if self.teaching is not None:
+            self._show_path(self.teaching)
+        if self.leading is not None:
+            self._follows.content = markup.sentence(self.leading.sentence)
+            self._follow.label = "End following" if self.leading.is_on else "Follow the leader"
+            self._follow.disabled = not self.leading.can_switch
+
+    def _show_path(self, teaching: PathTeaching) -> None:
+        self._sentence.content = markup.sentence(teaching.sentence)
+        records = teaching.doing is Doing.RECORDING
+        self._record.label = "End the recording" if records else "Record a path"
+        self._record.disabled = not records and not teaching.can_record
+        self._plan.disabled = not teaching.can_plan
+        self._run.disabled = not teaching.can_run
+        self._name.show(teaching.name)
+        grey(self._write, teaching.path is None)
+        if self._saved.options != (teaching.saved or (_NONE,)):
+            self._saved.options = teaching.saved or (_NONE,)
+        grey(self._use, not teaching.saved)
+        if teaching.path is not self._drawn:
+            self._drawn = teaching.path
+            self._draw(teaching.path)
+
+    def _draw(self, path: GuidedPath | None) -> None:
+        """The way of the tool along the path."""
+        if self._line is not None:
+            self._line.remove()
+            self._line = None
+        if path is None or len(path) < 2:
+            return
+        model = RobotModel.load()
+        keep = np.unique(np.linspace(0, len(path) - 1, _MOST_POINTS).astype(int))
+        points = np.array([model.frame(q).p for q in path.q[keep]])
+        self._line = self._scene.add_line_segments(
+            "/teach/path", segments(points), _COLOR, thickness=3.0, thickness_units="screen"
+        )
+
+    def close(self) -> None:
+        """End the following."""
+        if self.leading is not None:
+            self.leading.close()
