@@ -35,6 +35,8 @@ from so101_motion.tasks.guided.path import GuidedPath
 
 SCHEMA = "so101/guided-path/1"
 
+_DECIMALS = 4  # of times in a file [s]
+
 LARGEST = 20_000_000
 """Largest file that is read [byte]; the longest recording has a fifth of that."""
 
@@ -78,10 +80,13 @@ def write(path: GuidedPath, file: Path, *, replace: bool = False) -> None:
         ConfigError: It cannot be written, or is there already.
     """
     refuse_taken(file, replace=replace)
+    t = np.round(path.t, _DECIMALS)
+    kept = np.flatnonzero(np.append(True, np.diff(t) > 0.0))  # the others have no time of their own
+    path, t = path.taken(kept), t[kept]
     content: dict[str, Any] = {
         "recorded_at": datetime.now(UTC).isoformat(timespec="seconds"),
         "joints": list(ARM_JOINTS),
-        "time_s": np.round(path.t, 4).tolist(),
+        "time_s": t.tolist(),
         "q_deg": np.round(to_deg(path.q), 4).tolist(),
     }
     if path.aperture is not None:

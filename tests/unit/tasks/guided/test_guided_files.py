@@ -36,6 +36,13 @@ def test_what_was_written_is_read_again(tmp_path):
     assert [each.name for each in file.parent.iterdir()] == ["wave.json"], "nothing is left behind"
 
 
+def test_points_that_a_file_cannot_tell_apart_do_not_make_it_unreadable(tmp_path):
+    t = [0.0, 1.1e-16, 0.01, 0.01004, 0.5]
+    file = tmp_path / "wave.json"
+    files.write(GuidedPath(t=t, q=np.outer(t, np.ones(5))), file)
+    np.testing.assert_allclose(files.read(file).t, [0.0, 0.01, 0.5])
+
+
 def test_an_arm_without_a_jaw_has_no_apertures(tmp_path):
     file = tmp_path / "wave.json"
     files.write(GuidedPath(t=WAVE.t, q=WAVE.q), file)
