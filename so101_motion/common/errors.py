@@ -383,13 +383,16 @@ class SurroundingsUnknown(PlanningError):
     Attributes:
         reason: What is wrong.
         component: The component of the machine that it is about; empty if it is all of it.
+        remedy: What to do about it.
     """
 
-    def __init__(self, reason: str, *, component: str = "") -> None:
+    def __init__(self, reason: str, *, component: str = "", remedy: str = "") -> None:
         self.reason, self.component = reason, component
         left_out = quoted(component or "*").replace("'", '"')
-        advice = f'put that right, or leave it out: "ignore_components": [{left_out}] of the arm'
-        super().__init__(f"{reason}; {advice}")
+        self.remedy = remedy or (
+            f'put that right, or leave it out: "ignore_components": [{left_out}] of the arm'
+        )
+        super().__init__(f"{reason}; {self.remedy}")
 
 
 class MachineRefused(MotionError):

@@ -65,6 +65,12 @@ _BUS = (
         range=_RATES, otherwise="100", ours=True,
     ),
 )  # fmt: skip
+SENSES = (
+    Attribute(
+        "world_state_store", "a world-state store; what is in it is planned around", kind="text",
+        form="name", ours=True, link="planning.md#what-the-machine-has-around-the-arm",
+    ),
+)  # fmt: skip
 _SURROUNDINGS = (
     Attribute(
         "motion",
@@ -84,6 +90,7 @@ _SURROUNDINGS = (
         ' `["*"]` is all of them', kind="names", form="list of names", ours=True,
         link="planning.md#what-the-machine-has-around-the-arm",
     ),
+    *SENSES,
     Attribute(
         "payload_kg", "what the gripper always carries", unit="kg", range=(0.0, HEAVIEST),
         default=0.0, ours=True,
@@ -208,3 +215,4 @@ DISCOVERY = (
 FOR_AN_ARM = (
     Attribute("arm", "which arm it serves", kind="text", form="name", otherwise="the only one"),
 )
+MOTION = (*FOR_AN_ARM, *SENSES)

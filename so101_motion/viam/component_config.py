@@ -77,6 +77,41 @@ class PortConfig:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SensesConfig:
+    """What else of the machine is asked for what is around."""
+
+    store: str | None  # a world-state store
+
+    @classmethod
+    def of(cls, given: Attributes) -> SensesConfig:
+        """Read the attributes that arms and motion services share."""
+        return cls(store=_short(given.value("world_state_store")))
+
+    @property
+    def resources(self) -> list[str]:
+        """Their full names; the machine may lack them."""
+        return [f"rdk:service:world_state_store/{self.store}"] if self.store else []
+
+
+def _short(name: str | None) -> str | None:
+    return name and name.rpartition("/")[2]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionConfig:
+    """Settings of ``devrel:so101:motion``."""
+
+    arm: str | None  # None for the only one
+    senses: SensesConfig
+
+    @classmethod
+    def from_attributes(cls, attributes: Mapping[str, object]) -> MotionConfig:
+        """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
+        given = Attributes(attributes, table.MOTION)
+        return cls(arm=_short(given.value("arm")), senses=SensesConfig.of(given))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ArmConfig:
     """The settings of every arm, real or simulated."""
 
@@ -94,6 +129,7 @@ class ArmConfig:
     position_tolerance: float | None  # [m]; None for the planner's
     approach_tolerance: float | None  # [rad]; likewise
     ignored: tuple[str, ...]  # components of the machine that are not planned around
+    senses: SensesConfig
     unused: tuple[str, ...]  # given, understood, and without effect here
 
     TABLE: ClassVar[tuple[Attribute, ...]]
@@ -118,6 +154,7 @@ class ArmConfig:
             "approach_tolerance": given.value("orientation_tolerance_deg"),
             "guarded": given.value("collision_guard"),
             "ignored": given.value("ignore_components"),
+            "senses": SensesConfig.of(given),
             "unused": given.idle,
         }
         for key in ("motion", "visualize_ee_frame", "use_urdf", "obstacles"):
@@ -255,8 +292,7 @@ def arm_served(attributes: Mapping[str, object]) -> str | None:
     Raises:
         ConfigError: There are other attributes, or it is no name.
     """
-    name: str | None = Attributes(attributes, table.FOR_AN_ARM).value("arm")
-    return name and name.rpartition("/")[2]
+    return _short(Attributes(attributes, table.FOR_AN_ARM).value("arm"))
 
 
 def duration(key: str, value: object) -> float:

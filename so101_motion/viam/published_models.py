@@ -19,6 +19,7 @@ from so101_motion.viam.component_config import (
     CalibrationConfig,
     HardwareArmConfig,
     HardwareGripperConfig,
+    MotionConfig,
     SimulatedArmConfig,
     SimulatedGripperConfig,
     arm_served,
@@ -57,6 +58,10 @@ def _planned_by(value: Any) -> str:
     if value in (None, ""):
         return "planned by this module"
     return f"planned by the service {value}; leave it out to have it planned here"
+
+
+def _only_here(_: Mapping[str, Any]) -> tuple[str, ...]:
+    return ("only this module has it",)
 
 
 MEANINGS: Mapping[str, Callable[[Any], str]] = {
@@ -130,14 +135,10 @@ MODELS: Mapping[str, Model] = {
             "a joint may cross the end of its servo's counter while it is recorded",
         ),
     ),
-    **dict.fromkeys(
-        ("motion", "world-state"),
-        Model(
-            read=arm_served,
-            attributes=table.FOR_AN_ARM,
-            differences=lambda _: ("only this module has it",),
-        ),
+    "motion": Model(
+        read=MotionConfig.from_attributes, attributes=table.MOTION, differences=_only_here
     ),
+    "world-state": Model(read=arm_served, attributes=table.FOR_AN_ARM, differences=_only_here),
     "discovery": Model(read=ports_asked_for, attributes=table.DISCOVERY),
     "teleop": Model(
         read=teleop.TeleopConfig.from_attributes,

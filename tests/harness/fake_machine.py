@@ -14,6 +14,8 @@ from viam.proto.common import (
     Vector3,
 )
 from viam.proto.robot import FrameSystemConfig
+from viam.proto.service.worldstatestore import StreamTransformChangesResponse, TransformChangeType
+from viam.services.worldstatestore import WorldStateStore
 
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
@@ -53,6 +55,66 @@ class Thing(Generic):
         if self.geometries is None:
             raise GRPCError(Status.UNIMPLEMENTED, "no geometries")
         return self.geometries
+
+
+KINDS = {
+    "added": TransformChangeType.TRANSFORM_CHANGE_TYPE_ADDED,
+    "updated": TransformChangeType.TRANSFORM_CHANGE_TYPE_UPDATED,
+    "removed": TransformChangeType.TRANSFORM_CHANGE_TYPE_REMOVED,
+}
+
+
+class FakeStore(WorldStateStore):
+    """A store whose streams a test writes to; as viam-server it keeps the first message back."""
+
+    def __init__(self, *things):
+        super().__init__("seen")
+        self.things = {each.uuid: each for each in things}
+        self.streams, self.trouble = [], None
+
+    async def list_uuids(self, **kwargs):
+        if self.trouble is not None:
+            raise self.trouble
+        if not self.things:
+            raise GRPCError(Status.UNKNOWN, "nil response")  # viam-server's, for none
+        return list(self.things)
+
+    async def get_transform(self, uuid, **kwargs):
+        if uuid not in self.things:
+            raise GRPCError(Status.NOT_FOUND, "gone")
+        return self.things[uuid]
+
+    async def stream_transform_changes(self, **kwargs):
+        queue = asyncio.Queue()
+        self.streams.append(queue)
+        while (change := await queue.get()) is not None:
+            yield change
+
+    def say(self, kind, thing):
+        for queue in self.streams:
+            queue.put_nowait(
+                StreamTransformChangesResponse(change_type=KINDS[kind], transform=thing)
+            )
+
+    def has(self, thing):
+        kind = "updated" if thing.uuid in self.things else "added"
+        self.things[thing.uuid] = thing
+        self.say(kind, thing)
+
+    def forget(self, name):
+        del self.things[name.encode()]
+        self.say("removed", Transform(uuid=name.encode()))
+
+
+def seen_thing(name, x=300.0, z=0.0, parent="world", uuid=b""):
+    """A small box in a store [mm]."""
+    pose = PoseInFrame(reference_frame=parent, pose=Pose(x=x, z=z, o_z=1))
+    return Transform(
+        reference_frame=name,
+        pose_in_observer_frame=pose,
+        physical_object=a_box(10, 10, 10),
+        uuid=uuid or name.encode(),
+    )
 
 
 class FakeMachine:

@@ -1,11 +1,12 @@
 """Arms plan around the machine they belong to: over gRPC, with the frame system of their parent."""
 
+import asyncio
 import json
 
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.fake_machine import FakeMachine, Thing, a_box, hanging
+from harness.fake_machine import FakeMachine, FakeStore, Thing, a_box, hanging, seen_thing
 from harness.fake_parent import (
     ARM,
     GRIPPER,
@@ -18,6 +19,7 @@ from viam.components.arm import JointPositions
 from viam.components.generic.service import GenericRPCService
 from viam.proto.common import Pose, PoseInFrame
 from viam.resource.manager import ResourceManager
+from viam.services.worldstatestore.service import WorldStateStoreService
 
 from so101_motion.common.geometry import SE3
 from so101_motion.viam.conversion import convert
@@ -39,11 +41,20 @@ class Bench:
 
     async def begin(self, **attributes):
         self.module.parent.machine = FakeMachine(*OURS)
+        self.store = FakeStore()
+        self.manager.register(self.store)
+        self.module.parent.resources.append(self.store.get_resource_name("seen"))
         quick = {"speed_degs_per_sec": 180, "acceleration_degs_per_sec_per_sec": 500}
         self.arm = await self.module.add(ARM, SIMULATED, quick | attributes, "arm")
         self.left = await self.module.add(ARM, SIMULATED, quick, "left")
         await self.module.add(GRIPPER, SIMULATED_GRIPPER, {}, "gripper")
-        self.motion = await self.module.add(MOTION, "devrel:so101:motion", {}, "planner")
+        self.motion = await self.module.add(
+            MOTION,
+            "devrel:so101:motion",
+            {"world_state_store": "seen"},
+            "planner",
+            dependencies=["rdk:service:world_state_store/seen"],
+        )
         return self
 
     def has(self, *configs):
@@ -56,7 +67,7 @@ class Bench:
     def add(self, thing):
         self.manager.register(thing)
         self.module.parent.machine.things[thing.name] = thing
-        self.module.parent.resources[:] = self.module.parent.machine.resource_names
+        self.module.parent.resources.append(Thing.get_resource_name(thing.name))
 
     async def plan(self, *xyz, component="arm", **world):
         pose = dict(zip(("x", "y", "z"), xyz, strict=True), oZ=1)
@@ -82,7 +93,8 @@ class Bench:
 @pytest.fixture
 async def process():
     manager = ResourceManager()
-    async with running_module(services=[GenericRPCService(manager)]) as (module, _, _):
+    services = [GenericRPCService(manager), WorldStateStoreService(manager)]
+    async with running_module(services=services) as (module, _, _):
         yield Bench(module, manager)
 
 
@@ -129,6 +141,16 @@ async def test_the_machine_is_planned_around(process):
     await bench.plan(200, 0, 60)
     bench.has(stick)
     await bench.both_refuse(200, 0, 10, of="'stick'")
+
+    # What comes into a store and goes is in the plans that begin a tenth of a second later.
+    bench.has()
+    bench.store.has(seen_thing("mug", x=200.0, z=100.0))
+    await asyncio.sleep(0.1)
+    with pytest.raises(GRPCError, match="'mug'"):
+        await bench.plan(200, 0, 100)
+    bench.store.forget("mug")
+    await asyncio.sleep(0.1)
+    await bench.plan(200, 0, 100)
 
     # A request may except what the machine has.
     bench.has(hanging("crate", geometry=a_box(60, 60, 60, x=250.0, z=40.0)))

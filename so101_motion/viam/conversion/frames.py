@@ -118,16 +118,28 @@ class Frames:
         arm: The arm's short name.
         T_base_tool: Where its tool is.
         transforms: What the request brings along.
+        placed: Where frames of the machine are in the base frame, None for those it does not
+            know; for these the machine is asked.
+        parents: What its frames hang from, by name; None to ask the machine.
 
     Raises:
         ConfigError: A transform has no name, no pose, or that of another frame.
     """
 
-    def __init__(self, arm: str, T_base_tool: SE3, transforms: Iterable[Transform] = ()) -> None:
+    def __init__(
+        self,
+        arm: str,
+        T_base_tool: SE3,
+        transforms: Iterable[Transform] = (),
+        *,
+        placed: Callable[[str], SE3 | None] | None = None,
+        parents: Mapping[str, str] | None = None,
+    ) -> None:
         self.arm, self.tool = arm, T_base_tool
         self._known: dict[str, SE3] = {f"{arm}_origin": SE3.identity(), arm: T_base_tool}
         self._brought: dict[str, Transform] = {}
-        self._parents: Mapping[str, str] | None = None
+        self._placed = placed
+        self._parents = parents
         for transform in transforms:
             name = transform.reference_frame
             if not name or not transform.HasField("pose_in_observer_frame"):
@@ -188,7 +200,8 @@ class Frames:
             T_base_parent = await self._resolve(seen.reference_frame, (*trail, frame))
             found = T_base_parent @ convert.from_pose(seen.pose)
         else:
-            found = await self._ask(frame, f"{self.arm}_origin")
+            known = None if self._placed is None else self._placed(frame)
+            found = known or await self._ask(frame, f"{self.arm}_origin")
         self._known[frame] = found
         return found
 

@@ -8,6 +8,7 @@ that holds it; otherwise it is an obstacle.
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
 
@@ -47,7 +48,7 @@ async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> 
     held = {each.reference_frame for each in bodies if await frames.is_held(each.reference_frame)}
 
     def built() -> Scene:
-        names = UniqueNames(scene)
+        names = UniqueNames(taken_in(scene))
         obstacles, attached = list(scene.obstacles), list(scene.attached)
         for group, T_base_frame in groups:
             obstacles += [_obstacle(names, entry, T_base_frame) for entry in group.geometries]
@@ -136,16 +137,17 @@ def _centre(entry: Geometry) -> SE3:
     return convert.from_pose(entry.center) if entry.HasField("center") else SE3.identity()
 
 
+def taken_in(scene: Scene) -> set[str]:
+    """The names of everything in a scene, the arm's own links and the floor included."""
+    held = (each.name for each in scene.attached)
+    return {FLOOR, *LINKS, *held, *(each.name for each in scene.obstacles)}
+
+
 class UniqueNames:
     """Makes names unique; viam-server allows missing and repeated labels."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._taken = {
-            FLOOR,
-            *LINKS,
-            *(o.name for o in scene.obstacles),
-            *(a.name for a in scene.attached),
-        }
+    def __init__(self, taken: Iterable[str]) -> None:
+        self._taken = set(taken)
         self._last: dict[str, int] = {}
 
     def new(self, wanted: str) -> str:

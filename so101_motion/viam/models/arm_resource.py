@@ -42,7 +42,7 @@ from so101_motion.viam.conversion.planner_options import (
 )
 from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Configured
-from so101_motion.viam.models.dependencies import motion_name
+from so101_motion.viam.models.dependencies import motion_name, sources
 from so101_motion.viam.models.gripper_resource import GripperResource
 from so101_motion.viam.requests.await_motion import arrival, in_own_thread, left_alone, rest
 from so101_motion.viam.requests.commands import (
@@ -90,7 +90,8 @@ class ArmResource(Configured, Arm):
         self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = OptionWarnings(self.logger)
         machine = MachineBodies(self.short_name, settings.ignored, self.here, GripperResource.here)
-        self.surroundings = Surroundings(machine, self.logger)
+        senses = sources(settings.senses, settings.dependencies, self.logger)
+        self.surroundings = Surroundings(machine, senses, self.logger)
         self.paths = PathCommands(self)
         self._commands: dict[str, Command] = {
             "enter_manual_mode": Taking(self._enter_manual_mode, ("enabled_for", *MANUAL_RANGES)),
@@ -105,6 +106,11 @@ class ArmResource(Configured, Arm):
         """The motion service that is to plan for it, if one is named."""
         scene_of(wanted)  # refuses obstacles that cannot be meant
         return [motion_name(wanted.motion)] if wanted.motion else []
+
+    @classmethod
+    def used(cls, wanted: ArmConfig) -> Sequence[str]:
+        """What is asked for what is around."""
+        return wanted.senses.resources
 
     # Where it is
 
@@ -149,7 +155,7 @@ class ArmResource(Configured, Arm):
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:
         """Plan around what is around the arm then, and move."""
-        if not self.surroundings.is_asked:
+        if not self.surroundings.is_asked():
             return self._arm.start_move(goal, search=search)
         loop = asyncio.get_running_loop()
         return self._arm.start_planned(
@@ -407,4 +413,5 @@ class ArmResource(Configured, Arm):
             del self.here[self.short_name]
         self._manual.forget()
         await self.paths.close()
+        await self.surroundings.close()
         await in_own_thread(self.rig.close)

@@ -13,7 +13,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.files.scene_file import obstacles_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import PoseGoal
-from so101_motion.viam.component_config import ArmConfig
+from so101_motion.viam.component_config import ArmConfig, SensesConfig
 from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.models.configured import Dependencies
 from so101_motion.viam.models.dependencies import motion_service
@@ -49,6 +49,8 @@ class ArmSettings:
         position_tolerance: Largest position error that counts as arrived [m]; None for ours.
         approach_tolerance: Largest error of the approach direction [rad]; None for ours.
         ignored: Components of the machine that are not planned around.
+        senses: What else of the machine is asked for what is around.
+        dependencies: What the machine has of what the configuration names, as clients.
     """
 
     motion: MotionService | None
@@ -58,6 +60,8 @@ class ArmSettings:
     position_tolerance: float | None
     approach_tolerance: float | None
     ignored: tuple[str, ...]
+    senses: SensesConfig
+    dependencies: Dependencies
 
     @classmethod
     def of(cls, wanted: ArmConfig, dependencies: Dependencies) -> ArmSettings:
@@ -74,6 +78,8 @@ class ArmSettings:
             position_tolerance=wanted.position_tolerance,
             approach_tolerance=wanted.approach_tolerance,
             ignored=wanted.ignored,
+            senses=wanted.senses,
+            dependencies=dependencies,
         )
 
     def goal(self, T_base_goal: SE3) -> PoseGoal:

@@ -24,7 +24,8 @@ class Configured:
     @classmethod
     def validate_config(cls, config: ComponentConfig) -> tuple[Sequence[str], Sequence[str]]:
         """Check the attributes; the resources that must be there first, and that may be."""
-        return cls.needed(cls.READ(convert.from_struct(config.attributes))), []
+        wanted = cls.READ(convert.from_struct(config.attributes))
+        return cls.needed(wanted), cls.used(wanted)
 
     @classmethod
     def new(cls, config: ComponentConfig, dependencies: Dependencies) -> Self:
@@ -39,6 +40,11 @@ class Configured:
     @classmethod
     def needed(cls, wanted: Any) -> Sequence[str]:
         """The resources that must be there before this one, by the names in its settings."""
+        return []
+
+    @classmethod
+    def used(cls, wanted: Any) -> Sequence[str]:
+        """The resources that it uses if they are there."""
         return []
 
     @classmethod

@@ -1,13 +1,18 @@
-"""Find the motion service that a configuration names."""
+"""Find the services and components that a configuration names."""
 
 from __future__ import annotations
 
-from typing import cast
+import logging
+from collections.abc import Sequence
+from typing import Any, cast
 
 from viam.services.motion import Motion as MotionService
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.viam.component_config import SensesConfig
 from so101_motion.viam.models.configured import Dependencies
+from so101_motion.viam.surroundings.store_watch import StoreWatch
+from so101_motion.viam.surroundings.surroundings import Source
 
 
 def motion_name(service: str) -> str:
@@ -28,3 +33,23 @@ def motion_service(name: str | None, dependencies: Dependencies) -> MotionServic
         if resource.subtype == "motion" and resource.name == short_name:
             return cast("MotionService", client)
     raise ConfigError("motion", name, "there is no such motion service on this machine")
+
+
+def sources(
+    senses: SensesConfig, dependencies: Dependencies, logger: logging.Logger
+) -> Sequence[Source]:
+    """What knows what is around, beside the machine's components; to be closed.
+
+    One that is not there is a source all the same, which says so when a plan is made.
+    """
+    if senses.store is None:
+        return ()
+    store = _named("world_state_store", senses.store, dependencies)
+    return (StoreWatch(senses.store, store, logger),)
+
+
+def _named(subtype: str, name: str, dependencies: Dependencies) -> Any:
+    for resource, client in dependencies.items():
+        if (resource.subtype, resource.name) == (subtype, name):
+            return client
+    return None

@@ -7,7 +7,7 @@ service; it is looked up when it is needed, and may be built later or be rebuilt
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
@@ -24,14 +24,14 @@ class ServiceForAnArm(Configured):
         arm: Name of the arm; None for the only one.
     """
 
-    READ = staticmethod(arm_served)
+    READ: ClassVar[staticmethod[[Mapping[str, Any]], Any]] = staticmethod(arm_served)
 
     def __init__(self, name: str, arm: str | None) -> None:
         super().__init__(name)  # type: ignore[call-arg]  # the constructor of the service
         self._arm_name = arm
 
     @classmethod
-    def build(cls, name: str, wanted: str | None, dependencies: Dependencies) -> Self:
+    def build(cls, name: str, wanted: Any, dependencies: Dependencies) -> Self:
         """Make the service for the named arm; the arm is no dependency."""
         return cls(name, wanted)
 

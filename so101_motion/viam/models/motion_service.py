@@ -40,6 +40,7 @@ from so101_motion.planning.goals import Goal, GoalMetric, LineGoal, PathGoal, Po
 from so101_motion.planning.kinematics.ik_cloud import is_in_cloud
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
+from so101_motion.viam.component_config import MotionConfig, SensesConfig
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.frames import WORLD, Frames, carrier
@@ -51,6 +52,8 @@ from so101_motion.viam.conversion.planner_options import (
 from so101_motion.viam.conversion.tool_constraints import ToolConstraints
 from so101_motion.viam.conversion.world_state import allowing, scene_with
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource
+from so101_motion.viam.models.configured import Dependencies
+from so101_motion.viam.models.dependencies import sources
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue
 from so101_motion.viam.requests.commands import Request, answer
@@ -64,16 +67,32 @@ class So101Motion(ServiceForAnArm, MotionService):
     Args:
         name: The service's name.
         arm: Name of the arm; None for the only one, or for the one that a request names.
+        senses: What is asked for what is around, beside what the arm asks.
+        dependencies: What the machine has of that, as clients.
     """
 
     MODEL: ClassVar = Model.from_string("devrel:so101:motion")
+    READ = staticmethod(MotionConfig.from_attributes)
 
-    def __init__(self, name: str, arm: str | None) -> None:
+    def __init__(
+        self, name: str, arm: str | None, senses: SensesConfig, dependencies: Dependencies
+    ) -> None:
         super().__init__(name, arm)
+        self._sources = tuple(sources(senses, dependencies, self.logger))
         self._model = RobotModel.load()
         self._ignored = OptionWarnings(self.logger)
         self._turns = TurnQueue()
         self._running: set[tuple[ArmResource, Motion]] = set()
+
+    @classmethod
+    def used(cls, wanted: MotionConfig) -> Sequence[str]:
+        """What is asked for what is around."""
+        return wanted.senses.resources
+
+    @classmethod
+    def build(cls, name: str, wanted: MotionConfig, dependencies: Dependencies) -> So101Motion:
+        """Make the service; the arm is no dependency."""
+        return cls(name, wanted.arm, wanted.senses, dependencies)
 
     async def move(
         self,
@@ -99,7 +118,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
             if arm.in_manual or not arm.newest_motion.future.done():
                 await resource.surroundings.planned(
-                    arm.scene, partial(self._refuse_hopeless, wanted)
+                    arm.scene, partial(self._refuse_hopeless, wanted), self._sources
                 )
             await self._seen_through(
                 resource,
@@ -199,6 +218,8 @@ class So101Motion(ServiceForAnArm, MotionService):
         """End what this service moves; may be called twice."""
         for resource, motion in tuple(self._running):
             await resource.ended(motion, "the removal of its motion service")
+        for source in self._sources:
+            await source.close()
 
     async def _refuse_hopeless(self, wanted: MoveArguments, around: Scene) -> None:
         """Refuse what would be refused from anywhere, before it ends what the arm is doing.
@@ -248,7 +269,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         """Plan a request around what is there now, and check every constraint; moves nothing."""
         resource = await self._arm_for(wanted.component, wanted.transforms)
         plan = partial(self._planned_in, wanted)
-        return await resource.surroundings.planned(resource.rig.arm.scene, plan)
+        return await resource.surroundings.planned(resource.rig.arm.scene, plan, self._sources)
 
     async def _planned_in(self, wanted: MoveArguments, around: Scene) -> Plan:
         asked = await self._asked(wanted, around)

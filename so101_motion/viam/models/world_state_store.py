@@ -8,7 +8,6 @@ a second what the arm knows now with what was shown before.
 from __future__ import annotations
 
 import asyncio
-import uuid
 from collections.abc import AsyncGenerator, Iterator, Mapping
 from functools import lru_cache
 from typing import Any, ClassVar
@@ -33,6 +32,7 @@ from so101_motion.planning.collision.scene import FLOOR, Box, Scene, Shape, Shap
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.conversion.geometries import to_geometry
+from so101_motion.viam.conversion.shown_things import shown_id
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 
 _PERIOD = 0.25
@@ -40,8 +40,6 @@ _PERIOD = 0.25
 
 _POINTS = 32
 """How many points of the tool's path are shown; chosen, 10 mm apart on a usual move."""
-
-_NAMESPACE = uuid.UUID("8f3b1b5e-6a0c-4d8e-9d38-5a0f1f1c9a51")
 
 _FLOOR_SIZE = 1.2
 _FLOOR_THICKNESS = 0.01
@@ -175,7 +173,7 @@ def _transform(
         reference_frame=label,
         pose_in_observer_frame=PoseInFrame(reference_frame=frame, pose=convert.to_pose(pose)),
         physical_object=geometry,
-        uuid=uuid.uuid5(_NAMESPACE, f"{frame}/{label}").bytes,
+        uuid=shown_id(frame, label),
         metadata=metadata,
     )
 

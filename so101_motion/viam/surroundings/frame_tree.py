@@ -74,6 +74,10 @@ class FrameTree:
             for _ in self.above(name):
                 pass
 
+    def has(self, frame: str) -> bool:
+        """Whether there is such a frame, a component's or its origin's."""
+        return frame in self.parts or frame.removesuffix(_ORIGIN) in self.parts
+
     def above(self, name: str) -> Iterator[tuple[str, bool]]:
         """The components ``name`` hangs from, nearest first, each with whether from its end.
 

@@ -23,7 +23,7 @@ import numpy as np
 import so101_description
 from grpclib import GRPCError, Status
 from viam.errors import ResourceNotFoundError
-from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
+from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName, Transform
 from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
@@ -40,9 +40,9 @@ from so101_motion.planning.collision.scene import (
     ShapeFile,
 )
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.frames import machine_here
+from so101_motion.viam.conversion.frames import WORLD, Frames, machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
-from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames
+from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, taken_in
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
 
 Answer = TypeVar("Answer")
@@ -99,6 +99,55 @@ class Body:
     held: bool
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MachineView:
+    """The machine as it was at one moment, seen from one arm.
+
+    Attributes:
+        arm: The arm's short name.
+        bodies: What stands around it and what it holds.
+        tree: The frame system; None if nothing is known of it.
+        ends: Where the ends of components with kinematics are in their origins.
+        T_base_tool: Where the arm's tool is.
+    """
+
+    arm: str
+    bodies: tuple[Body, ...] = ()
+    tree: FrameTree | None = None
+    ends: Mapping[str, SE3]
+    T_base_tool: SE3
+
+    @property
+    def own_frames(self) -> set[str]:
+        """The frames of the machine, which nothing else may be called."""
+        names = set() if self.tree is None else set(self.tree.parts)
+        return {WORLD, *names, *(f"{name}_origin" for name in (*names, self.arm)), self.arm}
+
+    def frames(self, transforms: Iterable[Transform] = ()) -> Frames:
+        """The same frames, and those that ``transforms`` bring along.
+
+        Raises:
+            ConfigError: A transform cannot be meant.
+        """
+        if self.tree is None:
+            return Frames(self.arm, self.T_base_tool, transforms)
+        parents = {name: part.parent for name, part in self.tree.parts.items()}
+        placed = self._placed
+        return Frames(self.arm, self.T_base_tool, transforms, placed=placed, parents=parents)
+
+    def _placed(self, frame: str) -> SE3 | None:
+        """Where a frame of the machine is in the arm's base frame; None if it is not known."""
+        tree = self.tree
+        if tree is None or (frame != WORLD and not tree.has(frame)):
+            return None
+        part = tree.parts.get(frame)
+        if part is not None and part.has_end and frame not in self.ends:
+            return None  # nothing hangs from there, so it was not asked for
+        return tree.T_world(f"{self.arm}_origin", self.ends).inverse @ tree.T_world(
+            frame, self.ends
+        )
+
+
 class MachineBodies:
     """Reads the machine for one arm.
 
@@ -139,14 +188,14 @@ class MachineBodies:
         """Whether there is a machine that could say something."""
         return ALL not in self._left_out and machine_here() is not None
 
-    async def read(self) -> tuple[Body, ...]:
-        """What the machine knows now.
+    async def read(self) -> MachineView:
+        """The machine as it is now.
 
         Raises:
             SurroundingsUnknown: It does not answer in time, or something in it cannot be meant.
         """
         if not self.is_asked:
-            return ()
+            return self._nothing()
         try:
             async with asyncio.timeout(self._patience), self._one_at_a_time:
                 return await self._read()
@@ -156,7 +205,10 @@ class MachineBodies:
         except ConfigError as error:
             raise SurroundingsUnknown(f"the machine says {error}") from error
 
-    async def _read(self) -> tuple[Body, ...]:
+    def _nothing(self) -> MachineView:
+        return MachineView(arm=self._arm, ends={}, T_base_tool=self._arms[self._arm].T_end())
+
+    async def _read(self) -> MachineView:
         machine = machine_here()
         assert machine is not None, "is_asked"
         try:
@@ -164,7 +216,7 @@ class MachineBodies:
         except GRPCError as error:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
-                return ()
+                return self._nothing()
             reason = f"the machine does not tell its frame system: {_words(error)}"
             raise SurroundingsUnknown(reason) from error
         except OSError as error:
@@ -177,7 +229,7 @@ class MachineBodies:
             self._shapes.clear()
         if self._arm not in self._tree.parts:
             self.without = f'"{self._arm}" has no frame in the machine\'s configuration'
-            return ()
+            return self._nothing()
         self.without = ""
         counted = [part for name, part in self._tree.parts.items() if name not in self._left_out]
         answers = await _all(self._geometries(part) for part in counted)
@@ -191,7 +243,10 @@ class MachineBodies:
             for part in counted
             if part.name in self._arms and part.name != self._arm
         }
-        return await asyncio.to_thread(self._placed, counted, answers, ends, links)
+        bodies = await asyncio.to_thread(self._placed, counted, answers, ends, links)
+        return MachineView(
+            arm=self._arm, bodies=bodies, tree=self._tree, ends=ends, T_base_tool=ends[self._arm]
+        )
 
     # Where components are
 
@@ -336,7 +391,7 @@ def scene_around(scene: Scene, bodies: tuple[Body, ...]) -> Scene:
     Raises:
         ConfigError: Something cannot be planned with.
     """
-    names = UniqueNames(scene)
+    names = UniqueNames(taken_in(scene))
     obstacles, attached = list(scene.obstacles), list(scene.attached)
     for body in bodies:
         is_far = float(np.abs(body.T.p).max()) > LARGEST

@@ -9,15 +9,33 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable
-from contextlib import suppress
-from typing import TypeVar
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Protocol, TypeVar
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.viam.surroundings.machine_bodies import MachineBodies, scene_around
+from so101_motion.viam.surroundings.machine_bodies import MachineBodies, MachineView, scene_around
 
 T = TypeVar("T")
+
+
+class Source(Protocol):
+    """Something that knows what is around, beside the machine's components."""
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether it says the same of what has not changed."""
+
+    async def added_to(self, scene: Scene, view: MachineView) -> Scene:
+        """``scene`` with what it knows.
+
+        Raises:
+            SurroundingsUnknown: It does not say.
+            ConfigError: What it says cannot be meant.
+        """
+
+    async def close(self) -> None:
+        """Ask it no more; may be called twice."""
 
 
 class Surroundings:
@@ -25,62 +43,77 @@ class Surroundings:
 
     Args:
         machine: Reads the machine's components.
+        sources: What else knows something.
         logger: Where to say, once, that nothing of the machine is known.
     """
 
-    def __init__(self, machine: MachineBodies, logger: logging.Logger) -> None:
-        self._machine, self._logger = machine, logger
+    def __init__(
+        self, machine: MachineBodies, sources: Sequence[Source], logger: logging.Logger
+    ) -> None:
+        self._machine, self._sources, self._logger = machine, tuple(sources), logger
         self._said = ""
-        self._last: tuple[Scene, Scene] | None = None
+        self._last: dict[tuple[Source, ...], tuple[Scene, Scene]] = {}
 
-    @property
-    def is_asked(self) -> bool:
+    def is_asked(self, also: tuple[Source, ...] = ()) -> bool:
         """Whether anything beside the arm's own scene can be known."""
-        return self._machine.is_asked
+        return bool(self._sources or also) or self._machine.is_asked
 
-    async def around(self, scene: Scene) -> Scene:
+    async def around(self, scene: Scene, also: tuple[Source, ...] = ()) -> Scene:
         """``scene`` with what is around now.
 
         Raises:
             SurroundingsUnknown: That cannot be found out.
         """
-        bodies = await self._machine.read()
+        view = await self._machine.read()
         if self._machine.without and self._machine.without != self._said:
             self._logger.warning("%s: nothing of it is planned around", self._machine.without)
         self._said = self._machine.without
-        if not bodies:
-            return scene
         try:
-            around = await asyncio.to_thread(scene_around, scene, bodies)
+            now = scene
+            if view.bodies:
+                now = await asyncio.to_thread(scene_around, scene, view.bodies)
+            for source in (*self._sources, *also):
+                now = await source.added_to(now, view)
         except ConfigError as error:
-            raise SurroundingsUnknown(f"the machine has what cannot be meant: {error}") from error
-        self._last = (scene, around)
-        return around
+            raise SurroundingsUnknown(f"what is around cannot be meant: {error}") from error
+        self._last[also] = (scene, now)
+        return now
 
-    async def planned(self, scene: Scene, plan: Callable[[Scene], Awaitable[T]]) -> T:
+    async def planned(
+        self,
+        scene: Scene,
+        plan: Callable[[Scene], Awaitable[T]],
+        also: tuple[Source, ...] = (),
+    ) -> T:
         """What ``plan`` makes of ``scene`` with what is around now.
 
         Args:
             scene: What is known without asking.
             plan: Called with the scene to plan in, perhaps twice; may be cancelled.
+            also: Further sources.
 
         Raises:
             SurroundingsUnknown: What is around cannot be found out.
             Exception: What ``plan`` raises.
         """
-        if not self.is_asked:
+        if not self.is_asked(also):
             return await plan(scene)
-        guess = None
-        last = self._last
-        if last is not None and last[0] == scene:
+        guess, last = None, self._last.get(also)
+        is_steady = all(source.is_steady for source in (*self._sources, *also))
+        if last is not None and last[0] == scene and is_steady:
             guess = asyncio.ensure_future(plan(last[1]))
         try:
-            now = await self.around(scene)
+            now = await self.around(scene, also)
             if guess is not None and last is not None and now == last[1]:
                 return await guess
         finally:
             if guess is not None:
                 guess.cancel()
-                with suppress(BaseException):
-                    await asyncio.wait([guess])
+                await asyncio.wait([guess])
+                guess.cancelled() or guess.exception()  # looked at, so that nobody reports it
         return await plan(now)
+
+    async def close(self) -> None:
+        """Ask nobody any more; may be called twice."""
+        for source in self._sources:
+            await source.close()

@@ -28,7 +28,13 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.viam.conversion import frames as frames_module
 from so101_motion.viam.conversion.frames import Frames, set_machine
 from so101_motion.viam.conversion.geometries import from_geometry
-from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, allowing, scene_with
+from so101_motion.viam.conversion.world_state import (
+    MOST_THINGS,
+    UniqueNames,
+    allowing,
+    scene_with,
+    taken_in,
+)
 
 TOOL = SE3.from_rpy((0.0, 1.0, 0.0), (0.3, 0.0, 0.2))
 CUBE = Geometry(box=RectangularPrism(dims_mm=Vector3(x=20, y=30, z=40)), label="cube")
@@ -221,7 +227,7 @@ def box_labelled(label):
 
 async def test_many_boxes_of_one_label_get_names_of_their_own_at_once():
     begin = time.thread_time()
-    names = UniqueNames(Scene())
+    names = UniqueNames(taken_in(Scene()))
     made = {names.new("box") for _ in range(20_000)}
     assert len(made) == 20_000
     assert time.thread_time() - begin < 2.0  # it took the square of the number: half a minute

@@ -1,0 +1,207 @@
+"""Follow a world-state store, so that a plan has what is in it at that moment.
+
+The store's stream tells what comes, changes and goes; what was there before is asked for once the
+stream is open. A change that does not say all is asked for again. The list is compared every few
+seconds, for a stream that has lost something does not say so.
+
+What ``devrel:so101:world-state`` shows (goals, paths, the arm's own scene) is no obstacle; its ids
+tell.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator, Awaitable
+from contextlib import aclosing, suppress
+from typing import TypeVar, cast
+
+from grpclib import GRPCError
+from grpclib.exceptions import StreamTerminatedError
+from viam.proto.common import Transform, WorldState
+from viam.proto.service.worldstatestore import StreamTransformChangesResponse, TransformChangeType
+from viam.services.worldstatestore import WorldStateStore
+
+from so101_motion.common.errors import ConfigError, SurroundingsUnknown
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.viam.conversion.shown_things import is_ours
+from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, scene_with
+from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ, MachineView
+
+_AGAIN = 0.5
+"""How long a store that failed is left alone [s]; chosen."""
+
+_COMPARED = 5.0
+"""How often the list is asked for [s]; chosen."""
+
+_GONE = (GRPCError, StreamTerminatedError, OSError, TimeoutError, asyncio.IncompleteReadError)
+
+T = TypeVar("T")
+
+
+class StoreWatch:
+    """What is in a world-state store. Belongs to the event loop; ``close`` it.
+
+    Args:
+        name: The store's, for messages.
+        store: A client of it; None if it does not run.
+        logger: Where to say that it does not answer.
+        patience: How long a plan waits for it [s].
+    """
+
+    is_steady = True
+
+    def __init__(
+        self,
+        name: str,
+        store: WorldStateStore | None,
+        logger: logging.Logger,
+        *,
+        patience: float = LONGEST_READ,
+    ) -> None:
+        self._name, self._store, self._logger, self._patience = name, store, logger, patience
+        self._things: dict[bytes, Transform] = {}
+        self._trouble = "does not run"
+        self._known = asyncio.Event()
+        self._following = asyncio.ensure_future(self._follow()) if store is not None else None
+
+    async def added_to(self, scene: Scene, view: MachineView) -> Scene:
+        """``scene`` with what is in the store now.
+
+        Raises:
+            SurroundingsUnknown: The store does not say what is in it, or that cannot be meant.
+        """
+        if self._store is None:
+            raise self._unknown("does not run")
+        try:
+            async with asyncio.timeout(self._patience):
+                await self._known.wait()
+        except TimeoutError as error:
+            raise self._unknown(self._trouble) from error
+        world = WorldState(transforms=self._named_apart(view))
+        try:
+            return await scene_with(scene, world, view.frames(world.transforms))
+        except ConfigError as error:
+            raise self._unknown(f"has what cannot be meant: {error}") from error
+
+    def _named_apart(self, view: MachineView) -> list[Transform]:
+        """The things, each with a name of its own: what a store counts by is the id."""
+        names = UniqueNames(taken=view.own_frames)
+        apart = []
+        for thing in self._things.values():
+            if not is_ours(thing):
+                name = names.new(thing.reference_frame)
+                if name != thing.reference_frame:
+                    thing = _renamed(thing, name)
+                apart.append(thing)
+        return apart
+
+    async def close(self) -> None:
+        """Follow it no longer; may be called twice."""
+        if self._following is not None:
+            self._following.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._following
+
+    def _unknown(self, why: str) -> SurroundingsUnknown:
+        return SurroundingsUnknown(
+            f'the world-state store "{self._name}" {why}',
+            remedy="put that right, or take it out of the configuration",
+        )
+
+    async def _follow(self) -> None:
+        store, said = self._store, ""
+        assert store is not None, "followed only if there is one"
+        while True:
+            try:
+                await self._follow_once(store)
+                self._trouble = "has ended its stream of changes"
+            except _GONE as error:
+                told = error.message if isinstance(error, GRPCError) else error
+                self._trouble = f"does not say what is in it: {told or type(error).__name__}"
+            self._known.clear()
+            if self._trouble != said:
+                self._logger.warning('the world-state store "%s" %s', self._name, self._trouble)
+                said = self._trouble
+            await asyncio.sleep(_AGAIN)
+
+    async def _follow_once(self, store: WorldStateStore) -> None:
+        # The SDK declares its async generator as a coroutine that returns one.
+        opened = cast(
+            AsyncGenerator[StreamTransformChangesResponse, None], store.stream_transform_changes()
+        )
+        changes: asyncio.Queue[StreamTransformChangesResponse | None] = asyncio.Queue()
+
+        async def listen() -> None:
+            try:
+                async with aclosing(opened) as stream:
+                    async for change in stream:
+                        changes.put_nowait(change)
+                        self._known.clear()  # until it has been looked at
+            finally:
+                changes.put_nowait(None)
+
+        listening = asyncio.ensure_future(listen())
+        try:
+            await asyncio.sleep(0)  # so that it asks before the list is asked for
+            await self._compare(store)
+            while True:
+                if changes.empty():
+                    self._trouble = "is being asked"
+                    self._known.set()
+                try:
+                    async with asyncio.timeout(_COMPARED):
+                        change = await changes.get()
+                except TimeoutError:
+                    await self._compare(store)
+                    continue
+                if change is None:
+                    break
+                await self._take(store, change)
+            await listening  # raises what it ended with
+        finally:
+            listening.cancel()
+            with suppress(asyncio.CancelledError, *_GONE):
+                await listening
+
+    async def _take(self, store: WorldStateStore, change: StreamTransformChangesResponse) -> None:
+        thing = change.transform
+        if change.change_type == TransformChangeType.TRANSFORM_CHANGE_TYPE_REMOVED:
+            self._things.pop(thing.uuid, None)
+        elif thing.uuid:
+            is_whole = thing.reference_frame and thing.HasField("pose_in_observer_frame")
+            if is_whole and thing.HasField("physical_object"):
+                self._things[thing.uuid] = thing
+            else:
+                await self._read(store, thing.uuid)
+
+    async def _compare(self, store: WorldStateStore) -> None:
+        """Read what is listed and not known, and forget what is not listed."""
+        try:
+            listed = set(await _in_time(store.list_uuids(), self._patience))
+        except GRPCError as error:
+            if "nil response" not in (error.message or ""):  # viam-server's word for an empty list
+                raise
+            listed = set()
+        if len(listed) > MOST_THINGS:
+            listed = set(sorted(listed)[: MOST_THINGS + 1])  # refused when it is planned with
+        for gone in self._things.keys() - listed:
+            del self._things[gone]
+        new = sorted(listed - self._things.keys())
+        await asyncio.gather(*(self._read(store, uuid) for uuid in new))
+
+    async def _read(self, store: WorldStateStore, uuid: bytes) -> None:
+        """Ask for one thing. One that went meanwhile is an error, after which all is read anew."""
+        self._things[uuid] = await _in_time(store.get_transform(uuid), self._patience)
+
+
+def _renamed(thing: Transform, name: str) -> Transform:
+    copy = Transform()
+    copy.CopyFrom(thing)
+    copy.reference_frame = name
+    return copy
+
+
+async def _in_time(asked: Awaitable[T], patience: float) -> T:
+    async with asyncio.timeout(patience):
+        return await asked

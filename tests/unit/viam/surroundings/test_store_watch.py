@@ -1,0 +1,152 @@
+import logging
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness.fake_machine import FakeMachine, FakeStore, Thing, hanging, seen_thing
+from harness.fake_parent import until
+from viam.proto.common import Transform
+from viam.resource.manager import ResourceManager
+from viam.services.worldstatestore import WorldStateStoreClient
+from viam.services.worldstatestore.service import WorldStateStoreService
+
+from so101_motion.common.errors import SurroundingsUnknown
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.conversion.shown_things import shown_id
+from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.store_watch import StoreWatch
+
+LOGGER = logging.getLogger("test")
+
+
+class Still:
+    """An arm that does not move."""
+
+    async def found(self):
+        pass
+
+    def T_end(self):
+        return SE3.from_translation((0.2, 0.0, 0.2))
+
+    def T_links(self):
+        return {}
+
+
+@asynccontextmanager
+async def watched(store, **how):
+    """What a plan would be made in, by name, when it is asked for."""
+    machine = FakeMachine(
+        hanging("arm", x=100.0, joints=5), hanging("camera"), things=[Thing("camera")]
+    )
+    set_machine(lambda: machine)
+    reader = MachineBodies("arm", (), {"arm": Still()}, ())
+    async with ChannelFor([WorldStateStoreService(ResourceManager([store]))]) as channel:
+        watch = StoreWatch("seen", WorldStateStoreClient("seen", channel), LOGGER, **how)
+
+        async def scene():
+            return await watch.added_to(Scene(), await reader.read())
+
+        try:
+            yield scene
+        finally:
+            await watch.close()
+            for queue in store.streams:
+                queue.put_nowait(None)
+            set_machine(lambda: None)
+
+
+def places(scene):
+    return {each.name: round(float(each.T_base_obstacle.p[0]), 6) for each in scene.obstacles}
+
+
+async def test_what_comes_moves_and_goes_is_in_the_next_scene():
+    store = FakeStore(seen_thing("crate"))
+    async with watched(store) as scene:
+        assert places(await scene()) == {"crate": 0.2}
+        store.has(seen_thing("mug", x=500.0))
+        await until(lambda: has(scene, {"crate": 0.2, "mug": 0.4}))
+        store.has(seen_thing("mug", x=550.0))
+        await until(lambda: has(scene, {"crate": 0.2, "mug": 0.45}))
+        store.forget("crate")
+        await until(lambda: has(scene, {"mug": 0.45}))
+
+
+async def has(scene, wanted):
+    return places(await scene()) == wanted
+
+
+async def test_a_change_that_does_not_say_all_is_asked_for():
+    store = FakeStore(seen_thing("crate"))
+    async with watched(store) as scene:
+        await scene()
+        store.things[b"crate"] = seen_thing("crate", x=700.0)
+        store.say("updated", Transform(uuid=b"crate"))
+        await until(lambda: has(scene, {"crate": 0.6}))
+
+
+async def test_what_hangs_from_the_tool_is_held():
+    async with watched(FakeStore(seen_thing("screw", parent="arm"))) as scene:
+        [held] = (await scene()).attached
+        assert held.name == "screw"
+        np.testing.assert_allclose(held.T_tool_object.p, (0.3, 0, 0), atol=1e-9)
+
+
+async def test_things_of_one_name_are_told_apart_and_what_we_show_is_none():
+    goal = seen_thing("arm goal")
+    goal.uuid = shown_id("world", "arm goal")
+    twice = (
+        seen_thing("cup", uuid=b"1"),
+        seen_thing("cup", x=400.0, uuid=b"2"),
+        seen_thing("camera", uuid=b"3"),
+    )
+    async with watched(FakeStore(goal, *twice)) as scene:
+        assert places(await scene()) == {"cup": 0.2, "cup 2": 0.3, "camera 2": 0.2}
+
+
+async def test_an_empty_store_is_no_trouble():
+    async with watched(FakeStore()) as scene:
+        assert (await scene()) == Scene()
+
+
+async def test_a_store_that_fails_is_not_planned_without_and_comes_back():
+    store = FakeStore(seen_thing("crate"))
+    store.trouble = GRPCError(Status.UNAVAILABLE, "unplugged")
+    async with watched(store, patience=0.05) as scene:
+        with pytest.raises(SurroundingsUnknown, match=r'store "seen" does not say.*unplugged'):
+            await scene()
+        store.trouble = None
+        await until(lambda: is_known(scene))
+        assert places(await scene()) == {"crate": 0.2}
+        for queue in store.streams:
+            queue.put_nowait(None)  # its stream ends
+        await until(lambda: is_unknown(scene))
+
+
+async def is_known(scene):
+    try:
+        await scene()
+    except SurroundingsUnknown:
+        return False
+    return True
+
+
+async def is_unknown(scene):
+    return not await is_known(scene)
+
+
+async def test_what_is_in_it_and_cannot_be_meant_is_refused_with_its_name():
+    async with watched(FakeStore(seen_thing("crate", x=float("nan")))) as scene:
+        with pytest.raises(SurroundingsUnknown, match='store "seen" has what cannot be meant'):
+            await scene()
+
+
+async def test_a_store_that_does_not_run_is_named():
+    watch = StoreWatch("seen", None, LOGGER)
+    machine = MachineBodies("arm", (), {"arm": Still()}, ())
+    with pytest.raises(SurroundingsUnknown, match='"seen" does not run'):
+        await watch.added_to(Scene(), await machine.read())
+    await watch.close()
