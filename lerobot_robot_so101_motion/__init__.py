@@ -3,7 +3,9 @@
 LeRobot finds this package by its name and its classes by the names of their configurations.
 """
 
+from lerobot_robot_so101_motion.bimanual import BiSO101Motion
 from lerobot_robot_so101_motion.config import (
+    BiSO101MotionConfig,
     SO101MotionArmConfig,
     SO101MotionConfig,
     SO101MotionLeaderConfig,
@@ -12,6 +14,8 @@ from lerobot_robot_so101_motion.leader import SO101MotionLeader
 from lerobot_robot_so101_motion.robot import SO101Motion
 
 __all__ = [
+    "BiSO101Motion",
+    "BiSO101MotionConfig",
     "SO101Motion",
     "SO101MotionArmConfig",
     "SO101MotionConfig",

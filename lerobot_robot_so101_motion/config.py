@@ -57,6 +57,22 @@ class SO101MotionConfig(RobotConfig, SO101MotionArmConfig):
     """One arm: ``--robot.type=so101_motion``."""
 
 
+@RobotConfig.register_subclass("bi_so101_motion")
+@dataclass
+class BiSO101MotionConfig(RobotConfig):
+    """Two arms: ``--robot.type=bi_so101_motion``.
+
+    Their calibrations are those of ``ID_left`` and ``ID_right``, as in LeRobot.
+
+    Attributes:
+        left_arm_config: Of the left one: ``--robot.left_arm_config.port=...``.
+        right_arm_config: Of the right one.
+    """
+
+    left_arm_config: SO101MotionArmConfig
+    right_arm_config: SO101MotionArmConfig
+
+
 @TeleoperatorConfig.register_subclass("so101_motion_leader")
 @dataclass
 class SO101MotionLeaderConfig(TeleoperatorConfig):

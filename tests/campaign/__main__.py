@@ -11,12 +11,14 @@ import json
 import logging
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from referee import refereed
 
-from campaign import good_answers, interleavings, sessions, torn_answers, verdicts
+from campaign import good_answers, interleavings, lerobot_troubles, sessions, torn_answers, verdicts
 from campaign.mutator import attack
 from campaign.readers import OURS, all_readers
 from so101_motion.files import atomic
@@ -24,7 +26,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "campaign.json"
 MOST_TOLD = 50
-LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s")
+LARGEST = ("slowest_s", "lines_reached", "fastest_deg_per_s", "longest_call_s")
 """Of these figures the largest counts; all others add up."""
 
 
@@ -139,6 +141,31 @@ def attack_files(seed, seconds, count):
     }
 
 
+def trouble_lerobot(seed, seconds, count):
+    """``count`` actions of every kind to LeRobot's robot, a new arm for each thousand."""
+    told, end, piece = {}, time.monotonic() + seconds, 0
+    while told.get("actions", 0) < count and time.monotonic() < end:
+        with tempfile.TemporaryDirectory() as folder:
+            part = min(count - told.get("actions", 0), 1_000)
+            name = int(f"{seed}{piece:03}")
+            try:
+                with refereed():
+                    outcome = lerobot_troubles.attack(Path(folder), seed=name, count=part)
+            except AssertionError as error:  # the referee's
+                told, piece = added(told, {"failures": [f"seed {name}: {error}"]}), piece + 1
+                continue
+        figures = {
+            "actions": outcome.troubles.total(),
+            "each": dict(sorted(outcome.troubles.items())),
+            "raised": outcome.raised,
+            "travelled_deg": round(outcome.travelled),
+            "longest_call_s": round(outcome.longest, 1),
+            "failures": [f"seed {name}: {text}" for text in outcome.contacts + outcome.broken],
+        }
+        told, piece = added(told, figures), piece + 1
+    return told
+
+
 ENDLESS = 10**9
 PARTS = {
     "verdicts": (0.05, compare_verdicts, ENDLESS, 10_000_000),
@@ -148,6 +175,7 @@ PARTS = {
     "interleavings": (0.15, interleave(False), ENDLESS, 10_000),
     "faults": (0.15, interleave(True), ENDLESS, 7_200),
     "sessions": (0.2, play_sessions, ENDLESS, 200),
+    "lerobot": (0.05, trouble_lerobot, ENDLESS, 10_000),
     "files": (0.0, attack_files, 100, 300),
 }
 """Share of the time, what runs, and how many: if it is not said, and for ``--full``."""

@@ -62,6 +62,7 @@ class HardwareBench:
         folder: For the port.
         reply_timeout: See below.
         held_kg: What the jaws hold, unknown to the rigs.
+        clock: What time it is; a clock of its own by default.
         options: What else is emulated.
 
     Attributes:
@@ -71,8 +72,8 @@ class HardwareBench:
         reply_timeout: How long an answer is waited for, on the wall clock [s].
     """
 
-    def __init__(self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, **options):
-        self.clock, self.reply_timeout = ManualClock(), reply_timeout
+    def __init__(self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, clock=None, **options):
+        self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
         self.port = folder / "arm"
         weight = loaded(held_kg).gravity_torque
         self.emulator = Emulator(

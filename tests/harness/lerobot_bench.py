@@ -20,13 +20,22 @@ if importlib.util.find_spec("lerobot") is None:
     sys.path.insert(0, str(TESTS / "recorded_types"))
 
 from lerobot_robot_so101_motion import (  # noqa: E402
+    BiSO101Motion,
+    BiSO101MotionConfig,
     SO101Motion,
+    SO101MotionArmConfig,
     SO101MotionConfig,
     SO101MotionLeader,
     SO101MotionLeaderConfig,
 )
 
-__all__ = ["SO101MotionLeader", "SO101MotionLeaderConfig"]
+__all__ = [
+    "BiSO101Motion",
+    "BiSO101MotionConfig",
+    "SO101MotionArmConfig",
+    "SO101MotionLeader",
+    "SO101MotionLeaderConfig",
+]
 
 READY = (0.0, -40.0, 40.0, 55.0, 0.0, 30.0)
 """Over the table, the jaw a little open; LeRobot's values."""
@@ -43,11 +52,16 @@ class LeRobotBench(HardwareBench):
 
     Args:
         folder: For the port and the calibrations.
+        clock: What time it is; a clock of its own by default.
         options: What else is emulated.
+
+    Attributes:
+        rig: The rig that was opened last.
     """
 
-    def __init__(self, folder, **options):
-        super().__init__(folder, **options)
+    def __init__(self, folder, *, clock=None, **options):
+        super().__init__(folder, clock=clock, **options)
+        self.rig = None
         self._folder, self._robots = folder, []
 
     def _command_caps(self):
@@ -56,7 +70,9 @@ class LeRobotBench(HardwareBench):
     def open_rig(self, settings):
         """Open a rig as a plugin does, on this clock."""
         names = [field.name for field in dataclasses.fields(settings)]
-        return self.open(**{**{name: getattr(settings, name) for name in names}, "timeout": 0.01})
+        known = {name: getattr(settings, name) for name in names}
+        self.rig = self.open(**{**known, "timeout": 0.01})
+        return self.rig
 
     def wait(self, future, seconds):
         """Let time pass until ``future`` is done; fits ``Waiter``."""

@@ -1,0 +1,144 @@
+"""Two SO-101 arms as one robot of LeRobot: ``--robot.type=bi_so101_motion``.
+
+Each arm is a robot of its own, with ``left_`` or ``right_`` before its keys. Each keeps clear of
+itself, the table and its scene. Nothing keeps the two off each other yet: give each a scene that
+bounds its side, or mount them out of each other's reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import fields
+from functools import cached_property
+from typing import Any
+
+from lerobot.robots import Robot
+
+from lerobot_robot_so101_motion.arm_session import Waiter
+from lerobot_robot_so101_motion.config import (
+    BiSO101MotionConfig,
+    SO101MotionArmConfig,
+    SO101MotionConfig,
+)
+from lerobot_robot_so101_motion.robot import SO101Motion
+from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
+from so101_motion.rig.servo_driver import ServoSettings
+
+
+class BiSO101Motion(Robot):
+    """A left and a right arm.
+
+    Args:
+        config: Their settings.
+        open_rig: Opens the arm on a port.
+        waiter: How to wait for a motion; by default on the wall clock.
+    """
+
+    config_class = BiSO101MotionConfig
+    name = "bi_so101_motion"
+
+    def __init__(
+        self,
+        config: BiSO101MotionConfig,
+        *,
+        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
+        waiter: Waiter | None = None,
+    ) -> None:
+        super().__init__(config)
+        self.config = config
+        self.arms: dict[str, SO101Motion] = {
+            f"{side}_": SO101Motion(
+                _of_side(config, side, settings), open_rig=open_rig, waiter=waiter
+            )
+            for side, settings in (
+                ("left", config.left_arm_config),
+                ("right", config.right_arm_config),
+            )
+        }
+        self.cameras = {
+            side + key: camera
+            for side, arm in self.arms.items()
+            for key, camera in arm.cameras.items()
+        }
+
+    @cached_property
+    def observation_features(self) -> dict[str, Any]:
+        """The joints of both, and their cameras' pictures."""
+        return self._joined(lambda arm: arm.observation_features)
+
+    @cached_property
+    def action_features(self) -> dict[str, Any]:
+        """The joints of both."""
+        return self._joined(lambda arm: arm.action_features)
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether either arm has been opened and not been given up."""
+        return any(arm.is_connected for arm in self.arms.values())
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether there are calibration files of both."""
+        return all(arm.is_calibrated for arm in self.arms.values())
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open both arms, or none; see ``SO101Motion.connect``."""
+        with ExitStack() as undo:
+            for arm in self.arms.values():
+                arm.connect(calibrate)
+                undo.callback(arm.disconnect)
+            undo.pop_all()
+
+    def configure(self) -> None:
+        """Do nothing: the servos are set up when the arms are opened."""
+
+    def calibrate(self) -> None:
+        """Calibrate one after the other, with the help of a person."""
+        for arm in self.arms.values():
+            arm.calibrate()
+
+    def setup_motors(self) -> None:
+        """Give the motors of both their ids, with the help of a person."""
+        for side, arm in self.arms.items():
+            print(f"The {side.rstrip('_')} arm:")
+            arm.setup_motors()
+
+    def get_observation(self) -> dict[str, Any]:
+        """Where the joints of both are, and the newest pictures; see ``SO101Motion``."""
+        return self._joined(lambda arm: arm.get_observation())
+
+    def send_action(self, action: Mapping[str, Any]) -> dict[str, Any]:
+        """Go to a target, both arms; see ``SO101Motion.send_action``.
+
+        Returns:
+            The targets as they were taken.
+        """
+        taken: dict[str, Any] = {}
+        for side, arm in self.arms.items():
+            own = {k.removeprefix(side): v for k, v in action.items() if k.startswith(side)}
+            taken |= {side + key: value for key, value in arm.send_action(own).items()}
+        return taken
+
+    def disconnect(self) -> None:
+        """Leave both in order, even if one cannot be; see ``SO101Motion.disconnect``."""
+        with ExitStack() as both:
+            for arm in self.arms.values():
+                if arm.is_connected:
+                    both.callback(arm.disconnect)
+
+    def _joined(self, of: Callable[[SO101Motion], dict[str, Any]]) -> dict[str, Any]:
+        return {
+            side + key: value for side, arm in self.arms.items() for key, value in of(arm).items()
+        }
+
+
+def _of_side(
+    config: BiSO101MotionConfig, side: str, settings: SO101MotionArmConfig
+) -> SO101MotionConfig:
+    own = {each.name: getattr(settings, each.name) for each in fields(SO101MotionArmConfig)}
+    return SO101MotionConfig(
+        id=f"{config.id}_{side}" if config.id else None,
+        calibration_dir=config.calibration_dir,
+        **own,
+    )

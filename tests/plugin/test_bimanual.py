@@ -1,0 +1,74 @@
+"""Two arms as one robot of LeRobot."""
+
+import numpy as np
+import pytest
+from harness.emulated_rig import MIDDLES_DEG
+from harness.lerobot_bench import (
+    READY,
+    BiSO101Motion,
+    BiSO101MotionConfig,
+    LeRobotBench,
+    SO101MotionArmConfig,
+    action,
+)
+
+START = (*np.radians(np.add(READY[:5], MIDDLES_DEG)), 0.5)
+
+
+class TwoArms(LeRobotBench):
+    """A second arm beside the first, on the same clock."""
+
+    def __init__(self, folder):
+        super().__init__(folder / "left", q_start=START)
+        self.other = LeRobotBench(folder / "right", clock=self.clock, q_start=START)
+
+    def open_rig(self, settings):
+        is_ours = settings.port == str(self.port)
+        return super().open_rig(settings) if is_ours else self.other.open_rig(settings)
+
+    def close(self):
+        super().close()
+        self.other.close()
+
+
+@pytest.fixture
+def robot(tmp_path):
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+    bench = TwoArms(tmp_path)
+    sides = (SO101MotionArmConfig(port=str(each.port)) for each in (bench, bench.other))
+    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path)
+    robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
+    robot.connect(calibrate=False)
+    yield robot, bench
+    if robot.is_connected:
+        robot.disconnect()
+    bench.close()
+
+
+def both(left, right):
+    named = (("left_", left), ("right_", right))
+    return {side + key: value for side, each in named for key, value in action(*each).items()}
+
+
+def test_each_arm_goes_to_its_own_targets(robot):
+    robot, bench = robot
+    left, right = (4.0, *READY[1:]), (-4.0, *READY[1:])
+    assert list(robot.action_features) == list(both(READY, READY))
+    for _ in range(40):
+        taken = robot.send_action(both(left, right))
+        bench.advance(1.0 / 30.0)
+    assert taken == pytest.approx(both(left, right))
+    seen = robot.get_observation()
+    assert seen["left_shoulder_pan.pos"] == pytest.approx(4.0, abs=0.5)
+    assert seen["right_shoulder_pan.pos"] == pytest.approx(-4.0, abs=0.5)
+
+
+def test_an_arm_that_cannot_be_opened_leaves_the_other_closed(robot):
+    robot, bench = robot
+    robot.disconnect()
+    bench.other.emulator.unplug()
+    with pytest.raises(ConnectionError):
+        robot.connect(calibrate=False)
+    assert not robot.is_connected
+    bench.other.emulator.plug()
