@@ -26,10 +26,17 @@ if TYPE_CHECKING:
     metavar="FOLDER",
     help="Write goals, positions and voltages of each joint there; no serial number.",
 )
+@click.option("--undo", is_flag=True, help="Move nothing: go back to the figures before.")
 @yes_option
 @json_option
 def identify(
-    source: Source, carrying: bool, check: bool, record: Path | None, yes: bool, as_json: bool
+    source: Source,
+    carrying: bool,
+    check: bool,
+    record: Path | None,
+    undo: bool,
+    yes: bool,
+    as_json: bool,
 ) -> None:
     """Find out how this arm's servos differ from their type. The arm MOVES.
 
@@ -42,10 +49,14 @@ def identify(
     so101 identify --port /dev/ttyACM0
     so101 identify --port /dev/ttyACM0 --carrying
     so101 identify --port /dev/ttyACM0 --check
+    so101 identify --port /dev/ttyACM0 --undo
     """  # noqa: D301
     from so101_motion.rig.hardware_rig import HardwareRig
     from so101_motion.setup.identify import Identification
 
+    if undo:
+        _go_back(source, as_json)
+        return
     with quietly(), source.open() as rig:
         if not isinstance(rig, HardwareRig):
             raise click.UsageError("the simulated arm has no servos to identify; give --port")
@@ -65,6 +76,22 @@ def identify(
         print_json("identify", report.to_json())
     else:
         click.echo(report.text(), nl=False)
+
+
+def _go_back(source: Source, as_json: bool) -> None:
+    """Use the figures that were kept before those that are kept now."""
+    from so101_motion.calib.record import servo_file
+    from so101_motion.common.errors import CalibrationError
+
+    calibration = source.known_calibration()
+    if calibration is None:
+        raise CalibrationError(None, f"the {source.what} has no calibration", "calibrate it first")
+    kept = servo_file.restore(calibration)
+    file = servo_file.servos_path(calibration)
+    if as_json:
+        print_json("identify", {"file": str(file), "at": kept.at, "joints": list(kept.servos)})
+    else:
+        click.echo(f"{file} says again what was found at {kept.at}; used from the next start on")
 
 
 def _move(identification: Identification, outline: IdentificationOutline) -> None:

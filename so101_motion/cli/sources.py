@@ -95,17 +95,25 @@ class Source(_Paced):
         if self.port is None:
             rig = open_simulated(q_start=self.q_start)
         else:
-            from so101_motion.calib.record import store
             from so101_motion.drivers.bus.defaults import SERVO_IDS
             from so101_motion.rig.servo_driver import ServoSettings
 
-            if self.calibration_file is None:
-                file = _known_calibration(self.port, self.say)
-            else:  # the rig would go on without one that cannot be used; who named it shall know
-                file = store.read(store.resolve(str(self.calibration_file))).path
-            asked = ServoSettings(port=self.port, calibration_file=file)
+            asked = ServoSettings(port=self.port, calibration_file=self.known_calibration())
             rig = open_hardware(asked.with_arm(SERVO_IDS))
         return self._capped(rig)
+
+    def known_calibration(self) -> Path | None:
+        """The file that ``open`` takes the calibration from; None for none.
+
+        Raises:
+            So101Error: The one that was named cannot be read.
+        """
+        from so101_motion.calib.record import store
+
+        if self.calibration_file is not None:
+            # The rig would go on without one that cannot be used; who named it shall know.
+            return store.read(store.resolve(str(self.calibration_file))).path
+        return None if self.port is None else _known_calibration(self.port, self.say)
 
 
 def _known_calibration(port: str, say: Callable[[str], None]) -> Path | None:

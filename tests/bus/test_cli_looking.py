@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from so101_motion.calib.record import store
+from so101_motion.calib.record import servo_file, store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.calib.record.zero import Zero
 from so101_motion.cli import main
@@ -15,6 +15,7 @@ from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.serial_port import SerialPort
+from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.viam.component_config import HardwareArmConfig, HardwareGripperConfig
 
 
@@ -253,3 +254,17 @@ def test_a_port_is_measured_without_driving_the_arm(arm, planning_process):
     assert figures["bus"]["remark"].endswith("garbled of 1200 answers")
     assert 0.0 < figures["loop"]["median_ms"] <= figures["loop"]["worst_ms"]
     assert memories(arm) == before
+
+
+def test_what_was_identified_is_undone_without_a_motion(arm, file):
+    command = ("identify", "--port", arm.port, "--calibration", str(file), "--undo")
+    assert "identify the arm again" in run(*command).stderr
+    for torque in (0.9, 1.1):
+        figures = {"elbow_flex": ServoFigures(torque=torque)}
+        found = servo_file.ServoRecord(at="2026-03-01T10:00:00", volts=12.0, servos=figures)
+        servo_file.save(file, found)
+    result = run(*command)
+    assert result.exit_code == 0, result.output
+    assert "says again what was found at 2026-03-01" in result.output
+    assert servo_file.read(file).servos["elbow_flex"].torque == 0.9
+    assert not any(servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos), "limp"
