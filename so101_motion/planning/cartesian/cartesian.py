@@ -25,7 +25,7 @@ from functools import lru_cache
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
-from so101_motion.planning.cartesian.configuration_columns import Fineness
+from so101_motion.planning.cartesian.configuration_columns import Resolution
 from so101_motion.planning.cartesian.failure_report import refusal
 from so101_motion.planning.cartesian.path_search import PathSearch, PathTask, Tools
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
@@ -37,9 +37,9 @@ from so101_motion.planning.kinematics.ik import IkSolver
 from so101_motion.planning.kinematics.ik_task import check_goal
 
 LOOKS = (
-    Fineness(spacing=0.0125, pitch_step=math.radians(5.0), offsets=9, rolls=1),
-    Fineness(spacing=0.005, pitch_step=math.radians(2.0), offsets=9, rolls=9),
-    Fineness(spacing=0.0025, pitch_step=math.radians(1.0), offsets=13, rolls=13),
+    Resolution(spacing=0.0125, pitch_step=math.radians(5.0), offsets=9, rolls=1),
+    Resolution(spacing=0.005, pitch_step=math.radians(2.0), offsets=9, rolls=9),
+    Resolution(spacing=0.0025, pitch_step=math.radians(1.0), offsets=13, rolls=13),
 )
 """How closely a path is looked at, one look after the other. Chosen: benchmarks/bench_line.py."""
 
@@ -98,8 +98,8 @@ class CartesianPlanner:
         task = PathTask(
             goal=goal, tool_path=tool_path, q_start=q_start, collision=collision, q_jaw=q_jaw
         )
-        for fineness in LOOKS:
-            search = PathSearch(tools, task, fineness)
+        for resolution in LOOKS:
+            search = PathSearch(tools, task, resolution)
             found = search.run()
             if found is not None:
                 return found

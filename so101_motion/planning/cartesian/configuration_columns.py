@@ -96,7 +96,7 @@ class Columns(NamedTuple):
         ]
 
 
-class Fineness(NamedTuple):
+class Resolution(NamedTuple):
     """How closely to look.
 
     Attributes:
@@ -137,18 +137,18 @@ class ConfigurationSource:
         self._structure, self._chain = structure, chain
 
     def columns(
-        self, criteria: Criteria, p_base: Array, R_base_tool: Array, fineness: Fineness
+        self, criteria: Criteria, p_base: Array, R_base_tool: Array, resolution: Resolution
     ) -> Columns:
         """Configurations for points (n, 3) [m] with the *tool* turned as ``R_base_tool``."""
         if criteria.metric is GoalMetric.POSITION_ONLY:
-            q, excess = self._any_pitch(criteria, p_base, fineness)
+            q, excess = self._any_pitch(criteria, p_base, resolution)
             deviation = np.zeros_like(excess)
         elif criteria.metric is GoalMetric.POSITION_AND_APPROACH:
-            q, excess = self._approaching(criteria, p_base, R_base_tool[:, :, 2], fineness)
+            q, excess = self._approaching(criteria, p_base, R_base_tool[:, :, 2], resolution)
             reached = self._rotations(q)[..., 2]
             deviation = angles_between(reached, R_base_tool[:, None, :, 2])
         else:
-            q, excess = self._turned(criteria, p_base, R_base_tool, fineness)
+            q, excess = self._turned(criteria, p_base, R_base_tool, resolution)
             left = self._rotations(q).transpose(0, 1, 3, 2) @ R_base_tool[:, None]
             deviation = rotation_angles(left)
         allowed = (excess <= JOINT_SLACK) & (deviation <= criteria.orientation_tolerance)
@@ -168,12 +168,12 @@ class ConfigurationSource:
         return np.asarray(x * np.cos(azimuth) + y * np.sin(azimuth) >= 0.0)
 
     def _any_pitch(
-        self, criteria: Criteria, p_base: Array, fineness: Fineness
+        self, criteria: Criteria, p_base: Array, resolution: Resolution
     ) -> tuple[Array, Array]:
         roll = np.array([[[criteria.roll]]])
         hand = hands(self._structure, criteria.frame, roll)
         target = facing(self._structure, p_base, hand.lateral)
-        count = round(TAU / fineness.pitch_step)
+        count = round(TAU / resolution.pitch_step)
         even = criteria.pitch + np.arange(count) * (TAU / count)
         straight = straight_pitches(self._structure, target, hand)
         pitch = np.concatenate(
@@ -185,13 +185,13 @@ class ConfigurationSource:
         return _flat(np.where(np.isfinite(grid.q), grid.q, 0.0)), _flat(excess[..., None])[..., 0]
 
     def _approaching(
-        self, criteria: Criteria, p_base: Array, axis: Array, fineness: Fineness
+        self, criteria: Criteria, p_base: Array, axis: Array, resolution: Resolution
     ) -> tuple[Array, Array]:
         m = self._structure.measures
-        rolls = np.append(criteria.roll, np.linspace(m.lower[4], m.upper[4], fineness.rolls))
-        offsets = _offsets(criteria, fineness.offsets)
+        rolls = np.append(criteria.roll, np.linspace(m.lower[4], m.upper[4], resolution.rolls))
+        offsets = _offsets(criteria, resolution.offsets)
         found = []
-        for roll in rolls[: 1 if fineness.rolls == 1 else None]:
+        for roll in rolls[: 1 if resolution.rolls == 1 else None]:
             roll = np.array([[[roll]]])
             hand = hands(self._structure, criteria.frame, roll)
             target = facing(self._structure, p_base, hand.lateral)
@@ -202,11 +202,11 @@ class ConfigurationSource:
         return q, excess[..., 0]
 
     def _turned(
-        self, criteria: Criteria, p_base: Array, R_base_tool: Array, fineness: Fineness
+        self, criteria: Criteria, p_base: Array, R_base_tool: Array, resolution: Resolution
     ) -> tuple[Array, Array]:
         structure = self._structure
-        pitches = _offsets(criteria, fineness.offsets)
-        rolls = _offsets(criteria, fineness.rolls) if fineness.rolls > 1 else np.zeros(1)
+        pitches = _offsets(criteria, resolution.offsets)
+        rolls = _offsets(criteria, resolution.rolls) if resolution.rolls > 1 else np.zeros(1)
         pitch_offset, roll_offset = (each.ravel() for each in np.meshgrid(pitches, rolls))
         target, pitch = facing_turned(structure, criteria.frame, p_base, R_base_tool, criteria.roll)
         pitch = pitch + pitch_offset

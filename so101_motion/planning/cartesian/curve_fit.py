@@ -66,7 +66,7 @@ _DAMPING = 1e-10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Misfit:
+class FitFailure:
     """Where no curve could be laid.
 
     Attributes:
@@ -82,7 +82,7 @@ class Misfit:
     in_contact: bool = False
 
 
-Accept = Callable[[JointPath], Misfit | None]
+Accept = Callable[[JointPath], FitFailure | None]
 """Judges a curve; None if it will do."""
 
 
@@ -101,7 +101,7 @@ class CurveFitter:
 
     def fit(
         self, tool_path: ToolPath, s: Array, q: Array, stiffnesses: Sequence[float], accept: Accept
-    ) -> JointPath | Misfit:
+    ) -> JointPath | FitFailure:
         """A curve through configurations near given ones.
 
         Args:
@@ -116,7 +116,9 @@ class CurveFitter:
         """
         p = tool_path.places(s)
         widest = int(np.argmax(np.linalg.norm(np.diff(q, axis=0), axis=1)))
-        found: JointPath | Misfit = Misfit(s=0.5 * float(s[widest] + s[widest + 1]), q=q[widest])
+        found: JointPath | FitFailure = FitFailure(
+            s=0.5 * float(s[widest] + s[widest + 1]), q=q[widest]
+        )
         for stiffness in stiffnesses if _is_ragged(q) else (0.0,):
             on_path = self._projected(_smoothed(q, stiffness) if stiffness else q, p)
             if on_path is None:
@@ -130,7 +132,7 @@ class CurveFitter:
                 found = problem
         return found
 
-    def _through(self, tool_path: ToolPath, s: Array, q: Array) -> JointPath | Misfit:
+    def _through(self, tool_path: ToolPath, s: Array, q: Array) -> JointPath | FitFailure:
         before = np.inf
         while True:
             path = curve_through(q, float(s[-1] - s[0]))
@@ -143,7 +145,7 @@ class CurveFitter:
             settles = off.max() <= max(SETTLING * before, MIDWAY * self._tolerance)
             too_fine = 2 * len(q) > MOST_CONFIGURATIONS and s[1] - s[0] < FINEST
             if finer is None or too_fine or not settles:
-                return Misfit(s=float(middles[worst]), q=q[worst])
+                return FitFailure(s=float(middles[worst]), q=q[worst])
             s, q, before = _between(s, middles), _between(q, finer), float(off.max())
 
     def _errors(self, tool_path: ToolPath, s: Array, path: JointPath) -> tuple[Array, Array]:

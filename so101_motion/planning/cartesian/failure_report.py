@@ -18,7 +18,7 @@ from so101_motion.common.errors import InCollision, PlanningError, Unreachable
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.planning.cartesian.configuration_columns import Columns
-from so101_motion.planning.cartesian.curve_fit import Misfit
+from so101_motion.planning.cartesian.curve_fit import FitFailure
 from so101_motion.planning.cartesian.ladder_graph import are_near
 from so101_motion.planning.cartesian.path_search import PathSearch
 from so101_motion.planning.cartesian.tool_path import LEVER
@@ -50,13 +50,13 @@ class _End(NamedTuple):
         s: How far along the way it is [m].
         q: Configurations there, shape (k, 5), k >= 1, [rad].
         ahead: What there is just beyond it, for one point; None where that is no reason to end.
-        misfit: Why no curve can be laid any further, where that is what ends it.
+        fit_failure: Why no curve can be laid any further, where that is what ends it.
     """
 
     s: float
     q: Array
     ahead: Columns | None = None
-    misfit: Misfit | None = None
+    fit_failure: FitFailure | None = None
 
 
 def refusal(ik: IkSolver, search: PathSearch) -> PlanningError:
@@ -112,8 +112,8 @@ def _followed(search: PathSearch) -> _End:
     reached = float(search.s[column])
     if column == len(search.s) - 1:
         # Every column is reached, but no curve can be laid through them.
-        misfit = min(search.misfits, key=lambda each: each.s, default=None)
-        return _End(misfit.s if misfit else reached, q_reached, misfit=misfit)
+        fit_failure = min(search.fit_failures, key=lambda each: each.s, default=None)
+        return _End(fit_failure.s if fit_failure else reached, q_reached, fit_failure=fit_failure)
     q, here = q_reached, reached
     for ahead in search.s[column + 1 :]:
         s = np.arange(here + STEP, ahead + STEP, STEP)
@@ -136,8 +136,8 @@ def _near(q: Array, others: Array) -> NDArray[np.bool_]:
 
 def _blocked(end: _End) -> Array | None:
     """A configuration in contact that would be needed next, or None."""
-    if end.misfit is not None and end.misfit.in_contact:
-        return end.misfit.q
+    if end.fit_failure is not None and end.fit_failure.in_contact:
+        return end.fit_failure.q
     if end.ahead is None:
         return None
     needed = end.ahead.allowed()[0].q
@@ -156,8 +156,8 @@ def _limit(ik: IkSolver, search: PathSearch, end: _End) -> tuple[str | None, flo
                 ik.solve(PoseGoal.at_point(p, frame=task.goal.frame), end.q[0])
             except Unreachable as error:
                 return error.limit, 0.0
-    if end.misfit is not None and end.misfit.turned:
-        return None, end.misfit.turned
+    if end.fit_failure is not None and end.fit_failure.turned:
+        return None, end.fit_failure.turned
     if end.ahead is None:
         return _SINGULAR, 0.0
     q, _, excess, deviation, _ = (values[0] for values in end.ahead)

@@ -1,4 +1,4 @@
-"""Search a tool path once, at one fineness: columns, the best sequence, a curve.
+"""Search a tool path once, at one resolution: columns, the best sequence, a curve.
 
 See ``cartesian.py`` for how it works. How closely to look is given.
 """
@@ -17,9 +17,9 @@ from so101_motion.planning.cartesian.configuration_columns import (
     Columns,
     ConfigurationSource,
     Criteria,
-    Fineness,
+    Resolution,
 )
-from so101_motion.planning.cartesian.curve_fit import EXACT, SMOOTHED, CurveFitter, Misfit
+from so101_motion.planning.cartesian.curve_fit import EXACT, SMOOTHED, CurveFitter, FitFailure
 from so101_motion.planning.cartesian.ladder_graph import Indices, LadderGraph
 from so101_motion.planning.cartesian.tool_motion import ToolMotion
 from so101_motion.planning.cartesian.tool_path import ToolPath
@@ -40,7 +40,7 @@ TURN_SPACING = 0.15
 ATTEMPTS = 20
 """How many sequences are tried. Chosen: none of 684 random lines took more than 4 to be found."""
 
-MISFITS = 10
+FIT_FAILURES = 10
 """After so many of them for which no curve could be laid, a look is given up."""
 
 CONTACTS_BEFORE_THOROUGH = 3
@@ -101,11 +101,11 @@ class PathSearch:
         task: What is searched.
         s: Where the columns are, shape (n,), [m].
         ladder: The columns; the first holds the start.
-        misfits: Where sequences were given up because no curve could be laid.
+        fit_failures: Where sequences were given up because no curve could be laid.
     """
 
-    def __init__(self, tools: Tools, task: PathTask, fineness: Fineness) -> None:
-        self.task, self._tools, self._fineness = task, tools, fineness
+    def __init__(self, tools: Tools, task: PathTask, resolution: Resolution) -> None:
+        self.task, self._tools, self._resolution = task, tools, resolution
         self._source = ConfigurationSource(tools.structure, tools.tool_chain)
         model, goal = tools.ik.model, task.goal
         self._fitter = CurveFitter(tools.chain, model.lower, model.upper, goal.tolerance)
@@ -117,7 +117,7 @@ class PathSearch:
             roll=float(task.q_start[4]),
             pitch=float(task.q_start[1:4].sum()),
         )
-        self.s, self._rests = _stations(task.tool_path, fineness.spacing)
+        self.s, self._rests = _stations(task.tool_path, resolution.spacing)
         parts = self._parts(self.s[1:])
         columns = [each for part in parts for each in part.allowed()]
         start, p_start = task.q_start[None], task.tool_path.places(self.s[:1])
@@ -127,7 +127,7 @@ class PathSearch:
             [self._source.in_front(start, p_start), *(each.in_front for each in columns)],
             task.collision.checkpoint,
         )
-        self.misfits: list[Misfit] = []
+        self.fit_failures: list[FitFailure] = []
 
     def columns(self, s: Array) -> Columns:
         """Configurations for places on the way, shape (n,), [m]."""
@@ -139,13 +139,13 @@ class PathSearch:
         for begin in range(0, len(s), AT_ONCE):
             self.task.collision.checkpoint()
             some = slice(begin, begin + AT_ONCE)
-            yield self._source.columns(self._criteria, p[some], R[some], self._fineness)
+            yield self._source.columns(self._criteria, p[some], R[some], self._resolution)
 
     def run(self) -> ToolMotion | None:
         """The motion; None if this look finds none."""
         in_contact = 0
         for _ in range(ATTEMPTS):
-            if len(self.misfits) == MISFITS:
+            if len(self.fit_failures) == FIT_FAILURES:
                 return None
             rows = self.ladder.best()
             if rows is None:
@@ -157,7 +157,7 @@ class PathSearch:
             found = self._curves(self.ladder.sequence(rows))
             if isinstance(found, ToolMotion):
                 return found
-            self.misfits.append(found)
+            self.fit_failures.append(found)
             i = int(np.clip(np.searchsorted(self.s, found.s, "right"), 1, len(self.s) - 1))
             self.ladder.forbid_step(i - 1, rows[i - 1], rows[i])
         return None
@@ -199,7 +199,7 @@ class PathSearch:
             if self.task.collision.first_blocked(np.array(leg), self.task.q_jaw) is not None:
                 self.ladder.forbid_step(i, rows[i], rows[i + 1])
 
-    def _curves(self, q: Array) -> ToolMotion | Misfit:
+    def _curves(self, q: Array) -> ToolMotion | FitFailure:
         """Curves between the rests through configurations near those of a sequence."""
         curves: list[JointPath] = []
         off = turned = 0.0
@@ -209,28 +209,28 @@ class PathSearch:
             s = self.s[begin : end + 1]
             judge = self._judge(float(s[0]))
             found = self._fitter.fit(self.task.tool_path, s, q[begin : end + 1], stiffnesses, judge)
-            if isinstance(found, Misfit):
+            if isinstance(found, FitFailure):
                 return found
             curves.append(found)
             off = max(off, self._off(found, float(s[0])))
             turned = max(turned, float(self._turned(found, float(s[0]))[1].max()))
         return ToolMotion(q_start=self.task.q_start, curves=tuple(curves), off=off, turned=turned)
 
-    def _judge(self, begin: float) -> Callable[[JointPath], Misfit | None]:
+    def _judge(self, begin: float) -> Callable[[JointPath], FitFailure | None]:
         """What else a curve that starts at ``begin`` [m] must stand up to."""
 
-        def judge(curve: JointPath) -> Misfit | None:
+        def judge(curve: JointPath) -> FitFailure | None:
             s, angles = self._turned(curve, begin)
             worst = int(np.argmax(angles))
             if angles[worst] > self.task.goal.orientation_tolerance:
                 (q,) = curve.evaluate(s[worst : worst + 1] - begin).q
-                return Misfit(s=float(s[worst]), q=q, turned=float(angles[worst]))
+                return FitFailure(s=float(s[worst]), q=q, turned=float(angles[worst]))
             knots = curve.evaluate(curve.knots).q
             blocked = self.task.collision.first_blocked(knots, self.task.q_jaw)
             if blocked is None:
                 return None
             nearest = int(np.argmin(np.abs(knots - blocked).max(axis=1)))
-            return Misfit(s=begin + float(curve.knots[nearest]), q=blocked, in_contact=True)
+            return FitFailure(s=begin + float(curve.knots[nearest]), q=blocked, in_contact=True)
 
         return judge
 

@@ -6,7 +6,7 @@ from so101_motion.planning.cartesian.curve_fit import (
     EXACT,
     SMOOTHED,
     CurveFitter,
-    Misfit,
+    FitFailure,
     curve_through,
 )
 from so101_motion.planning.cartesian.tool_path import straight_path
@@ -108,7 +108,7 @@ def test_a_curve_that_is_not_accepted_is_tried_less_smooth_and_then_given_up(
 
     def refuse(curve):
         tried.append(curve)
-        return Misfit(s=0.01, q=q[0], in_contact=True)
+        return FitFailure(s=0.01, q=q[0], in_contact=True)
 
     assert fitter.fit(tool_path, s, q, SMOOTHED, refuse).in_contact
     assert len(tried) == len(SMOOTHED)
@@ -119,7 +119,7 @@ def test_where_postures_are_not_one_motion_there_is_no_curve(model, fitter, tool
     q = configurations_on(model, tool_path, s, np.full(9, READY[1:4].sum()))
     q[5:] = configurations_on(model, tool_path, s[5:], np.full(4, READY[1:4].sum() - 2.5))
     found = fitter.fit(tool_path, s, np.clip(q, model.lower, model.upper), EXACT, accepts_all)
-    assert isinstance(found, Misfit)
+    assert isinstance(found, FitFailure)
     assert s[4] < found.s < s[5]
 
 
