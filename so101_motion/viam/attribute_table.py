@@ -70,6 +70,14 @@ SENSES = (
         "world_state_store", "a world-state store; what is in it is planned around", kind="text",
         form="name", ours=True, link="planning.md#what-the-machine-has-around-the-arm",
     ),
+    Attribute(
+        "camera", "a camera with depth; what it sees is planned around", kind="text", form="name",
+        ours=True, link="planning.md#what-a-camera-sees",
+    ),
+    Attribute(
+        "vision", "a vision service; the objects it finds in that camera's picture count instead",
+        kind="text", form="name", ours=True, link="planning.md#what-a-camera-sees",
+    ),
 )  # fmt: skip
 _SURROUNDINGS = (
     Attribute(

@@ -81,16 +81,26 @@ class SensesConfig:
     """What else of the machine is asked for what is around."""
 
     store: str | None  # a world-state store
+    camera: str | None
+    vision: str | None  # a vision service that looks through the camera
 
     @classmethod
     def of(cls, given: Attributes) -> SensesConfig:
         """Read the attributes that arms and motion services share."""
-        return cls(store=_short(given.value("world_state_store")))
+        names = {key: _short(given.value(key)) for key in ("camera", "vision")}
+        if names["vision"] and not names["camera"]:
+            raise ConfigError("vision", names["vision"], 'looks through which "camera"? name it')
+        return cls(store=_short(given.value("world_state_store")), **names)
 
     @property
     def resources(self) -> list[str]:
         """Their full names; the machine may lack them."""
-        return [f"rdk:service:world_state_store/{self.store}"] if self.store else []
+        named = {
+            "rdk:service:world_state_store": self.store,
+            "rdk:component:camera": self.camera,
+            "rdk:service:vision": self.vision,
+        }
+        return [f"{api}/{name}" for api, name in named.items() if name]
 
 
 def _short(name: str | None) -> str | None:

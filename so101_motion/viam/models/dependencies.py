@@ -11,6 +11,7 @@ from viam.services.motion import Motion as MotionService
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.component_config import SensesConfig
 from so101_motion.viam.models.configured import Dependencies
+from so101_motion.viam.surroundings.camera_view import CameraView
 from so101_motion.viam.surroundings.store_watch import StoreWatch
 from so101_motion.viam.surroundings.surroundings import Source
 
@@ -42,13 +43,18 @@ def sources(
 
     One that is not there is a source all the same, which says so when a plan is made.
     """
-    if senses.store is None:
-        return ()
-    store = _named("world_state_store", senses.store, dependencies)
-    return (StoreWatch(senses.store, store, logger),)
+    found: list[Source] = []
+    if senses.store is not None:
+        store = _named("world_state_store", senses.store, dependencies)
+        found.append(StoreWatch(senses.store, store, logger))
+    if senses.camera is not None:
+        camera = _named("camera", senses.camera, dependencies)
+        finder = _named("vision", senses.vision, dependencies)
+        found.append(CameraView(senses.camera, camera, senses.vision, finder))
+    return found
 
 
-def _named(subtype: str, name: str, dependencies: Dependencies) -> Any:
+def _named(subtype: str, name: str | None, dependencies: Dependencies) -> Any:
     for resource, client in dependencies.items():
         if (resource.subtype, resource.name) == (subtype, name):
             return client

@@ -117,9 +117,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             await resource.ready()
             arm, loop = resource.rig.arm, asyncio.get_running_loop()
             if arm.in_manual or not arm.newest_motion.future.done():
-                await resource.surroundings.planned(
-                    arm.scene, partial(self._refuse_hopeless, wanted), self._sources
-                )
+                await self._refuse_hopeless(wanted, arm.scene)
             await self._seen_through(
                 resource,
                 arm.start_planned(
@@ -223,6 +221,8 @@ class So101Motion(ServiceForAnArm, MotionService):
 
     async def _refuse_hopeless(self, wanted: MoveArguments, around: Scene) -> None:
         """Refuse what would be refused from anywhere, before it ends what the arm is doing.
+
+        What else is around is looked at when the arm rests.
 
         Raises:
             So101Error: Why it is hopeless; a path that is not found from here is not.

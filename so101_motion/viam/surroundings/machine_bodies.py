@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Coroutine, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Protocol, TypeVar
@@ -109,6 +109,8 @@ class MachineView:
         tree: The frame system; None if nothing is known of it.
         ends: Where the ends of components with kinematics are in their origins.
         T_base_tool: Where the arm's tool is.
+        T_links: Where its links are in its base frame, by their URDF names.
+        read_again: Gives the machine as it is when it is called.
     """
 
     arm: str
@@ -116,6 +118,8 @@ class MachineView:
     tree: FrameTree | None = None
     ends: Mapping[str, SE3]
     T_base_tool: SE3
+    T_links: Mapping[str, SE3]
+    read_again: Callable[[], Awaitable[MachineView]]
 
     @property
     def own_frames(self) -> set[str]:
@@ -206,7 +210,17 @@ class MachineBodies:
             raise SurroundingsUnknown(f"the machine says {error}") from error
 
     def _nothing(self) -> MachineView:
-        return MachineView(arm=self._arm, ends={}, T_base_tool=self._arms[self._arm].T_end())
+        return self._view((), None, {})
+
+    def _view(
+        self, bodies: tuple[Body, ...], tree: FrameTree | None, ends: Mapping[str, SE3]
+    ) -> MachineView:
+        own = self._arms[self._arm]
+        T_base_tool = ends.get(self._arm) or own.T_end()
+        return MachineView(
+            arm=self._arm, bodies=bodies, tree=tree, ends=ends, T_base_tool=T_base_tool,
+            T_links=own.T_links(), read_again=self.read,
+        )  # fmt: skip
 
     async def _read(self) -> MachineView:
         machine = machine_here()
@@ -244,9 +258,7 @@ class MachineBodies:
             if part.name in self._arms and part.name != self._arm
         }
         bodies = await asyncio.to_thread(self._placed, counted, answers, ends, links)
-        return MachineView(
-            arm=self._arm, bodies=bodies, tree=self._tree, ends=ends, T_base_tool=ends[self._arm]
-        )
+        return self._view(bodies, self._tree, ends)
 
     # Where components are
 
@@ -272,7 +284,7 @@ class MachineBodies:
             reason = f'the machine does not tell where "{name}" is: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
         T = convert.from_pose(seen.pose)
-        if known is not None and _nearly(T, known):
+        if known is not None and nearly(T, known):
             return known
         self._ends[name] = T
         return T
@@ -380,7 +392,7 @@ class MachineBodies:
 
     def _links_of(self, name: str) -> Mapping[str, SE3]:
         now, before = self._arms[name].T_links(), self._links.get(name)
-        if before is None or not all(_nearly(now[link], before[link]) for link in now):
+        if before is None or not all(nearly(now[link], before[link]) for link in now):
             before = self._links[name] = now
         return before
 
@@ -427,10 +439,10 @@ async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
             task.cancel()
 
 
-def _nearly(T: SE3, other: SE3) -> bool:
-    """Whether nothing that hangs there has moved."""
+def nearly(T: SE3, other: SE3, distance: float = _SAME) -> bool:
+    """Whether nothing that hangs there has moved by as much as ``distance`` [m]."""
     turned = float(np.linalg.norm(T.R - other.R)) * _LEVER
-    return float(np.linalg.norm(T.p - other.p)) + turned < _SAME
+    return float(np.linalg.norm(T.p - other.p)) + turned < distance
 
 
 def _component(names: list[ResourceName], name: str) -> ResourceName | None:

@@ -85,7 +85,7 @@ class Surroundings:
         plan: Callable[[Scene], Awaitable[T]],
         also: tuple[Source, ...] = (),
     ) -> T:
-        """What ``plan`` makes of ``scene`` with what is around now.
+        """What ``plan`` makes of ``scene`` with what is around now, at an arm that rests.
 
         Args:
             scene: What is known without asking.

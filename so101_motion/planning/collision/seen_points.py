@@ -1,0 +1,156 @@
+"""What a camera saw around the arm: points become cubes, without the arm itself and the floor.
+
+A camera that looks at the arm sees the arm, and a plan that took it for an obstacle would begin in
+contact. So what lies in the hull of a link, or near it, is cut out, with what the hand holds. Near
+means as near as noise, the edge of a cube and the planner's margin need it. Single points in the
+air are noise. The floor is known, so what is hardly higher is not taken for things on it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import so101_description
+from numpy.typing import NDArray
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.coal_shapes import held_shape
+from so101_motion.planning.collision.scene import MARGIN, Attached
+from so101_motion.planning.collision.shape_files import read_shape
+
+Mask = NDArray[np.bool_]
+
+EDGE = 0.01
+"""Edge of the cubes [m]. Chosen: what depth cameras know at an arm's length, and quick to check."""
+
+OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
+"""What is nearer to the arm is taken for the arm [m]: a cube that is left then keeps the margin."""
+
+LOW = 0.01
+"""What is no higher above the floor is the floor [m]; chosen, noise of a depth camera."""
+
+FEWEST = 3
+"""Fewer points in a cube and the 26 around it are noise; chosen, surfaces show dozens."""
+
+REACH = 0.7
+"""So far from the base's origin the arm gets, and a little more [m]; what it holds comes on top."""
+
+
+_MIDDLE = 4_096
+"""Cubes are counted from here in each direction, so that none has a negative number."""
+
+_PLACES = np.array([(2 * _MIDDLE) ** 2, 2 * _MIDDLE, 1])
+"""What the three numbers of a cube count in the one that stands for it."""
+
+
+class _Hull(NamedTuple):
+    """A convex body: p is inside where ``normals @ p <= offsets``, in its own frame."""
+
+    normals: Array
+    offsets: Array
+    middle: Array
+    radius: float
+
+
+def seen_cubes(
+    points: Array,
+    *,
+    T_base_links: Mapping[str, SE3],
+    T_base_tool: SE3,
+    held: Iterable[Attached] = (),
+    floor_z: float | None = None,
+) -> Array:
+    """The middles of the cubes of edge ``EDGE`` that hold what was seen, shape (n, 3), [m].
+
+    Args:
+        points: What was seen, in the base frame, shape (m, 3), [m].
+        T_base_links: Where the links were, by their URDF names.
+        T_base_tool: Where the tool was.
+        held: What the hand holds.
+        floor_z: Height of the floor in the base frame [m]; None for none.
+    """
+    carried = _carried(held, T_base_tool)
+    far = max(
+        (float(np.linalg.norm(T.p - T_base_tool.p)) + h.radius for T, h in carried), default=0
+    )
+    points = points[np.einsum("ij,ij->i", points, points) < (REACH + far) ** 2]  # not for NaN
+    if floor_z is not None:
+        points = points[points[:, 2] > floor_z + LOW]
+    own = of_the_arm(points, T_base_links=T_base_links, T_base_tool=T_base_tool, held=held)
+    keys = (np.floor(points[~own] / EDGE).astype(np.int64) + _MIDDLE) @ _PLACES
+    keys, counts = np.unique(keys, return_counts=True)
+    keys = keys[_in_company(keys, counts)]
+    return np.asarray((keys[:, None] // _PLACES % (2 * _MIDDLE) - _MIDDLE + 0.5) * EDGE)
+
+
+def of_the_arm(
+    points: Array,
+    *,
+    T_base_links: Mapping[str, SE3],
+    T_base_tool: SE3,
+    held: Iterable[Attached] = (),
+) -> Mask:
+    """Whether each point belongs to the arm or to what it holds, shape (m,).
+
+    Arguments and units as for ``seen_cubes``.
+    """
+    own = np.zeros(len(points), dtype=bool)
+    links = [(T, _link_hulls()[link]) for link, T in T_base_links.items()]
+    for T, hull in (*links, *_carried(held, T_base_tool)):
+        own |= _is_in(points, T, hull)
+    return own
+
+
+def _carried(held: Iterable[Attached], T_base_tool: SE3) -> list[tuple[SE3, _Hull]]:
+    return [(T_base_tool @ each.T_tool_object, _box_around(each)) for each in held]
+
+
+def _is_in(points: Array, T: SE3, hull: _Hull) -> Mask:
+    """Whether points are in a body or nearer to it than ``OWN``, shape (n,)."""
+    away = points - T @ hull.middle
+    inside = np.einsum("ij,ij->i", away, away) < (hull.radius + OWN) ** 2
+    local = (points[inside] - T.p) @ T.R
+    inside[inside] = (local @ hull.normals.T <= hull.offsets + OWN).all(axis=1)
+    return np.asarray(inside)
+
+
+def _in_company(keys: Any, counts: Any) -> Mask:
+    """Whether each cube and those around it hold points enough, shape (n,); keys in order."""
+    around = np.zeros(len(keys), dtype=np.int64)
+    for step in itertools.product((-1, 0, 1), repeat=3):
+        wanted = keys + np.array(step) @ _PLACES
+        at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+        around += np.where(keys[at] == wanted, counts[at], 0) if len(keys) else 0
+    return np.asarray(around >= FEWEST)
+
+
+@cache
+def _link_hulls() -> dict[str, _Hull]:
+    hulls = {}
+    for link, part in so101_description.PARTS.items():
+        mesh = so101_description.load_hull(part)
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        a, b, c = (vertices[mesh.faces[:, i]] for i in range(3))
+        normals = np.cross(b - a, c - a)
+        area = np.linalg.norm(normals, axis=1)
+        normals, a = normals[area > 1e-12] / area[area > 1e-12, None], a[area > 1e-12]
+        offsets = np.einsum("ij,ij->i", normals, a)
+        outwards = np.where(normals @ vertices.mean(axis=0) <= offsets, 1.0, -1.0)
+        hulls[link] = _hull(normals * outwards[:, None], offsets * outwards, vertices)
+    return hulls
+
+
+def _box_around(held: Attached) -> _Hull:
+    _, points = held_shape(read_shape(held.shape))
+    normals = np.concatenate([np.eye(3), -np.eye(3)])
+    return _hull(normals, (points @ normals.T).max(axis=0), points)
+
+
+def _hull(normals: Array, offsets: Array, points: Array) -> _Hull:
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    radius = float(np.linalg.norm(points - middle, axis=1).max())
+    return _Hull(normals, offsets, middle, radius)

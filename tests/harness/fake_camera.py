@@ -1,0 +1,100 @@
+"""A depth camera that looks at an arm, and a vision service that finds boxes in its picture."""
+
+import numpy as np
+import so101_description
+from viam.components.camera import Camera
+from viam.proto.common import GeometriesInFrame, PointCloudObject
+from viam.services.vision import Vision
+
+NOISE = 0.002  # of every point along every axis [m], as a depth camera at half a metre
+STRAYS = 60  # points in the air
+
+
+def pcd(points):
+    """Points, shape (n, 3), [m], as Viam's cameras send them."""
+    head = (
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\n"
+        "DATA binary\n"
+    )
+    return head.encode() + points.astype("<f4").tobytes()
+
+
+def points_on(vertices, faces, count, rng):
+    """Points spread over a surface of triangles, shape (count, 3)."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = rng.choice(len(faces), size=count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
+    u, v = np.where(u + v > 1.0, 1.0 - u, u), np.where(u + v > 1.0, 1.0 - v, v)
+    return a[chosen] + u * (b - a)[chosen] + v * (c - a)[chosen]
+
+
+def points_on_box(center, size, count, rng):
+    """Points on the faces of a box, shape (count, 3), [m]."""
+    points = rng.uniform(-0.5, 0.5, (count, 3))
+    axis = rng.integers(0, 3, count)
+    points[np.arange(count), axis] = rng.choice((-0.5, 0.5), count)
+    return np.asarray(center) + points * size
+
+
+def picture(T_base_links, boxes, *, count, seed=0):
+    """What a camera sees of an arm, boxes (center, size) and a table, shape (count, 3), in base."""
+    rng = np.random.default_rng(seed)
+    share = count // 10
+    parts = [
+        T @ points_on(hull.vertices, hull.faces, share // 2, rng)
+        for link, T in T_base_links.items()
+        for hull in [so101_description.load_hull(so101_description.PARTS[link])]
+    ]
+    parts += [points_on_box(*box, share, rng) for box in boxes]
+    parts.append(rng.uniform((-0.5, -0.5, 0.1), (0.6, 0.5, 0.6), (STRAYS, 3)))
+    table = rng.uniform((-0.6, -0.6), (0.8, 0.6), (count - sum(map(len, parts)), 2))
+    parts.append(np.column_stack([table, np.full(len(table), -0.0024)]))
+    points = np.concatenate(parts)
+    return points + NOISE * rng.standard_normal(points.shape)
+
+
+class FakeCamera(Camera):
+    """Sees what ``look`` gives it, in its own frame; an exception is raised."""
+
+    def __init__(self, name, look):
+        super().__init__(name)
+        self.look, self.looks = look, 0
+
+    async def get_point_cloud(self, **kwargs):
+        self.looks += 1
+        points = self.look()
+        if isinstance(points, Exception):
+            raise points
+        return pcd(points), "pointcloud/pcd"
+
+    async def get_images(self, **kwargs):
+        raise NotImplementedError
+
+    async def get_properties(self, **kwargs):
+        raise NotImplementedError
+
+
+class FakeVision(Vision):
+    """Finds objects: ``(points or None, boxes)`` each, in the camera's frame."""
+
+    def __init__(self, name, objects):
+        super().__init__(name)
+        self.objects = objects
+
+    async def get_object_point_clouds(self, camera_name, **kwargs):
+        return [
+            PointCloudObject(
+                point_cloud=b"" if points is None else pcd(points),
+                geometries=GeometriesInFrame(reference_frame=camera_name, geometries=boxes),
+            )
+            for points, boxes in self.objects
+        ]
+
+    async def _not_here(self, *args, **kwargs):
+        raise NotImplementedError
+
+    capture_all_from_camera = get_detections_from_camera = get_detections = _not_here
+    get_classifications_from_camera = get_classifications = get_detections_3d = _not_here
+    get_properties = _not_here

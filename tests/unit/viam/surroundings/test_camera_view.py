@@ -1,0 +1,189 @@
+from contextlib import asynccontextmanager
+
+import numpy as np
+import pytest
+from grpclib import GRPCError, Status
+from grpclib.testing import ChannelFor
+from harness.fake_camera import FakeCamera, FakeVision, picture
+from harness.fake_machine import FakeMachine, a_box, hanging
+from viam.components.camera import CameraClient
+from viam.components.camera.service import CameraRPCService
+from viam.resource.manager import ResourceManager
+from viam.services.vision import VisionClient
+from viam.services.vision.service import VisionRPCService
+
+from so101_motion.common.errors import SurroundingsUnknown
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Obstacle, PointCloud, Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.viam.conversion import convert
+from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.surroundings.camera_view import CameraView
+from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+
+MODEL = RobotModel.load()
+Q = np.array((0.3, -0.6, 0.5, 0.4, 0.2))
+BOX = ((0.25, -0.2, 0.1), (0.1, 0.1, 0.2))
+"""Center and size [m], in the base frame, a hand's breadth from the arm."""
+
+Q_IN_BOX = np.array((np.arctan2(0.2, 0.25), -0.6, 0.5, 0.4, 0.2))
+
+ABOVE = dict(x=300.0, y=100.0, z=700.0, o_x=0.1, o_z=-1.0, theta=30.0)
+
+
+class Standing:
+    """An arm of this process that stands at ``Q``."""
+
+    async def found(self):
+        pass
+
+    def T_end(self):
+        return MODEL.frame(Q, "tool")
+
+    def T_links(self):
+        return MODEL.link_placements(Q, 0.0)
+
+
+def camera_at(**pose):
+    return hanging("camera", **(ABOVE | pose))
+
+
+class Bench:
+    """A machine with an arm and a camera that may move."""
+
+    def __init__(self, camera, patience=5.0):
+        self.machine = FakeMachine(hanging("arm", joints=5), camera_at())
+        self.camera, self.patience = camera, patience
+        self.arms = {"arm": Standing()}
+
+    @property
+    def T_base_camera(self):
+        return convert.from_pose(self.machine.configs[1].frame.pose_in_observer_frame.pose)
+
+    @asynccontextmanager
+    async def watching(self, finder=None):
+        """What a plan would be made in, when it is asked for; over gRPC as the camera is."""
+        manager = ResourceManager([self.camera] if finder is None else [self.camera, finder])
+        set_machine(lambda: self.machine)
+        reader = MachineBodies("arm", ["camera"], self.arms, ())
+        services = [CameraRPCService(manager), VisionRPCService(manager)]
+        async with ChannelFor(services) as channel:
+            seer = None if finder is None else VisionClient(finder.name, channel)
+            view = CameraView(
+                "camera", CameraClient("camera", channel), finder and finder.name, seer,
+                patience=self.patience,
+            )  # fmt: skip
+
+            async def scene():
+                return await view.added_to(Scene(), await reader.read())
+
+            try:
+                yield scene
+            finally:
+                set_machine(lambda: None)
+
+
+def seen_by(bench, points):
+    """Points of the base frame as the camera's frame has them now."""
+    return bench.T_base_camera.inverse @ points
+
+
+def cubes_of(scene):
+    [obstacle] = scene.obstacles
+    return obstacle.T_base_obstacle @ obstacle.shape.points
+
+
+def off_the_box(points):
+    """How far points are from the surface of ``BOX`` [m]."""
+    away = np.abs(points - BOX[0]) - np.array(BOX[1]) / 2.0
+    outside = np.linalg.norm(np.maximum(away, 0.0), axis=1)
+    return outside + np.maximum(-away.max(axis=1), 0.0)
+
+
+@pytest.fixture(scope="module")
+def sight():
+    return picture(MODEL.link_placements(Q, 0.0), [BOX], count=300_000)
+
+
+async def test_a_camera_that_sees_the_arm_sees_what_is_around_it_alone(sight):
+    bench = Bench(FakeCamera("camera", lambda: seen_by(bench, sight)))
+    async with bench.watching() as scene:
+        seen = await scene()
+    cubes = cubes_of(seen)
+    assert off_the_box(cubes).max() < 0.015 + 0.005
+    assert len(cubes) > 400  # the faces of the box hold a hundred each and more
+    assert CollisionModel(MODEL, seen).is_free(Q)
+    assert not CollisionModel(MODEL, seen).is_free(Q_IN_BOX)
+
+    # Were the arm not cut out, it would begin in contact with itself.
+    whole = PointCloud(points=sight, resolution=0.01)
+    uncut = Obstacle(name="camera", shape=whole, T_base_obstacle=SE3.identity())
+    assert not CollisionModel(MODEL, Scene(obstacles=(uncut,), floor_z=None)).is_free(Q)
+
+
+async def test_a_camera_that_moves_looks_again_until_it_stands(sight):
+    steps = iter((40.0, 80.0))
+
+    def look():
+        """Sees from where it is, and is moved on."""
+        points = seen_by(bench, sight)
+        bench.machine.configs[1] = camera_at(y=next(steps, 80.0))
+        return points
+
+    bench = Bench(FakeCamera("camera", look))
+    async with bench.watching() as scene:
+        assert off_the_box(cubes_of(await scene())).max() < 0.02
+        assert bench.camera.looks == 3
+        steps = iter(np.arange(100.0, 1000.0, 50.0))
+        with pytest.raises(SurroundingsUnknown, match="moved whenever it looked, 3 times"):
+            await scene()
+
+
+async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_empty(sight):
+    bench = Bench(FakeCamera("camera", lambda: np.full((100, 3), np.nan)))
+    async with bench.watching() as scene:
+        with pytest.raises(SurroundingsUnknown, match='"camera" sees nothing at all'):
+            await scene()
+        bench.camera.look = lambda: GRPCError(Status.UNAVAILABLE, "unplugged")
+        with pytest.raises(SurroundingsUnknown, match=r'"camera" does not look: unplugged; put'):
+            await scene()
+    view = CameraView("camera", None)
+    set_machine(lambda: bench.machine)
+    with pytest.raises(SurroundingsUnknown, match="does not run"):
+        await view.added_to(Scene(), await MachineBodies("arm", (), bench.arms, ()).read())
+    set_machine(lambda: None)
+
+
+async def test_a_table_without_things_on_it_is_no_obstacle():
+    table = picture({}, [], count=20_000)
+    bench = Bench(FakeCamera("camera", lambda: seen_by(bench, table)))
+    async with bench.watching() as scene:
+        assert (await scene()).obstacles == ()
+
+
+async def test_objects_of_a_vision_service_are_boxes_and_the_arm_is_none_of_them(sight):
+    bench = Bench(FakeCamera("camera", lambda: sight))
+    T_camera_base = bench.T_base_camera.inverse
+    box = a_box(*(1000.0 * np.array(BOX[1])), "crate")
+    box.center.CopyFrom(convert.to_pose(T_camera_base @ SE3.from_translation(BOX[0])))
+    off = off_the_box(sight)
+    arm = a_box(300, 300, 300, "mistaken")
+    arm.center.CopyFrom(convert.to_pose(T_camera_base @ MODEL.frame(Q, "tool")))
+    links = sight[:100_000]  # a tenth of the picture is for each two links
+    objects = [(seen_by(bench, sight[off < 0.01]), [box]), (seen_by(bench, links), [arm])]
+    async with bench.watching(FakeVision("finder", objects)) as scene:
+        [crate] = (await scene()).obstacles
+    assert crate.name == "crate"
+    np.testing.assert_allclose(crate.T_base_obstacle.p, BOX[0], atol=1e-9)
+    np.testing.assert_allclose(crate.shape.size, BOX[1], atol=1e-9)
+
+
+async def test_an_object_that_is_partly_the_arm_is_what_is_left_of_its_points(sight):
+    bench = Bench(FakeCamera("camera", lambda: sight))
+    both = a_box(600, 600, 600, "lump")
+    mixed = [(seen_by(bench, sight), [both])]
+    async with bench.watching(FakeVision("finder", mixed)) as scene:
+        [lump] = (await scene()).obstacles
+    assert isinstance(lump.shape, PointCloud)
+    assert off_the_box(lump.shape.points).max() < 0.02
