@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from so101_motion.arm.cell import Cell as Cell
     from so101_motion.arm.jaw_following import JawFollowing as JawFollowing
     from so101_motion.arm.planning_worker import PlanningWorker as PlanningWorker
     from so101_motion.common.errors import So101Error as So101Error
@@ -55,6 +56,7 @@ _HOMES = {
     "Attached": "planning.collision.scene",
     "Box": "planning.collision.scene",
     "Capsule": "planning.collision.scene",
+    "Cell": "arm.cell",
     "CollisionModel": "planning.collision.collision",
     "Following": "control.following",
     "GoalMetric": "planning.goals",

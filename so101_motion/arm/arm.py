@@ -11,6 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from contextlib import nullcontext, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
@@ -23,7 +24,7 @@ from so101_motion.arm.motion_queue import MotionQueue, Opening
 from so101_motion.arm.protocols import ArmExecutor
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.compliance import Compliance
-from so101_motion.common.errors import SUPERSEDED, MotionError, NotHolding
+from so101_motion.common.errors import SUPERSEDED, InCollision, MotionError, NotHolding
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState, lent_out
@@ -41,8 +42,12 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
+    from so101_motion.arm.cell import Place
     from so101_motion.planning.kinematics.model import RobotModel
 
+
+PLANS = 3
+"""So often a motion is planned that other arms get in the way of before it begins; chosen."""
 
 START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
@@ -63,6 +68,7 @@ class Arm(CappedJoints):
         scene: The same, for plans made from now on.
         newest: The newest plan and its request, to be shown; None before the first.
         compliance: How it yields to a hand in manual mode.
+        place: Its place in a cell with other arms; None if it stands alone.
     """
 
     def __init__(
@@ -84,6 +90,7 @@ class Arm(CappedJoints):
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
         self.compliance = Compliance()
+        self.place: Place | None = None
         self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
         self._led = LedMotions(model, executor)
         self._motions = MotionQueue(self._come_to_rest)
@@ -188,6 +195,10 @@ class Arm(CappedJoints):
 
         def run(motion: Motion) -> None:
             self._leave_manual(motion)
+            for _ in range(PLANS - 1):
+                plan = motion.wait_for(planning())
+                with suppress(InCollision):  # another arm has begun to move meanwhile
+                    return self._execute(motion, plan)
             self._execute(motion, motion.wait_for(planning()))
 
         return self._motions.start(run)
@@ -329,6 +340,10 @@ class Arm(CappedJoints):
             self.stop()
             self._executor.release().result()
 
+    def take_place(self, place: Place | None) -> None:
+        """Keep off the other arms of a cell from now on; None to stand alone again."""
+        self.place = self._led.neighbours = place
+
     def close(self) -> None:
         """End what is under way and the arm's own threads; the executor belongs to the rig."""
         self._motions.close()
@@ -351,6 +366,7 @@ class Arm(CappedJoints):
             limits=self.effective_limits(limits),
             q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
             scene=search.scene or self.scene,
+            others=() if self.place is None else self.place.others(),
             payload=self._payload,
             strength=self._strength,
             frames=search.frames,
@@ -377,9 +393,11 @@ class Arm(CappedJoints):
                 f"the arm is {to_deg(off):.1f} deg away from where this plan starts; plan again"
             )
         self._range.check_path(plan.trajectory.q)
-        motion.plan = plan
-        execute = partial(self._executor.execute, plan.trajectory, channel=Channel.ARM)
-        motion.begin(execute, self._executor.interrupt).result()
+        place, planned = self.place, plan.trajectory
+        with nullcontext(planned) if place is None else place.entered(planned) as trajectory:
+            motion.plan = plan
+            execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
+            motion.begin(execute, self._executor.interrupt).result()
 
     @property
     def _situation(self) -> Situation:

@@ -20,6 +20,7 @@ from so101_motion.planning.timing.torque import Load, Payload, Strength, carried
 if TYPE_CHECKING:
     from so101_motion.arm.protocols import ArmExecutor
     from so101_motion.common.geometry import Array
+    from so101_motion.planning.collision.course import Neighbours
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.planning.kinematics.model import RobotModel
 
@@ -62,12 +63,16 @@ class LedMotions:
     Args:
         model: The arm.
         executor: What moves it.
+
+    Attributes:
+        neighbours: Other arms to keep off; None if there are none.
     """
 
     def __init__(self, model: RobotModel, executor: ArmExecutor) -> None:
         self._model, self._executor = model, executor
         self._lock = threading.Lock()
         self._made: tuple[Situation, Guard] | None = None
+        self.neighbours: Neighbours | None = None
 
     def has_guard(self, now: Situation) -> bool:
         """Whether a guarded following for this situation can be made without waiting."""
@@ -94,6 +99,7 @@ class LedMotions:
             stop_limits=GUARDED_STOP if guarded else executor.stop_limits(Channel.ARM),
             dt=executor.dt,
             guard=self._guard(now) if guarded else None,
+            neighbours=self.neighbours,
             share=share,
             **how,
         )
@@ -104,7 +110,10 @@ class LedMotions:
         q = executor.state.q_ref
         model = self._model.narrowed(*now.range)  # the I/O thread's own
         collision, load = CollisionModel(model, now.scene), now.load(model, q)
-        servo = Servo(model, collision, limits, executor.dt, q, frame=frame, load=load)
+        servo = Servo(
+            model, collision, limits, executor.dt, q, frame=frame, load=load,
+            neighbours=self.neighbours,
+        )  # fmt: skip
         return Jog(servo, executor.dt, lambda: executor.state.q_jaw_ref)
 
     def _guard(self, now: Situation) -> Guard:

@@ -56,6 +56,11 @@ class Jog(LedMotion):
         self._ticks = 0
         self._held_by: tuple[str, ...] = ()
 
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether it keeps off other arms of its cell by itself."""
+        return self._servo.neighbours is not None
+
     # Any thread
 
     def twist(

@@ -42,8 +42,10 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import Following
 from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Channel, Tolerances
+from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.limit_recovery import RECOVERY_TIME, LimitRecovery
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint
@@ -81,6 +83,9 @@ class ChannelPlayer:
         tolerances: When a motion has arrived, and when it is lost.
         conclude: Takes a future and what it shall raise, None for success.
         recent: The last second of states, for an error to carry.
+
+    Attributes:
+        neighbours: Other arms to keep off; None if there are none.
     """
 
     def __init__(
@@ -95,6 +100,7 @@ class ChannelPlayer:
     ) -> None:
         self._channel, self._dt, self.stop_limits = channel, dt, stop_limits
         self._tolerances, self._conclude, self._recent = tolerances, conclude, recent
+        self.neighbours: Neighbours | None = None
         self._motion: _Motion | None = None
         self._k = 0  # the tick that ``reference`` was commanded in
         self.reference = _at_rest(np.zeros(len(channel.joints)))
@@ -266,7 +272,9 @@ class ChannelPlayer:
             motion.start, motion.waits_until = k, None
         if motion is not None and motion.last is None and motion.start is not None:
             try:
-                self.reference = motion.source.sample(k - motion.start)
+                led = motion.source.sample(k - motion.start)
+                self._refuse_near(motion, led)
+                self.reference = led
             except MotionError as error:
                 self._slow_down(motion, error)
                 self.reference = motion.source.sample(k - self._k)
@@ -311,11 +319,35 @@ class ChannelPlayer:
             motion.start, motion.waits_until = None, k + round(RECOVERY_TIME / self._dt)
         self._motion, self._k = motion, k
 
+    def _refuse_near(self, motion: _Motion, led: Setpoint) -> None:
+        """Go on only if the joints can stop from ``led`` without coming near other arms.
+
+        Raises:
+            MotionError: They cannot.
+        """
+        source, neighbours = motion.source, self.neighbours
+        if neighbours is None or motion.ending is not None:
+            return
+        if isinstance(source, PlannedMotion):
+            admitted = neighbours.admits(*source.stop_ahead())
+        elif isinstance(source, LedMotion) and source.keeps_apart:
+            return
+        else:
+            stop = source.brake(led, self.stop_limits)
+            admitted = neighbours.admits(stop.q, stop.dt)
+        if not admitted:
+            raise MotionError(
+                f"the arm stopped with {neighbours.against}; move one of the two away, then"
+                " plan again"
+            )
+
     def _slow_down(self, motion: _Motion, ending: MotionError) -> None:
         motion.ending, motion.waits_until = ending, None
         if motion.last is not None:
             return  # the reference is at rest; what remains is that the joints follow
         stop = motion.source.brake(self.reference, self.stop_limits)
+        if self.neighbours is not None:
+            self.neighbours.commit(stop.q, stop.dt)
         motion.source, motion.start = PlannedMotion(stop, motion.source.future), self._k
 
     def _obey(self, motion: _Motion, alarms: Mapping[str, str], q: Array) -> bool:

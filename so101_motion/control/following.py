@@ -39,6 +39,7 @@ from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
+from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
@@ -103,6 +104,7 @@ class Following(LedMotion):
         stale_after: For how long a target holds that nobody repeats [s]; None for ever.
         guard: Keeps the joints clear of things; None to check nothing. For this following's
             thread alone.
+        neighbours: Other arms to keep off; None if there are none.
         share: Says in every period what share of the caps may be used, 0 to 1.
         each: Called on the I/O thread before every setpoint; may aim. Must be brief.
         ends_there: Whether it ends when it has reached its target, or cannot.
@@ -126,6 +128,7 @@ class Following(LedMotion):
         gate: float = GATE,
         stale_after: float | None = STALE_AFTER,
         guard: Guard | None = None,
+        neighbours: Neighbours | None = None,
         share: Callable[[], float] = lambda: 1.0,
         each: Callable[[Following], None] | None = None,
         ends_there: bool = False,
@@ -138,6 +141,7 @@ class Following(LedMotion):
         self._stop_limits, self._dt = stop_limits, dt
         self._stale_after = math.inf if stale_after is None else stale_after
         self._guard, self._each, self._ends_there = guard, each, ends_there
+        self._neighbours = neighbours
         self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
@@ -207,6 +211,11 @@ class Following(LedMotion):
     def is_approaching(self) -> bool:
         """Whether it goes at the pace of the approach."""
         return self._approach.is_under_way
+
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether it keeps off other arms of its cell by itself."""
+        return self._neighbours is not None and self._slowing is None
 
     @property
     def is_guarded(self) -> bool:
@@ -335,6 +344,8 @@ class Following(LedMotion):
             if allowed is not q:
                 q, qd = np.clip(allowed, self._least, self._most), np.zeros_like(qd)
             self._held = tuple(map(self._guard.words, self._guard.against))
+        else:
+            self._held = ()
         together = (self._ends_there or self.is_approaching) and not qd.any()
         try:
             led = online.towards(self.now, q, qd, limits, self._dt, together=together)
@@ -344,7 +355,19 @@ class Following(LedMotion):
         if self._guard is not None and not self._guard.admits(np.vstack([self.now.q, path])):
             self._held = self._held or ("too little room to brake",)
             return self._brake()
+        if not self._keeps_off(led):
+            return self._brake()
         self.now, self._braked = led, after
+
+    def _keeps_off(self, led: Setpoint) -> bool:
+        """Whether the joints can stop from there without meeting other arms."""
+        if self._neighbours is None:
+            return True
+        stop = online.stop(led.q, led.qd, led.qdd, self._stop_limits, self._dt)
+        if self._neighbours.admits(stop.q, stop.dt):
+            return True
+        self._held = (*self._held, self._neighbours.against)
+        return False
 
     def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, Setpoint, Array]:
         """``led``, but joints that could not stop in time brake; what follows to rest; the path."""

@@ -32,6 +32,7 @@ from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import MotionSource
 from so101_motion.control.recent_states import RecentStates
 from so101_motion.control.request_queue import Outcomes
+from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing.limits import MotionLimits
 
 T = TypeVar("T")
@@ -120,6 +121,10 @@ class JointController:
     def stop_limits(self, channel: Channel) -> MotionLimits:
         """The limits with which a stop of ``channel`` brakes."""
         return self._player(channel).stop_limits
+
+    def keep_off(self, neighbours: Neighbours | None) -> None:
+        """Keep the arm off other arms in every tick; None ends that."""
+        self._arm.neighbours = neighbours
 
     def start(self, now: float, *, holding: bool) -> None:
         """Read the joints, hold them there if wanted, and publish the first snapshot."""

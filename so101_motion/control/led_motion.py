@@ -23,6 +23,11 @@ class LedMotion:
         self.future: Future[None] = running_future()
         self._name, self._closing = name, False
 
+    @property
+    def keeps_apart(self) -> bool:
+        """Whether it keeps off other arms of its cell by itself."""
+        return False
+
     def close(self) -> Future[None]:
         """Slow to rest and end; may be called again."""
         self._closing = True

@@ -10,10 +10,15 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import Protocol, TypeVar
 
+from so101_motion.common.geometry import Array
 from so101_motion.control.request_queue import running_future
+from so101_motion.planning.collision.course import stop_along
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
+
+_LOOK_AHEAD = 60
+"""More setpoints than a stop needs of its path; chosen."""
 
 
 class MotionSource(Protocol):
@@ -77,6 +82,10 @@ class PlannedMotion:
     def is_over(self) -> bool:
         """Whether the last sample was the last setpoint."""
         return self._k >= len(self._trajectory) - 1
+
+    def stop_ahead(self) -> tuple[Array, float]:
+        """About where the joints are while they stop on their path, (m, n), and each how long."""
+        return stop_along(self._trajectory.q[self._k : self._k + _LOOK_AHEAD], self._trajectory.dt)
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""

@@ -77,6 +77,8 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
     ends = [_standing(each, each.course.q[-1:], ROOM) for each in request.others]
     known = replace(request, others=(), scene=_with_arms(request.scene, ends))
     first = plan(known)
+    if all(each.course.end <= 0.0 for each in request.others):
+        return first
     bodies = bodies_of(request.scene.attached)
     met = crossing(bodies, Course.along(first.trajectory, request.q_jaw), request.others)
     if met is None:
@@ -118,6 +120,10 @@ def _meeting(bodies: ArmBodies, course: Course, other: OtherArm, since: float) -
         (bodies_of(other.attached), other.course),
         other.T_base_other,
     )
+    if other.course.end <= since:
+        found = first_meeting(mine, theirs, T, since=since, room=GUARDED, early=0.0)
+        # Arms that are too near already may part; the control loop sees that they only do that.
+        return None if found is not None and found.t <= since else found
     found = first_meeting(mine, theirs, T, since=since)
     if found is not None:
         return found

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import coal
@@ -104,9 +104,14 @@ class ArmBodies:
 
 
 @cache
+def _model() -> RobotModel:
+    return RobotModel.load()
+
+
+@lru_cache(maxsize=32)
 def bodies_of(attached: tuple[Attached, ...] = ()) -> ArmBodies:
     """The bodies of an SO-101 that holds ``attached``; made once."""
-    return ArmBodies(RobotModel.load(), attached)
+    return ArmBodies(_model(), attached)
 
 
 def first_meeting(

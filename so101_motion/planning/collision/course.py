@@ -84,17 +84,51 @@ _PLACES = 10
 """At so many places a stop is looked at."""
 
 
-def stopping(course: Course, t: float) -> Course:
-    """A course that slows down from ``t`` [s] on, along its own path, until it rests."""
-    now, soon = course.at(np.array([t, t + course.dt]))
-    if course.end <= t or np.array_equal(now, soon):
-        now, soon = course.at(np.array([t - course.dt, t]))
-        if np.array_equal(now, soon):
-            return Course(t=t, dt=course.dt, q=course.at(np.array([t])))
-    duration = float(np.abs(soon[:5] - now[:5]).max()) / course.dt / HARDEST + AT_LEAST
+def stop_along(q: Array, dt: float) -> tuple[Array, float]:
+    """A stop along the way that joints are on.
+
+    Args:
+        q: Where they would be, from now on, shape (n, k), [rad].
+        dt: Time between these [s].
+
+    Returns:
+        Where they are while they slow down, shape (m, k), and the time between these [s].
+    """
+    speed = float(np.abs(q[min(1, len(q) - 1), :5] - q[0, :5]).max()) / dt
+    duration = speed / HARDEST + AT_LEAST
     passed = np.linspace(0.0, duration, _PLACES)
-    travelled = passed - passed**2 / (2.0 * duration)
-    return Course(t=t, dt=float(passed[1]), q=course.at(t + travelled))
+    place = np.minimum((passed - passed**2 / (2.0 * duration)) / dt, len(q) - 1.0)
+    k = place.astype(np.intp)
+    following = np.minimum(k + 1, len(q) - 1)
+    return q[k] + (place - k)[:, None] * (q[following] - q[k]), float(passed[1])
+
+
+def stopping(course: Course, t: float) -> Course:
+    """A course that slows down from ``t`` [s] on, along its own way, until it rests."""
+    left = course.since(t)
+    if left.t > 0.0:  # it has not begun
+        return Course(t=t, dt=course.dt, q=left.q[:1])
+    q, dt = stop_along(left.q, left.dt)
+    return Course(t=t, dt=dt, q=q)
+
+
+class Neighbours(Protocol):
+    """The other arms of a cell, as the control loop of one arm has to mind them."""
+
+    def admits(self, q: Array, dt: float) -> bool:
+        """Whether the arm may go on so that it could stop along ``q``; if so, others go by that.
+
+        Args:
+            q: Where the arm is now, and where it would be while it stops, shape (n, 5), [rad].
+            dt: Time between these [s].
+        """
+
+    def commit(self, q: Array, dt: float) -> None:
+        """The arm stops along ``q``, whatever is there; see ``admits``."""
+
+    @property
+    def against(self) -> str:
+        """What stood against what was not admitted last, such as ``"the jaw close to left"``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

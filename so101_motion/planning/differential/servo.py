@@ -42,6 +42,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.collision import CollisionModel, Near
+from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.differential.guard import GAP, Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage
 from so101_motion.planning.differential.servo_qp import ROWS, ServoQp
@@ -122,8 +123,10 @@ class Servo:
         q_start: Where the arm is at rest, shape (5,), [rad].
         frame: Which frame of the gripper is led.
         load: What the servos have to bear; None not to look at it. For this servo alone.
+        neighbours: Other arms to keep off; None if there are none.
 
     Attributes:
+        neighbours: The same.
         q: Where the joints are wanted now, shape (5,), [rad].
         qd: Their velocities, shape (5,), [rad/s].
     """
@@ -138,7 +141,9 @@ class Servo:
         *,
         frame: str = "tool",
         load: Load | None = None,
+        neighbours: Neighbours | None = None,
     ) -> None:
+        self.neighbours = neighbours
         self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
         self._before = self.q
         self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
@@ -246,7 +251,9 @@ class Servo:
         ahead = self._follower.ahead(lead)
         every = self._every
         path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
-        return self._guard.admits(path)
+        if not self._guard.admits(path):
+            return False
+        return self.neighbours is None or self.neighbours.admits(ahead, self._dt)
 
     def _braking(self, q: Array, qd: Array, time: float) -> Array:
         """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.

@@ -1,0 +1,277 @@
+"""Arms that share a space: where each stands, and what each is about to do.
+
+*Every tick.* An arm that moves says how it would stop if it had to stop now: that is its course.
+Before it takes its next setpoint it shows the course that would follow from there, which must keep
+off the courses of all others; otherwise it brakes, on the course that it has shown before. So
+whatever arms are told, and whoever of them is stopped, all can stop at once without meeting. The
+registry has one lock, and a course is taken up under it.
+
+*Plans.* An arm that begins a planned motion says all of it. Plans of the others go around it in
+space and time (``planning/among.py``). Between planning and beginning the others have moved on, so
+the proof is repeated when it begins; if need be it begins a little later.
+
+An arm that rests is where it is wanted; one that a hand moves, where it was seen, and goes on as it
+does for a moment. Nothing here knows how many arms there are.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.modes import Mode
+from so101_motion.planning.among import crosses, crossing, delayed
+from so101_motion.planning.collision.apart import (
+    GUARDED,
+    GUARDED_EARLY,
+    ArmBodies,
+    Meeting,
+    bodies_of,
+    first_meeting,
+)
+from so101_motion.planning.collision.course import Course, OtherArm, stop_along
+
+if TYPE_CHECKING:
+    from so101_motion.arm.arm import Arm
+    from so101_motion.common.clock import Clock
+    from so101_motion.control.executor import Executor
+    from so101_motion.planning.timing.trajectory import Trajectory
+
+LATER, LATEST = 0.1, 2.0
+"""By how much a motion may begin later than it was planned [s], and at the most; chosen."""
+
+PARTING, TENTH = 5e-4, 1e-4
+"""Arms that are too near already may come so much nearer [m], because parts that slide along each
+other do; distances are known to the second. Chosen."""
+
+PUSHED = 0.7
+"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
+proof leaves three quarters of it."""
+
+GOES_ON = 0.2
+"""For how long an arm that a hand moves is taken to go on as it does [s]; chosen."""
+
+
+class RigWithExecutor(Protocol):
+    """An arm with the control loop that moves it, such as a ``Rig``."""
+
+    arm: Arm
+    executor: Executor
+    clock: Clock
+
+
+class Cell:
+    """The arms of one process that share a space. Any thread may call any method."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()  # of all courses; held for moments, in control cycles too
+        self.entry = threading.Lock()  # of all planned motions; held while one is proven
+        self._places: Mapping[str, Place] = {}
+
+    @property
+    def places(self) -> Mapping[str, Place]:
+        """The place of each arm, by its name."""
+        return self._places
+
+    def add(self, name: str, rig: RigWithExecutor, T_cell_base: SE3) -> Place:
+        """Let an arm keep off the others from now on, and them off it.
+
+        Args:
+            name: What messages call it.
+            rig: The arm with what moves it.
+            T_cell_base: Where its base stands.
+
+        Raises:
+            ConfigError: There is an arm of that name already.
+        """
+        if name in self._places:
+            raise ConfigError("name", name, "is there twice; each arm needs its own name")
+        place = Place(self, name, rig.arm, T_cell_base, rig.clock.now)
+        self._places = {**self._places, name: place}
+        rig.arm.take_place(place)
+        rig.executor.ask(lambda control: control.keep_off(place)).result()
+        return place
+
+    def remove(self, name: str, rig: RigWithExecutor) -> None:
+        """Let an arm stand alone again; the others do not know it any more."""
+        rig.executor.ask(lambda control: control.keep_off(None)).result()
+        rig.arm.take_place(None)
+        self._places = {key: each for key, each in self._places.items() if key != name}
+
+    def stop(self) -> None:
+        """Bring all arms to rest at once; returns when they are."""
+        for stopped in [each.arm.start_stop() for each in self._places.values()]:
+            stopped.result()
+
+
+class Place:
+    """What one arm knows of the others of its cell, and they of it. ``Cell.add`` makes it.
+
+    Attributes:
+        name: What messages call the arm.
+        arm: The arm.
+        T_cell_base: Where its base stands.
+        against: What stood against the setpoint that was not admitted last, in words.
+    """
+
+    def __init__(
+        self, cell: Cell, name: str, arm: Arm, T_cell_base: SE3, now: Callable[[], float]
+    ) -> None:
+        self.name, self.arm, self.T_cell_base, self.against = name, arm, T_cell_base, ""
+        self._cell, self._now = cell, now
+        self._course: Course | None = None
+        self._planned: Course | None = None
+        self._gained: dict[str, float] = {}  # of arms that are too near, by name
+        bodies_of()  # made before the control loop needs it
+
+    # Planned motions
+
+    def others(self) -> tuple[OtherArm, ...]:
+        """The other arms as a plan that is made now has to know them."""
+        now = self._now()
+        return tuple(
+            each.seen_from(self, each.plan_at(now).since(now)) for each in self._neighbours()
+        )
+
+    @contextmanager
+    def entered(self, trajectory: Trajectory) -> Iterator[Trajectory]:
+        """Say that a planned motion begins now; it is over when the block ends.
+
+        Yields:
+            The motion, possibly after a wait.
+
+        Raises:
+            InCollision: It crosses another arm's motion, also when it begins later.
+        """
+        with self._cell.entry:
+            wait = self._wait_for(trajectory)
+            self._planned = self._along(trajectory, wait)
+        try:
+            yield delayed(trajectory, wait)
+        finally:
+            self._planned = None
+
+    def _wait_for(self, trajectory: Trajectory) -> float:
+        met = None
+        for wait in np.arange(0.0, LATEST, LATER):
+            now = self._now()
+            others = [each.seen_from(self, each.plan_at(now)) for each in self._neighbours()]
+            met = crossing(self._bodies, self._along(trajectory, float(wait)), others, since=now)
+            if met is None:
+                return float(wait)
+        assert met is not None
+        raise crosses(*met)
+
+    def _along(self, trajectory: Trajectory, wait: float) -> Course:
+        return Course.along(trajectory, self._q_jaw, t=self._now() + wait)
+
+    def plan_at(self, now: float) -> Course:
+        """All that the arm is known to do."""
+        planned = self._planned
+        return planned if planned is not None and now < planned.end else self.course_at(now)
+
+    # Every tick
+
+    def admits(self, q: Array, dt: float) -> bool:
+        """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
+        now = self._now()
+        course = self._stop(q, dt, now)
+        with self._cell.lock:
+            for other in self._neighbours():
+                meeting = self._meeting(course, other, now)
+                if meeting is not None:
+                    self.against = f"the {meeting.first} close to {other.name}'s {meeting.second}"
+                    return False
+            self._course = course
+        return True
+
+    def commit(self, q: Array, dt: float) -> None:
+        """The arm stops along ``q``, whatever is there; see ``Neighbours``."""
+        with self._cell.lock:
+            self._course = self._stop(q, dt, self._now())
+
+    def course_at(self, now: float) -> Course:
+        """How the arm would stop."""
+        state, course = self.arm.state, self._course
+        if state.mode in (Mode.GUIDING, Mode.LIMP):
+            onward = np.array([state.q, state.q + GOES_ON * state.qd])
+            return self._stop(*stop_along(onward, GOES_ON), now)
+        if course is not None and (now < course.end or state.arm_moving):
+            return course
+        return Course.resting(state.q_ref, self._q_jaw)
+
+    def seen_from(self, other: Place, course: Course) -> OtherArm:
+        """This arm as another has to know it."""
+        return OtherArm(
+            name=self.name,
+            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
+            course=course,
+            attached=self.arm.scene.attached,
+        )
+
+    def _meeting(self, course: Course, other: Place, now: float) -> Meeting | None:
+        """Where a course would come too near to another arm's.
+
+        Arms that are too near already may part.
+        """
+        seen = other.seen_from(self, other.course_at(now))
+        mine, theirs = (self._bodies, course), (bodies_of(seen.attached), seen.course)
+        T = seen.T_base_other
+        meeting = first_meeting(mine, theirs, T, since=now, room=GUARDED, early=GUARDED_EARLY)
+        if meeting is None:
+            return None
+        room = self._kept(other.name, mine, theirs, T, now)
+        if room is None:
+            return meeting
+        return first_meeting(mine, theirs, T, since=now, room=room, early=0.0)
+
+    def _kept(
+        self,
+        name: str,
+        mine: tuple[ArmBodies, Course],
+        theirs: tuple[ArmBodies, Course],
+        T: SE3,
+        now: float,
+    ) -> float | None:
+        """What must stay free of what there is between two arms that are too near already [m].
+
+        What they have gained they keep. None if they are not, or so near that nobody can tell.
+        """
+        at = np.array([now])
+        here, there = ((each, Course(t=now, dt=1.0, q=c.at(at))) for each, c in (mine, theirs))
+        nearest, nearer = GUARDED, first_meeting(here, there, T, since=now, room=GUARDED)
+        if nearer is None:
+            self._gained.pop(name, None)
+            return None
+        while nearer is not None and nearest > PARTING:
+            nearest = min(nearer.distance, nearest - TENTH)
+            nearer = first_meeting(here, there, T, since=now, room=nearest)
+        if nearest <= PARTING:
+            return None
+        gained = self._gained.get(name, 0.0)
+        if nearest < PUSHED * gained:
+            gained = 0.0  # the other was moved towards this one
+        self._gained[name] = max(gained, nearest - PARTING)
+        return self._gained[name]
+
+    @property
+    def _bodies(self) -> ArmBodies:
+        return bodies_of(self.arm.scene.attached)
+
+    @property
+    def _q_jaw(self) -> float:
+        """The wider of where the jaw is and where it is wanted [rad]."""
+        state = self.arm.state
+        return max(state.q_jaw, state.q_jaw_ref)
+
+    def _stop(self, q: Array, dt: float, now: float) -> Course:
+        return Course(t=now, dt=dt, q=np.column_stack([q, np.full(len(q), self._q_jaw)]))
+
+    def _neighbours(self) -> list[Place]:
+        return [each for each in self._cell.places.values() if each is not self]

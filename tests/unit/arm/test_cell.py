@@ -1,0 +1,211 @@
+"""Arms of one cell keep apart, whatever moves them: simulated joints on a clock the test drives."""
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from functools import partial
+
+import numpy as np
+import pytest
+from harness.facing_arms import T_LEFT_RIGHT, Facing
+
+from so101_motion.arm.cell import Cell
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError, InCollision, MotionError, So101Error
+from so101_motion.common.geometry import SE3
+from so101_motion.planning.collision.apart import GUARDED
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.hardware_rig import open_simulated
+
+FAST = MotionLimits.uniform(velocity=3.0, acceleration=8.0, jerk=150.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
+        yield
+
+
+def in_time(clock, call):
+    """Call what waits for an arm while time passes."""
+    with ThreadPoolExecutor(1) as threads:
+        done = threads.submit(call)
+        while not done.done():
+            clock.advance(0.01)
+    return done.result()
+
+
+class Pair:
+    """Two simulated arms that face each other; every advance looks whether they are apart."""
+
+    def __init__(self, clock, facing, q_left, q_right, stack):
+        self.clock, self.facing = clock, facing
+        self.rigs = [
+            stack.enter_context(open_simulated(clock=clock, q_start=q)) for q in (q_left, q_right)
+        ]
+        self.left, self.right = (rig.arm for rig in self.rigs)
+        self.cell = Cell()
+        self.cell.add("left", self.rigs[0], SE3.identity())
+        self.cell.add("right", self.rigs[1], T_LEFT_RIGHT)
+
+    def advance(self, seconds=0.01):
+        self.clock.advance(seconds)
+        assert self.are_apart(0.7 * GUARDED)
+
+    def are_apart(self, room):
+        return self.facing.are_apart(self.left.state.q_ref, self.right.state.q_ref, room)
+
+    def finish(self, *motions):
+        for _ in range(3000):
+            if all(each.future.done() for each in motions):
+                return
+            self.advance()
+        raise AssertionError("it goes on and on")
+
+
+@pytest.fixture
+def stack():
+    with ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def pair_of(clock, stack):
+    return lambda facing, *starts: Pair(clock, facing, *starts, stack)
+
+
+def crossing_task(facing):
+    """A task in which the straight motions of both at once would meet."""
+    while True:
+        starts, goals = facing.task()
+        middles = [0.5 * (a + b) for a, b in zip(starts, goals, strict=True)]
+        if not facing.are_apart(*middles, room=0.005):
+            return starts, goals
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(pair_of, seed):
+    facing = Facing(seed)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    first = pair.left.start_move(JointGoal(q=goals[0]))
+    while not pair.left.is_moving:
+        pair.advance()
+    second = pair.right.start_move(JointGoal(q=goals[1]))
+    pair.finish(first, second)
+    first.result()
+    second.result()
+    np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+
+
+def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
+    facing = Facing(23)
+    ended = []
+    for _ in range(3):
+        starts, goals = crossing_task(facing)
+        pair = pair_of(facing, *starts)
+        first = pair.left.start_move(JointGoal(q=goals[0]))
+        while not pair.left.is_moving:
+            pair.advance()
+        second = pair.right.start_move(JointGoal(q=goals[1]))
+        for _ in range(40):
+            pair.advance()
+        pair.left.start_stop()
+        pair.finish(first, second)
+        ended.append(second.future.exception())
+    for error in ended:
+        assert error is None or "left" in str(error)
+
+
+def test_followings_that_are_led_into_each_other_hold_and_go_on_when_they_can(pair_of, clock):
+    facing = Facing(24)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    followings = [
+        in_time(clock, partial(arm.open_following, limits=FAST, stale_after=None))
+        for arm in (pair.left, pair.right)
+    ]
+    held = set()
+    for k in range(300):
+        for following, q, other in zip(followings, goals, (starts[0], starts[1]), strict=True):
+            following.aim(q if k < 150 else other)
+            held.update(following.held_by)
+        pair.advance()
+    assert any("left's" in each or "right's" in each for each in held)
+    for following in followings:
+        following.close()
+    pair.finish(*followings)
+
+
+def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of):
+    facing = Facing(25)
+    while True:
+        q_left, q_right, q_goal = (facing.near() for _ in range(3))
+        if facing.are_apart(q_left, q_right, 0.05) and not facing.are_apart(q_goal, q_right, 0.005):
+            break
+    pair = pair_of(facing, q_left, q_right)
+    motion = pair.left.start_unguarded_retarget(q_goal)
+    pair.finish(motion)
+    with pytest.raises(MotionError, match="right's"):
+        motion.result()
+
+
+def test_a_plan_through_an_arm_that_stands_there_is_refused_with_its_name(pair_of):
+    facing = Facing(25)
+    while True:
+        q_left, q_right, q_goal = (facing.near() for _ in range(3))
+        if facing.are_apart(q_left, q_right, 0.05) and not facing.are_apart(q_goal, q_right, 0.005):
+            break
+    pair = pair_of(facing, q_left, q_right)
+    with pytest.raises(InCollision) as caught:
+        pair.left.plan(JointGoal(q=q_goal))
+    assert caught.value.second.startswith("right's ")
+
+
+def test_arms_that_are_too_near_already_may_part(pair_of):
+    facing = Facing(26)
+    while True:
+        q_left, q_right = facing.near(), facing.near()
+        if facing.are_apart(q_left, q_right, 0.004) and not facing.are_apart(
+            q_left, q_right, 0.008
+        ):
+            break
+    pair = pair_of(facing, q_left, q_right)
+    q_goal = facing.near()
+    while not facing.are_apart(q_goal, q_right, 0.05):
+        q_goal = facing.near()
+    motion = pair.left.start_move(JointGoal(q=q_goal))
+    for _ in range(2000):
+        if motion.future.done():
+            break
+        pair.clock.advance(0.01)
+        assert pair.are_apart(0.002)
+    motion.result()
+
+
+def test_an_arm_that_left_the_cell_is_not_minded(pair_of):
+    facing = Facing(27)
+    starts, _ = facing.task()
+    pair = pair_of(facing, *starts)
+    with pytest.raises(ConfigError, match="twice"):
+        pair.cell.add("left", pair.rigs[0], SE3.identity())
+    assert [each.name for each in pair.left.place.others()] == ["right"]
+    pair.cell.remove("right", pair.rigs[1])
+    assert pair.left.place.others() == ()
+    assert pair.right.place is None
+
+
+def test_one_stop_brings_all_arms_to_rest(pair_of):
+    facing = Facing(28)
+    starts, goals = facing.task()
+    pair = pair_of(facing, *starts)
+    motion = pair.left.start_move(JointGoal(q=goals[0]))
+    while not pair.left.is_moving:
+        pair.advance()
+    stops = [place.arm.start_stop() for place in pair.cell.places.values()]
+    while not all(each.done() for each in stops):
+        pair.advance()
+    with pytest.raises(So101Error):
+        motion.result()
