@@ -1,8 +1,9 @@
-"""``so101 dataset``: check LeRobot data sets and convert them."""
+"""``so101 dataset``: check, convert and replay LeRobot data sets."""
 
 from __future__ import annotations
 
 import functools
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,28 +15,35 @@ from so101_motion.cli.shared import (
     F,
     Verbs,
     aside,
+    have_agreed,
     json_option,
     print_json,
+    quietly,
+    stops_on_ctrl_c,
     write_report,
+    yes_option,
 )
+from so101_motion.cli.sources import Source, pace_options, source_options
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_rad
 
 if TYPE_CHECKING:
     from so101_motion.calib.record.store import Stored
-    from so101_motion.tasks.datasets import CheckReport
+    from so101_motion.tasks.datasets import CheckReport, DataSet
+    from so101_motion.tasks.datasets.joint_checks import Differences
 
 _FOLDER = click.Path(path_type=Path, exists=True, file_okay=False)
+_SPEED_DEG, _ACCELERATION_DEG = 180.0, 500.0  # caps of a replay, as of teleoperation
 _KINDS = click.Choice(["degrees", "range", "old", "model"])
 
 
 @click.group(cls=Verbs)
 def dataset() -> None:
-    """Check data sets of LeRobot, and convert them."""
+    """Check, convert and replay data sets of LeRobot."""
 
 
-def _read_options(verb: F) -> F:
-    """What all verbs want to know of a data set: its arm, its units and its calibration."""
+def _set_options(verb: F) -> F:
+    """What all verbs want to know of a data set: which arm, and its units."""
 
     @click.option(
         "--arm",
@@ -44,11 +52,7 @@ def _read_options(verb: F) -> F:
         default=None,
         help="Which arm, in a data set of two.",
     )
-    @click.option("--units", type=_KINDS, help="What its numbers mean.  [default: found out]")
-    @click.option(
-        "--calibration", "calibration_file", type=IN_FILE,
-        help="Calibration of the arm that was recorded: LeRobot's or ours.",
-    )  # fmt: skip
+    @click.option("--units", type=_KINDS, help="What its numbers mean.")
     @functools.wraps(verb)
     def with_options(*args: Any, side: str | None, units: str | None, **kwargs: Any) -> Any:
         return verb(*args, side=side or "", units=units or "", **kwargs)
@@ -56,9 +60,16 @@ def _read_options(verb: F) -> F:
     return with_options  # type: ignore[return-value]  # its own options and those above
 
 
+_recorded_option = click.option(
+    "--calibration", "calibration_file", type=IN_FILE,
+    help="Calibration of the arm that was recorded: LeRobot's or ours.",
+)  # fmt: skip
+
+
 @dataset.command()
 @click.argument("path", type=_FOLDER)
-@_read_options
+@_set_options
+@_recorded_option
 @click.option("--scene", "scene_file", type=IN_FILE, help="What was around the arm.")
 @click.option(
     "--speed",
@@ -122,7 +133,8 @@ def check(
 @dataset.command()
 @click.argument("path", type=_FOLDER)
 @click.argument("out", type=click.Path(path_type=Path))
-@_read_options
+@_set_options
+@_recorded_option
 @click.option("--to", "to_units", type=_KINDS, help="What they shall mean.  [default: the same]")
 @click.option(
     "--to-calibration",
@@ -153,15 +165,10 @@ def convert(
     so101 dataset convert mine yours --units range --calibration mine.json --to-calibration yours.json
     """  # noqa: D301, E501
     from so101_motion.tasks.datasets import convert_data_set, open_data_set
-    from so101_motion.tasks.datasets.check import declared
     from so101_motion.tasks.datasets.units import exact_units_of
 
     data_set = open_data_set(path, side=side)
-    units = units or declared(data_set)
-    if not units:
-        raise click.UsageError(
-            "what do its numbers mean? --units says it; so101 dataset check finds out what fits"
-        )
+    units = _meant(data_set, units)
     calibration = _calibration(calibration_file)
     other = _calibration(to_calibration_file) or calibration
     source = exact_units_of(units, calibration, option="calibration")
@@ -187,6 +194,104 @@ def convert(
     click.echo(f"written to {out}: {done.episodes} episodes, {done.frames} frames", err=True)
 
 
+@dataset.command()
+@click.argument("path", type=_FOLDER)
+@click.option("--episode", type=click.IntRange(0), required=True, help="Which one.")
+@source_options
+@pace_options
+@_set_options
+@click.option(
+    "--recorded-with",
+    "recorded_with",
+    type=IN_FILE,
+    help="Calibration of the arm that was recorded.  [default: that of this arm]",
+)
+@click.option("--state", is_flag=True, help="Go where the joints were, not where they were sent.")
+@click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Begin there [s].")
+@click.option("--scene", "scene_file", type=IN_FILE, help="What is around the arm, for the guard.")
+@yes_option
+@json_option
+def replay(
+    path: Path,
+    episode: int,
+    source: Source,
+    side: str,
+    units: str,
+    recorded_with: Path | None,
+    state: bool,
+    start: float,
+    scene_file: Path | None,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Let the arm do an episode of the data set in PATH again, and say how far off it was.
+
+    It goes to the first frame by a plan, and then keeps the recording's own time, under its caps
+    (180 deg/s and 500 deg/s^2 unless told otherwise) and clear of itself, the table and the scene.
+    Ctrl-C stops it.
+
+    \b
+    so101 dataset replay pick --episode 3 --sim --units degrees
+    so101 dataset replay pick --episode 3 --port /dev/ttyACM0 --units range --speed 90
+    """  # noqa: D301
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
+    from so101_motion.tasks.datasets.replay import calibration_of
+
+    data_set = open_data_set(path, side=side)
+    kind = _meant(data_set, units)
+    recorded = _calibration(recorded_with)
+    scene = None if scene_file is None else read_scene(scene_file)
+    with quietly(), _swift(source).open() as rig:
+        if scene is not None:
+            rig.arm.scene = scene
+        meant = units_of(kind, recorded or calibration_of(rig))
+        planned = plan_episode(
+            rig, data_set, episode, units=meant, of="state" if state else "action", start=start
+        )
+        if not as_json:
+            aside(
+                f"{planned.approach.duration:.1f} s to the first frame, then"
+                f" {planned.duration:.1f} s as recorded"
+            )
+            for joint, count in planned.beyond.items():
+                aside(
+                    f"{joint} is beyond this arm's range in {count} frames; it waits at its limit"
+                )
+        if not yes:
+            have_agreed(f"Move the {source.what}?")
+        with stops_on_ctrl_c(rig.arm):
+            outcome = replay_episode(rig, planned)
+    if as_json:
+        facts = {"path": str(path), "episode": episode, "duration_s": planned.duration}
+        print_json("dataset-replay", {**facts, "beyond": planned.beyond, **asdict(outcome)})
+    else:
+        _print_differences(outcome.differences)
+        if outcome.held_by:
+            click.echo(f"held back for {outcome.held_s:.1f} s: {', '.join(outcome.held_by)}")
+    if outcome.held_by:
+        raise SystemExit(CHECK_FAILED)
+
+
+def _swift(source: Source) -> Source:
+    """The source with the caps of a replay where it has none of its own."""
+    speed = to_rad(_SPEED_DEG) if source.speed is None else source.speed
+    acceleration = to_rad(_ACCELERATION_DEG) if source.acceleration is None else source.acceleration
+    return replace(source, speed=speed, acceleration=acceleration)
+
+
+def _meant(data_set: DataSet, units: str) -> str:
+    """What the numbers of a data set mean, as somebody says it; nothing is guessed here."""
+    from so101_motion.tasks.datasets.check import declared
+
+    kind = units or declared(data_set)
+    if not kind:
+        raise click.UsageError(
+            "what do its numbers mean? --units says it; so101 dataset check finds out what fits"
+        )
+    return kind
+
+
 def _calibration(file: Path | None) -> Stored | None:
     from so101_motion.calib.record import store
 
@@ -210,17 +315,10 @@ def _print_check(report: CheckReport, worst: int) -> None:
         f" ({minutes:.1f} min)"
     )
     click.echo(f"units: {IN_WORDS[report.units.kind]}; {report.why_units}")
-    off = report.differences
-    if off is None:
+    if report.differences is None:
         click.echo("where the joints were is not recorded")
     else:
-        click.echo(
-            f"joints are {1000.0 * off.lag_s:.0f} ms late; with that taken out, off by [deg]"
-        )
-        click.echo(f"  {'':<14}{'rms':>8}{'mean':>8}{'worst':>8}")
-        for joint, rms in off.rms_deg.items():
-            mean, worst_deg = off.mean_deg[joint], off.worst_deg[joint]
-            click.echo(f"  {joint:<14}{rms:8.2f}{mean:8.2f}{worst_deg:8.2f}")
+        _print_differences(report.differences)
     for note in report.notes:
         click.echo(f"note: {note}")
     if not report.moments:
@@ -235,3 +333,10 @@ def _print_check(report: CheckReport, worst: int) -> None:
         click.echo("\nthe worst moments:")
     for moment in report.moments[:worst]:
         click.echo(f"  episode {moment.episode:>4}, {moment.t:7.2f} s  {moment.sentence}")
+
+
+def _print_differences(off: Differences) -> None:
+    click.echo(f"joints are {1000.0 * off.lag_s:.0f} ms late; with that taken out, off by [deg]")
+    click.echo(f"  {'':<14}{'rms':>8}{'mean':>8}{'worst':>8}")
+    for joint, rms in off.rms_deg.items():
+        click.echo(f"  {joint:<14}{rms:8.2f}{off.mean_deg[joint]:8.2f}{off.worst_deg[joint]:8.2f}")

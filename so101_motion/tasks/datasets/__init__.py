@@ -1,7 +1,8 @@
 """Check, convert and replay LeRobot data sets of an SO-101 (versions 2.1 and 3).
 
 ``open_data_set`` reads, ``check_data_set`` finds what is wrong, ``convert_data_set`` writes it
-anew. Parquet needs pyarrow, which the extra ``dataset`` brings.
+anew, ``plan_episode`` and ``replay_episode`` let an arm do it again. Parquet needs pyarrow, which
+the extra ``dataset`` brings.
 """
 
 from so101_motion.tasks.datasets.check import CheckReport, check_data_set
@@ -10,6 +11,12 @@ from so101_motion.tasks.datasets.data_set import DataSet, Episode, open_data_set
 from so101_motion.tasks.datasets.html_report import html_report
 from so101_motion.tasks.datasets.joint_checks import Thresholds
 from so101_motion.tasks.datasets.moments import Moment
+from so101_motion.tasks.datasets.replay import (
+    EpisodeReplay,
+    ReplayOutcome,
+    plan_episode,
+    replay_episode,
+)
 from so101_motion.tasks.datasets.units import Units, units_of
 
 __all__ = [
@@ -17,12 +24,16 @@ __all__ = [
     "Conversion",
     "DataSet",
     "Episode",
+    "EpisodeReplay",
     "Moment",
+    "ReplayOutcome",
     "Thresholds",
     "Units",
     "check_data_set",
     "convert_data_set",
     "html_report",
     "open_data_set",
+    "plan_episode",
+    "replay_episode",
     "units_of",
 ]

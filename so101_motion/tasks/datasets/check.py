@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-import numpy as np
-
 from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.calib.record.store import Stored
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.datasets.contact_check import ContactCheck
 from so101_motion.tasks.datasets.data_set import DataSet, Episode
-from so101_motion.tasks.datasets.joint_checks import JointCheck, Thresholds, Tracking
+from so101_motion.tasks.datasets.joint_checks import Differences, JointCheck, Thresholds, Tracking
 from so101_motion.tasks.datasets.metadata import UNITS, read_object
 from so101_motion.tasks.datasets.moments import KINDS, Moment, Moments
 from so101_motion.tasks.datasets.units import IN_WORDS, Fit, Units, UnitsGuess, units_of
@@ -23,23 +20,6 @@ from so101_motion.tasks.datasets.units import KINDS as UNIT_KINDS
 
 _MOSTLY_OUTSIDE = 0.05
 """From which share of frames beyond the stops on the units are doubted. Chosen."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Differences:
-    """How far states are from actions, once the lag of each episode is taken out.
-
-    Attributes:
-        lag_s: How far behind they mostly are [s].
-        rms_deg: Root mean square, by arm joint [deg].
-        mean_deg: Mean of state less action, which is droop, by arm joint [deg].
-        worst_deg: The largest, by arm joint [deg].
-    """
-
-    lag_s: float
-    rms_deg: Mapping[str, float]
-    mean_deg: Mapping[str, float]
-    worst_deg: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -153,7 +133,7 @@ def check_data_set(
         moments=moments.worst(),
         counts=dict(moments.counts),
         frames_of=dict(moments.frames),
-        differences=_differences(tracked, fps),
+        differences=Differences.of(tracked, fps) if tracked else None,
     )
 
 
@@ -237,24 +217,3 @@ def _notes(
     if metadata.frames not in (None, frames):
         notes.append(f"info.json says {metadata.frames} frames; there are {frames}")
     return tuple(notes)
-
-
-def _differences(tracked: list[Tracking], fps: float) -> Differences | None:
-    frames = sum(each.frames for each in tracked)
-    if not frames:
-        return None
-    squares = np.sum([each.squares for each in tracked], axis=0)
-    sums = np.sum([each.sums for each in tracked], axis=0)
-    worst = np.max([each.worst for each in tracked], axis=0)
-    lags = np.repeat([each.lag for each in tracked], [each.frames for each in tracked])
-
-    def by_joint(values: Array) -> dict[str, float]:
-        degrees = to_deg(values).tolist()
-        return {joint: round(each, 3) for joint, each in zip(ARM_JOINTS, degrees, strict=True)}
-
-    return Differences(
-        lag_s=round(float(np.median(lags)) / fps, 4),
-        rms_deg=by_joint(np.sqrt(squares / frames)),
-        mean_deg=by_joint(sums / frames),
-        worst_deg=by_joint(worst),
-    )

@@ -5,7 +5,7 @@ Numbers in, moments out; all angles are the model's [rad]. Contact is in ``conta
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -80,6 +80,43 @@ class Tracking:
     squares: Array
     sums: Array
     worst: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Differences:
+    """How far states are from actions, once the lag of each episode is taken out.
+
+    Attributes:
+        lag_s: How far behind they mostly are [s].
+        rms_deg: Root mean square, by arm joint [deg].
+        mean_deg: Mean of state less action, which is droop, by arm joint [deg].
+        worst_deg: The largest, by arm joint [deg].
+    """
+
+    lag_s: float
+    rms_deg: Mapping[str, float]
+    mean_deg: Mapping[str, float]
+    worst_deg: Mapping[str, float]
+
+    @classmethod
+    def of(cls, tracked: Sequence[Tracking], fps: float) -> Differences:
+        """Those of one episode or more, with so many frames a second."""
+        frames = sum(each.frames for each in tracked)
+        squares = np.sum([each.squares for each in tracked], axis=0)
+        sums = np.sum([each.sums for each in tracked], axis=0)
+        worst = np.max([each.worst for each in tracked], axis=0)
+        lags = np.repeat([each.lag for each in tracked], [each.frames for each in tracked])
+
+        def by_joint(values: Array) -> dict[str, float]:
+            degrees = to_deg(values).tolist()
+            return {joint: round(each, 3) for joint, each in zip(ARM_JOINTS, degrees, strict=True)}
+
+        return cls(
+            lag_s=round(float(np.median(lags)) / fps, 4),
+            rms_deg=by_joint(np.sqrt(squares / frames)),
+            mean_deg=by_joint(sums / frames),
+            worst_deg=by_joint(worst),
+        )
 
 
 class _About(NamedTuple):
@@ -224,11 +261,10 @@ class JointCheck:
                 self._add(episode, about, first, last + 1, frame, travel_deg, words)
 
     def _check_tracking(self, episode: Episode, action: Array, state: Array) -> Tracking | None:
-        lag = best_lag(action, state, round(_LONGEST_LAG * self._fps))
-        off = state[lag:] - action[: len(state) - lag]
-        known = np.logical_not(np.isnan(off).any(axis=1))
-        if not known.any():
+        found, off = tracking(action, state, round(_LONGEST_LAG * self._fps))
+        if found is None:
             return None
+        lag = found.lag
         least = max(round(self._from.tracking_time * self._fps), 1)
         lag_ms = 1e3 * lag / self._fps
         for i, joint in enumerate(ARM_JOINTS):
@@ -244,14 +280,7 @@ class JointCheck:
                 self._add(
                     episode, about, first + lag, last + lag, k + lag, float(off_deg[k]), words
                 )
-        off = off[known]
-        return Tracking(
-            lag=lag,
-            frames=len(off),
-            squares=np.square(off).sum(axis=0),
-            sums=off.sum(axis=0),
-            worst=np.abs(off).max(axis=0),
-        )
+        return found
 
     def _add_runs(
         self,
@@ -301,6 +330,33 @@ class JointCheck:
             sentence=sentence,
         )
         self._moments.add(moment)
+
+
+def tracking(action: Array, state: Array, most: int) -> tuple[Tracking | None, Array]:
+    """How far a state is from an action, with its lag taken out.
+
+    Args:
+        action: Shape (n, 5), [rad].
+        state: Shape (n, 5), [rad].
+        most: Largest lag [frames].
+
+    Returns:
+        That, None if nothing can be compared; and the difference of each frame, (n - lag, 5),
+        [rad].
+    """
+    lag = best_lag(action, state, most)
+    off = state[lag:] - action[: len(state) - lag]
+    known = off[np.logical_not(np.isnan(off).any(axis=1))]
+    if not len(known):
+        return None, off
+    found = Tracking(
+        lag=lag,
+        frames=len(known),
+        squares=np.square(known).sum(axis=0),
+        sums=known.sum(axis=0),
+        worst=np.abs(known).max(axis=0),
+    )
+    return found, off
 
 
 def best_lag(action: Array, state: Array, most: int) -> int:

@@ -1,0 +1,238 @@
+"""Let an arm do again what an episode of a data set says, in the episode's own time.
+
+The way to the first frame is planned. From there the arm follows the recorded numbers, a straight
+line between two frames, under its caps and its guard (``control/following.py``): a jump in the
+recording becomes a motion that the caps allow, and what would touch something is stopped short of
+it or slid along. Time is counted in control periods, so a late one skips nothing. At the end it is
+told how far the arm was from what was recorded.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from concurrent.futures import Future, wait
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.arm.jaw_following import JawFollowing
+from so101_motion.calib.record.store import Stored
+from so101_motion.common.errors import ConfigError, PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_rad
+from so101_motion.control.approach import APPROACH
+from so101_motion.control.following import Following
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.rig.hardware_rig import HardwareRig, Rig
+from so101_motion.tasks.datasets.check import angles
+from so101_motion.tasks.datasets.data_set import DataSet
+from so101_motion.tasks.datasets.joint_checks import Differences, tracking
+from so101_motion.tasks.datasets.metadata import refusal
+from so101_motion.tasks.datasets.units import Units
+from so101_motion.tasks.program.rehearsal import error_about
+from so101_motion.tasks.teleop.local_arms import jaw_of
+
+_REST = 0.5  # [s] for which the last frame is held, so that the arm gets there
+_AHEAD = (
+    0.045  # [s] that the arm is aimed ahead of time, as in teleoperation, so that it is not late
+)
+_LONGEST_LAG = 0.5  # [s] that is taken out of the deviation
+_BEYOND = to_rad(0.5)  # beyond the range is what is further out; rounding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EpisodeReplay:
+    """A replay that can begin.
+
+    Attributes:
+        t: When each frame is due, from 0 on, shape (n,), [s].
+        q: Where the arm joints are sent, within the arm's range, shape (n, 5), [rad].
+        aperture: How far the jaw is open, 0 to 1, shape (n,); None to leave it alone.
+        approach: From where the arm stands to the first frame.
+        beyond: In how many frames each joint was recorded beyond this arm's range, where it stays
+            at its limit; only joints that were.
+    """
+
+    t: Array
+    q: Array
+    aperture: Array | None
+    approach: Plan
+    beyond: Mapping[str, int]
+
+    @property
+    def duration(self) -> float:
+        """How long it takes after the approach [s]."""
+        return float(self.t[-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOutcome:
+    """How a replay went.
+
+    Attributes:
+        differences: How far the arm was from what was recorded.
+        held_s: For how long something in the way held it back [s].
+        held_by: What that was, the most frequent first.
+    """
+
+    differences: Differences
+    held_s: float
+    held_by: tuple[str, ...]
+
+
+def calibration_of(rig: Rig) -> Stored | None:
+    """The calibration that a rig goes by; None for a simulated one."""
+    if not isinstance(rig, HardwareRig):
+        return None
+    rig.require_ready()
+    setups = rig.servos.setups
+    return Stored(
+        path=Path("the arm's own"),
+        calibration={joint: setup.calibration for joint, setup in setups.items()},
+        zeros={joint: setup.zero for joint, setup in setups.items() if joint in ARM_JOINTS},
+        notes=(),
+    )
+
+
+def plan_episode(
+    rig: Rig,
+    data_set: DataSet,
+    number: int,
+    *,
+    units: Units,
+    of: str = "action",
+    start: float = 0.0,
+) -> EpisodeReplay:
+    """Prepare the replay of an episode and plan the way to its first frame; moves nothing.
+
+    Args:
+        rig: The arm that shall do it; its caps, range and scene count.
+        data_set: Where the episode is.
+        number: Its number.
+        units: What the numbers mean.
+        of: ``"action"``, where the joints were sent, or ``"state"``, where they were.
+        start: How far into the episode it begins [s].
+
+    Raises:
+        ConfigError: There is no such episode, or a frame of it lacks a number.
+        PlanningError: The first frame cannot be reached.
+    """
+    episode, fps = data_set.episode(number), data_set.metadata.fps
+    action, state = angles(data_set, units, episode)
+    if of not in ("action", "state") or (of == "state" and state is None):
+        raise ConfigError("of", of, "must be action, or state where the data set holds it")
+    recorded = action if of == "action" or state is None else state
+    recorded = recorded[max(round(start * fps), 0) :]
+    if not len(recorded):
+        raise ConfigError("start", start, f"episode {number} is {len(episode) / fps:.1f} s long")
+    missing = np.flatnonzero(np.isnan(recorded).any(axis=1))
+    if len(missing):
+        frame = len(episode) - len(recorded) + int(missing[0])
+        reason = f"frame {frame} of episode {number} lacks a number; so101 dataset check says more"
+        raise refusal(data_set.metadata.root, reason)
+    lower, upper = rig.arm.range
+    q = np.clip(recorded[:, :5], lower, upper)
+    over = (np.abs(recorded[:, :5] - q) > _BEYOND).sum(axis=0).tolist()
+    try:
+        approach = rig.arm.plan(JointGoal(q=q[0]), limits=_gentle(rig.arm.limits))
+    except PlanningError as error:
+        raise error_about(error, f"the first frame of episode {number}") from None
+    has_jaw = data_set.has_jaw and jaw_of(rig) is not None
+    return EpisodeReplay(
+        t=np.arange(len(q)) / fps,
+        q=q,
+        aperture=units.aperture(recorded[:, 5]) if has_jaw else None,
+        approach=approach,
+        beyond={joint: n for joint, n in zip(ARM_JOINTS, over, strict=True) if n},
+    )
+
+
+def replay_episode(rig: Rig, replay: EpisodeReplay) -> ReplayOutcome:
+    """Go to the first frame and do what was recorded; returns when the arm rests again.
+
+    Raises:
+        Interrupted: It was stopped, or another motion took over.
+        So101Error: Why else it ended early; the arm holds.
+    """
+    rig.arm.start_execute(replay.approach).result()
+    jaw = jaw_of(rig) if replay.aperture is not None else None
+    run = _Run(rig, replay)
+    following = rig.arm.open_following(approach=_gentle(rig.arm.limits), each=run.aim)
+    hand = None if jaw is None else jaw.open_following(each=run.aim_jaw)
+    try:
+        _wait_for(following.future)
+    finally:
+        if hand is not None:
+            hand.close()
+    if hand is not None:
+        _wait_for(hand.future)
+    return run.outcome()
+
+
+class _Run:
+    """Leads arm and jaw through the frames, from the I/O thread, and takes down what they do."""
+
+    def __init__(self, rig: Rig, replay: EpisodeReplay) -> None:
+        self._arm, self._replay, self._dt = rig.arm, replay, rig.executor.dt
+        self._calls = 0
+        self._wanted: list[Array] = []
+        self._measured: list[Array] = []
+        self._held: Counter[str] = Counter()
+        self._held_calls = 0
+
+    def aim(self, following: Following) -> None:
+        """Aim at what is due next; end when all of it has been."""
+        t, replay = self._calls * self._dt, self._replay
+        self._calls += 1
+        q = self._at(t + _AHEAD)
+        if t <= replay.duration:
+            self._wanted.append(self._at(t))
+            self._measured.append(self._arm.state.q)
+        if following.is_held:
+            self._held_calls += 1
+            self._held.update(following.held_by)
+        if t > replay.duration + _REST:
+            following.close()
+        elif t < replay.duration:
+            following.aim(q, (self._at(t + _AHEAD + self._dt) - q) / self._dt)
+        else:
+            following.aim(q)
+
+    def aim_jaw(self, jaw: JawFollowing) -> None:
+        """Open or close the jaw as far as is due."""
+        aperture = self._replay.aperture
+        assert aperture is not None
+        jaw.aim(float(np.interp(self._calls * self._dt, self._replay.t, aperture)))
+
+    def outcome(self) -> ReplayOutcome:
+        """How it went until now."""
+        wanted, measured = np.array(self._wanted), np.array(self._measured)
+        found, _ = tracking(wanted, measured, round(_LONGEST_LAG / self._dt))
+        assert found is not None
+        return ReplayOutcome(
+            differences=Differences.of([found], 1.0 / self._dt),
+            held_s=round(self._held_calls * self._dt, 3),
+            held_by=tuple(what for what, _ in self._held.most_common()),
+        )
+
+    def _at(self, t: float) -> Array:
+        times, q = self._replay.t, self._replay.q
+        return np.array([np.interp(t, times, q[:, i]) for i in range(5)])
+
+
+def _gentle(limits: MotionLimits) -> MotionLimits:
+    """Caps of the way to the first frame."""
+    return APPROACH.scaled_to(limits.velocity, limits.acceleration)
+
+
+def _wait_for(future: Future[None]) -> None:
+    """Wait for a following in small portions, so that Ctrl-C is heard."""
+    while not future.done():
+        wait((future,), LOOK_FOR_SIGNALS)
+    future.result()

@@ -1,0 +1,59 @@
+"""An episode of a LeRobot data set is gone by emulated servos with weight and friction."""
+
+import threading
+from concurrent.futures import Future, wait
+
+import numpy as np
+import pytest
+from harness.emulated_rig import hardware_bench
+from harness.lerobot_data import swing, write_data_set
+
+from so101_motion.tasks.datasets import open_data_set, plan_episode, replay_episode, units_of
+from so101_motion.tasks.datasets.replay import calibration_of
+
+
+@pytest.fixture
+def bench(tmp_path, planning_process):
+    with hardware_bench(tmp_path) as bench:
+        yield bench
+
+
+def in_time(bench, call):
+    """What a blocking call returns while time passes."""
+    done = Future()
+
+    def run():
+        try:
+            done.set_result(call())
+        except BaseException as error:
+            done.set_exception(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while not wait([done], timeout=0.002).done:
+        bench.advance(0.02)
+    thread.join()
+    return done.result()
+
+
+def from_rest(n=40):
+    """A swing that begins slowly, shape (n, 6), in degrees."""
+    action = swing(n)
+    ease = np.sin(0.5 * np.pi * np.arange(n) / (n - 1)) ** 2
+    return action[0] + (action - action[0]) * ease[:, None]
+
+
+def test_servos_go_where_the_numbers_of_their_own_calibration_say(bench, tmp_path):
+    rig = bench.open()
+    rig.arm.set_speed(np.radians(180.0))
+    rig.arm.set_acceleration(np.radians(500.0))
+    bench.advance(1.0)
+    units = units_of("degrees", calibration_of(rig))
+    numbers = units.from_model(units_of("model").to_model(from_rest()))
+    data_set = open_data_set(write_data_set(tmp_path / "set", [numbers]))
+    replay = plan_episode(rig, data_set, 0, units=units)
+    outcome = in_time(bench, lambda: replay_episode(rig, replay))
+    assert bench.arm_deg(rig) == pytest.approx(from_rest()[-1, :5], abs=1.0)
+    assert max(outcome.differences.rms_deg.values()) < 0.8
+    assert outcome.differences.lag_s <= 0.12
+    assert not outcome.held_by

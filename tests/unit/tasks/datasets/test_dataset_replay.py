@@ -1,0 +1,181 @@
+import json
+import threading
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from harness.lerobot_data import NAMES, late, swing, write_data_set
+
+from so101_motion.cli import main
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError, Interrupted, PlanningError
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.tasks.datasets import (
+    open_data_set,
+    plan_episode,
+    replay_episode,
+    units_of,
+)
+
+MODEL = units_of("model")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.1)))
+        yield
+
+
+@pytest.fixture
+def rig(clock):
+    with open_simulated(clock=clock) as rig:
+        rig.arm.set_speed(np.radians(180.0))
+        rig.arm.set_acceleration(np.radians(500.0))
+        yield rig
+
+
+def in_time(clock, call, each=lambda: None):
+    """What a blocking call returns while time passes."""
+    done = Future()
+
+    def run():
+        try:
+            done.set_result(call())
+        except BaseException as error:
+            done.set_exception(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    while not done.done():
+        clock.advance(0.01)
+        each()
+    thread.join()
+    return done.result()
+
+
+def set_of(tmp_path, *episodes, **how):
+    return open_data_set(write_data_set(tmp_path / "set", list(episodes), **how))
+
+
+def test_an_episode_is_gone_in_its_own_time_and_the_deviation_is_told(tmp_path, clock, rig):
+    data_set = set_of(tmp_path, swing(), swing(60, phase=1.0))
+    replay = plan_episode(rig, data_set, 1, units=MODEL)
+    assert replay.duration == pytest.approx(59 / 30)
+    assert not replay.beyond
+    goals = []
+    rig.executor.listen(lambda state: goals.append(state.q_ref))
+    outcome = in_time(clock, lambda: replay_episode(rig, replay))
+    assert np.abs(np.diff(goals, axis=0)).max() <= np.radians(1.81), "a step of its cap"
+    assert np.abs(rig.arm.state.q - replay.q[-1]).max() < np.radians(0.1)
+    assert rig.gripper.aperture == pytest.approx(replay.aperture[-1], abs=0.02)
+    assert outcome.differences.lag_s < 0.2
+    assert max(outcome.differences.rms_deg.values()) < 1.0
+    assert not outcome.held_by
+
+
+def test_a_jump_in_the_recording_is_no_jump_of_the_arm(tmp_path, clock, rig):
+    action = swing(40)
+    action[20:, 0] += 60.0
+    replay = plan_episode(rig, set_of(tmp_path, action), 0, units=MODEL)
+    goals = []
+    rig.executor.listen(lambda state: goals.append(state.q_ref))
+    outcome = in_time(clock, lambda: replay_episode(rig, replay))
+    assert np.abs(np.diff(goals, axis=0)).max() <= np.radians(1.81)
+    assert outcome.differences.worst_deg["shoulder_pan"] > 20.0
+
+
+def test_a_recording_into_the_table_ends_above_it_and_says_so(tmp_path, clock, rig):
+    action = swing(45)
+    action[15:, 1:4] += np.linspace(0, 1, 30)[:, None] * [70, 20, 10]
+    replay = plan_episode(rig, set_of(tmp_path, action), 0, units=MODEL)
+    lowest = []
+    rig.executor.listen(lambda state: lowest.append(rig.arm.T_base("tool").p[2]))
+    outcome = in_time(clock, lambda: replay_episode(rig, replay))
+    assert any("floor" in what for what in outcome.held_by)
+    assert outcome.held_s > 0.1
+    assert min(lowest) > 0.0
+
+
+def test_where_the_joints_were_can_be_replayed_and_from_later_on(tmp_path, rig):
+    action, state = swing(), late(swing())
+    state[:, 1] -= 3.0
+    data_set = set_of(tmp_path, (action, state))
+    replay = plan_episode(rig, data_set, 0, units=MODEL, of="state", start=1.0)
+    assert np.degrees(replay.q[0]) == pytest.approx(state[30, :5], abs=1e-3)
+    assert replay.duration == pytest.approx(59 / 30)
+
+
+def test_what_is_beyond_the_range_waits_at_the_limit_and_is_told(tmp_path, rig):
+    action = swing()
+    action[50:60, 1] = -104.0
+    replay = plan_episode(rig, set_of(tmp_path, action), 0, units=MODEL)
+    assert replay.beyond == {"shoulder_lift": 10}
+    assert replay.q[:, 1].min() == rig.arm.range.lower[1]
+
+
+def test_a_stop_ends_it(tmp_path, clock, rig):
+    replay = plan_episode(rig, set_of(tmp_path, swing()), 0, units=MODEL)
+    begin, stopped = clock.now(), []
+
+    def stop_later():
+        if clock.now() - begin > replay.approach.duration + 1.0 and not stopped:
+            stopped.append(rig.arm.start_stop())
+
+    with pytest.raises(Interrupted):
+        in_time(clock, lambda: replay_episode(rig, replay), stop_later)
+    assert stopped
+
+
+def test_an_arm_whose_jaw_is_not_recorded_keeps_it(tmp_path, clock, rig):
+    data_set = set_of(tmp_path, swing(30)[:, :5], names=NAMES[:5])
+    replay = plan_episode(rig, data_set, 0, units=MODEL)
+    before = rig.gripper.aperture
+    in_time(clock, lambda: replay_episode(rig, replay))
+    assert rig.gripper.aperture == pytest.approx(before, abs=0.01)
+
+
+def test_what_cannot_be_replayed_is_refused_before_anything_moves(tmp_path, rig):
+    gap, table = swing(), swing()
+    gap[40] = np.nan
+    table[:, 1:4] = [40, 40, 40]
+    data_set = set_of(tmp_path, gap, table)
+    with pytest.raises(ConfigError, match="frame 40 of episode 0"):
+        plan_episode(rig, data_set, 0, units=MODEL)
+    with pytest.raises(PlanningError, match="first frame of episode 1"):
+        plan_episode(rig, data_set, 1, units=MODEL)
+    with pytest.raises(ConfigError, match="no episode 2; there are 0 to 1"):
+        plan_episode(rig, data_set, 2, units=MODEL)
+    with pytest.raises(ConfigError, match=r"3\.0 s long"):
+        plan_episode(rig, data_set, 0, units=MODEL, start=4.0)
+    assert not rig.arm.is_moving
+
+
+def run(*arguments, **options):
+    return CliRunner().invoke(main, ["dataset", "replay", *map(str, arguments)], **options)
+
+
+@pytest.fixture
+def short(tmp_path):
+    return write_data_set(tmp_path / "set", [swing(8)])
+
+
+def test_the_command_goes_and_tells(short):
+    result = run(short, "--episode", 0, "--sim", "--units", "model", "--yes", "--json")
+    assert result.exit_code == 0, result.output
+    content = json.loads(result.stdout)
+    assert content["schema"] == "so101/dataset-replay/1"
+    assert content["differences"]["rms_deg"]["shoulder_pan"] < 3.0
+    assert content["held_by"] == []
+
+
+def test_the_command_asks_first_and_does_not_guess_units(short):
+    result = run(short, "--episode", 0, "--sim", "--units", "model", input="n\n")
+    assert result.exit_code == 7
+    assert "to the first frame, then 0.2 s as recorded" in result.stderr
+    result = run(short, "--episode", 0, "--sim", "--yes")
+    assert result.exit_code == 2
+    assert "--units says it" in result.stderr
