@@ -167,6 +167,14 @@ ARM = (
     ),
     *_SURROUNDINGS,
     Attribute(
+        "waypoint_lookahead_deg", "checked, without effect", unit="deg", range=(0.1, 45.0),
+        idle="waypoints are on a planned path here, which is followed at every instant",
+    ),
+    Attribute(
+        "disable_servo_gains", "checked, without effect", kind="flag",
+        idle="the servos' gains are never changed; the driver reads them and reckons with them",
+    ),
+    Attribute(
         "manual_mode",
         "how it yields to a hand: `pos_deadband_deg` (0.5), `p_gain` (8), `torque_limit` (30,"
         " thousandths of full drive); `loop_hz` has no effect",
@@ -181,6 +189,10 @@ GRIPPER = (
     ),
     Attribute("servo_id", "of the jaw", kind="whole", range=(1, 6), default=GRIPPER_ID),
     *_LOOKS,
+    Attribute(
+        "articulated_jaw", "true is refused: no planner moves the jaw here", kind="flag",
+        default=False, link="migrating.md#what-is-refused-by-name",
+    ),
     _FILE,
     *_BUS,
 )  # fmt: skip

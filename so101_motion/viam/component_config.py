@@ -148,7 +148,9 @@ class ArmConfig:
     def from_attributes(cls, attributes: Mapping[str, object]) -> Self:
         """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
         given = Attributes(attributes, cls.TABLE)
-        given.value("mesh_decimation_ratios")  # only checked
+        for each in cls.TABLE:
+            if each.idle:
+                given.value(each.name)  # only checked
         speed, max_speed = _cap(given, attributes, "speed_degs_per_sec")
         acceleration, max_acceleration = _cap(
             given, attributes, "acceleration_degs_per_sec_per_sec"
@@ -264,6 +266,9 @@ class HardwareGripperConfig(SimulatedGripperConfig):
         """Read and check the attributes; raises ``ConfigError`` for what cannot be used."""
         given = Attributes(attributes, table.GRIPPER)
         arm = given.value("arm")
+        if given.value("articulated_jaw"):
+            reason = "is not done here: a planner that may move the jaw drops what it holds; leave"
+            raise ConfigError("articulated_jaw", True, f"{reason} it out, and use open and grab")
         if arm is None and not given.given("port"):
             raise ConfigError(
                 "port", None, 'is missing; name the serial port, or the arm: "arm": "<its name>"'

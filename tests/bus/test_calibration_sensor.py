@@ -289,13 +289,17 @@ async def test_saving_can_be_tried_again_when_a_cable_was_loose(bench):
     await record(bench, sensor)
     bench.world.disconnect("wrist_roll")
     await bench.pass_time(0.2)
-    assert "no reply" in await refused(sensor, "save_calibration")
+    assert (await sensor.get_readings())["last_save_error"] == ""
+    says = await refused(sensor, "save_calibration")
+    assert "no reply" in says
     now = await sensor.get_readings()
+    assert now["last_save_error"] == says
     assert (now["calibration_state"], "error" in now) == ("completed", True)
     assert "message" in now["joints"]["wrist_roll"]
     bench.world.connect("wrist_roll")
     await bench.pass_time(1.2)
     assert (await do(sensor, "save_calibration"))["state"] == "idle"
+    assert (await sensor.get_readings())["last_save_error"] == ""
 
 
 async def test_a_calibration_that_was_saved_is_taken_back_in_the_file_and_in_the_servos(bench):
@@ -403,7 +407,8 @@ async def test_the_steps_of_a_setup_are_told_with_what_is_left_of_each(bench):
     assert names == ["connect", "chain", "pose", "record", "save", "test", "configure"]
     assert told["next_step"] == "chain"
 
-    assert (await do(sensor, "motor_setup_verify"))["success"] is True
+    verdict = await do(sensor, "motor_setup_verify")
+    assert (verdict["success"], verdict["all_ok"]) == (True, True)
     await record(bench, sensor)
     verdicts = {
         step["name"]: step["verdict"] for step in (await do(sensor, "setup_steps"))["steps"]

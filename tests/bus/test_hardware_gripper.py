@@ -52,9 +52,29 @@ async def test_it_knows_what_it_holds_until_it_is_taken_away(bench, client):
     holding = await client.is_holding_something()
     assert holding.is_holding_something
     assert abs(holding.meta["load_percent"]) > 10.0
+    load = await ask(client, bench, command="get_load")
+    assert abs(load["load"]) > 100.0
+    assert "condition" not in load
     bench.world.take_object()
     await bench.pass_time(1.0)
     assert not (await client.is_holding_something()).is_holding_something
+
+
+async def test_what_the_servo_reports_of_itself_stands_beside_its_position(bench, client):
+    bench.world.warm("gripper", 75.0)
+    await bench.pass_time(0.5)
+    for command in ("get_position", "get_load"):
+        assert (await ask(client, bench, command=command))["condition"] == "overheated"
+
+
+async def test_the_short_form_need_not_wait(bench, client):
+    await bench.in_time(client.open())
+    assert await client.do_command({"set": 20.0, "wait": False}) == {"position": 20.0}
+    assert await opening(client, bench) > 60.0
+    await bench.pass_time(3.0)
+    assert await opening(client, bench) == pytest.approx(20.0, abs=1.5)
+    with pytest.raises(GRPCError, match="true or false"):
+        await client.do_command({"set": 20.0, "wait": "no"})
 
 
 async def test_opening_lets_go(bench, client):

@@ -35,6 +35,7 @@ async def test_the_jaw_moves_through_the_arm(bench, client):
         "raw": at["raw"] + 200
     }
     await bench.pass_time(0.3)
+    assert await ask(client, "servo_moving", servo_id=6) == {"moving": True}
     on_the_way = await ask(client, "servo_position", servo_id=6)
     assert at["raw"] < on_the_way["raw"] < at["raw"] + 120, "no faster than 300 ticks a second"
     assert await bench.in_time(ask(client, "servo_stop", servo_id=6)) == {}
@@ -42,6 +43,7 @@ async def test_the_jaw_moves_through_the_arm(bench, client):
     await bench.pass_time(0.5)
     later = await ask(client, "servo_position", servo_id=6)
     assert later["raw"] == pytest.approx(stopped["raw"], abs=4)
+    assert await ask(client, "servo_moving", servo_id=6) == {"moving": False}
 
 
 async def test_waiting_for_a_jaw_that_moves_on_gives_up(bench, client):

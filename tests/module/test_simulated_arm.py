@@ -363,12 +363,12 @@ async def test_a_stream_of_teleoperated_targets_is_followed_without_stopping(cli
     assert steps.min() > 0.2, "never stops on the way"
 
 
-@pytest.mark.parametrize("key", ["wait", "interpolate", "waitAtEnd"])
+@pytest.mark.parametrize("key", ["wait", "streamed", "interpolate", "waitAtEnd"])
 async def test_a_flag_that_is_neither_true_nor_false_is_refused(client, key):
     extra = {key: "no"}
     call = (
         client.move_to_joint_positions(joints(*HOME), extra=extra)
-        if key == "wait"
+        if key in ("wait", "streamed")
         else client.move_through_joint_positions([joints(*HOME)], extra=extra)
     )
     with pytest.raises(GRPCError) as caught:

@@ -199,11 +199,13 @@ class ArmResource(Configured, Arm):
         """Move the joints along a planned path; returns on arrival.
 
         With ``extra={"wait": false}`` it returns at once and the arm turns straight towards the
-        angles from whatever it is doing, short of contact: the form for a stream of targets.
+        angles from whatever it is doing, short of contact: the form for a stream of targets. There
+        ``streamed`` of the published module changes nothing: the arm's caps hold for all.
         """
         await self.ready()
         with grpc_statuses():
             q_goal = self._checked(convert.from_joint_values(positions.values))
+            convert.flag(extra or {}, "streamed", False)
             if convert.flag(extra or {}, "wait", True):
                 await self.arrived(self._start_move(JointGoal(q=q_goal), Search()))
             else:

@@ -45,7 +45,7 @@ class So101Calibration(Configured, Sensor):
         super().__init__(name)
         self._first_try = first_try
         self._calibrator = calibrator
-        self._commands = CalibrationCommands(calibrator).commands
+        self._requests = CalibrationCommands(calibrator)
 
     @classmethod
     def build(
@@ -62,12 +62,13 @@ class So101Calibration(Configured, Sensor):
     async def get_readings(self, **kwargs: Any) -> Mapping[str, Any]:
         """The state of calibration and motor setup, and the joint angles."""
         await asyncio.shield(asyncio.wrap_future(self._first_try))  # a moment, once
-        return convert.to_result(readings(self._calibrator.situation))
+        now = readings(self._calibrator.situation)
+        return convert.to_result({**now, "last_save_error": self._requests.last_save_error})
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
         """Carry out a step of the calibration or of the motor setup."""
         with grpc_statuses():
-            result = await answer(command, self._commands)
+            result = await answer(command, self._requests.commands)
         return convert.to_result(result)
 
     async def get_status(self, **kwargs: Any) -> Mapping[str, Any]:

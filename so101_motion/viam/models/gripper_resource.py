@@ -115,7 +115,9 @@ class GripperResource(Configured, Gripper):
 
     async def _short_form(self, request: Request) -> dict[str, Any]:
         if "set" in request:
-            return {"position": await self._go(checked_number("set", request["set"], unit="%"))}
+            percentage = checked_number("set", request["set"], unit="%")
+            waits = convert.flag(request, "wait", True)
+            return {"position": await self._go(percentage, waits=waits)}
         return {"position": self._percentage()}
 
     async def _go(self, percentage: float, *, waits: bool = True) -> float:

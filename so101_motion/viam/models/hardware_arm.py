@@ -48,7 +48,8 @@ class HardwareArm(ArmResource):
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
             "ping", "record_path", "replay_path", "servo_capabilities", "servo_move",
-            "servo_position", "servo_stop", "servo_wait_stop", "set_torque", "set_torque_limit",
+            "servo_moving", "servo_position", "servo_stop", "servo_wait_stop", "set_torque",
+            "set_torque_limit",
         }
     )  # fmt: skip
 

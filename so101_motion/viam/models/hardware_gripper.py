@@ -67,6 +67,7 @@ class HardwareGripper(GripperResource):
         self._is_closed = False
         self._commands |= {
             "get_position": self._get_position,
+            "get_load": self._get_load,
             "set_position": Taking(
                 self._set_position,
                 ("servo_position", "percentage", "position_percentage", "wait"),
@@ -171,7 +172,18 @@ class HardwareGripper(GripperResource):
             **self._position(),
             "open_position": self._open_percent,
             "closed_position": self._closed_percent,
+            **self._condition(),
         }
+
+    async def _get_load(self) -> dict[str, Any]:
+        """The servo's own figure: thousandths of full drive, with the sign of its direction."""
+        percent = self._own_health().get("load_percent", 0.0)
+        return {"load": round(10.0 * percent), **self._condition()}
+
+    def _condition(self) -> dict[str, str]:
+        """What the servo reports of itself, in words; nothing where it reports nothing."""
+        faults = self._own_health().get("faults", ())
+        return {"condition": ", ".join(faults)} if faults else {}
 
     async def _set_position(self, given: Attributes) -> dict[str, Any]:
         waits = given.flag("wait", True)

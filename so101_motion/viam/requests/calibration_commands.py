@@ -14,7 +14,7 @@ from so101_motion.calib.motors.setup_view import MotorCheck, ScannedServo
 from so101_motion.calib.procedure import steps
 from so101_motion.calib.procedure.view import JointView
 from so101_motion.common.attributes import Attributes, suggest
-from so101_motion.common.errors import CalibrationError, ConfigError
+from so101_motion.common.errors import CalibrationError, ConfigError, So101Error
 from so101_motion.common.units import to_deg
 from so101_motion.setup import setup_steps
 from so101_motion.setup.calibrator import Calibrator, StepResult
@@ -31,9 +31,11 @@ class CalibrationCommands:
 
     Attributes:
         commands: Who answers each ``command``.
+        last_save_error: Why the last ``save_calibration`` failed; empty if it did not.
     """
 
     def __init__(self, calibrator: Calibrator) -> None:
+        self.last_save_error = ""
         self._calibrator, self._setup = calibrator, calibrator.motor_setup
         self.commands: Mapping[str, Command] = {
             "start": partial(self._step, steps.Command.START),
@@ -80,7 +82,12 @@ class CalibrationCommands:
         }
 
     async def _save(self) -> dict[str, Any]:
-        done = await self._carry_out(steps.Command.SAVE)
+        try:
+            done = await self._carry_out(steps.Command.SAVE)
+        except So101Error as error:
+            self.last_save_error = str(error)
+            raise
+        self.last_save_error = ""
         stored = done.stored
         assert stored is not None
         said = (
@@ -202,6 +209,7 @@ class CalibrationCommands:
         found = await carried_out(self._setup.verify)
         return {
             "success": found.ok,
+            "all_ok": found.ok,
             "motors": {joint: _checked(check) for joint, check in found.motors.items()},
             "unexpected_ids": list(found.unexpected_ids),
             "notes": list(found.notes),

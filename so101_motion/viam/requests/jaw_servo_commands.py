@@ -48,6 +48,7 @@ class JawServoCommands:
         self.commands: Mapping[str, Command] = {
             "servo_capabilities": self._capabilities,
             "servo_move": Taking(self._move, ("servo_id", "percent", "raw", "speed")),
+            "servo_moving": Taking(self._moving, ("servo_id",)),
             "servo_position": Taking(self._position, ("servo_id",)),
             "servo_stop": Taking(self._stop, ("servo_id",)),
             "servo_wait_stop": Taking(self._wait_stop, ("servo_id", "timeout_ms")),
@@ -79,6 +80,10 @@ class JawServoCommands:
         self._latest = start(aperture, limits=limits)
         left_alone(self._latest, self._logger)
         return echo
+
+    async def _moving(self, given: Attributes) -> dict[str, Any]:
+        self._check_id(given)
+        return {"moving": self._is_moving}
 
     async def _position(self, given: Attributes) -> dict[str, Any]:
         self._check_id(given)

@@ -42,6 +42,8 @@ def test_all_that_later_versions_know_is_taken():
             "visualize_ee_frame": True,
             "use_urdf": True,
             "mesh_decimation_ratios": [0.9] * 5,
+            "waypoint_lookahead_deg": 3.0,
+            "disable_servo_gains": True,
             "manual_mode": {"pos_deadband_deg": 0.5, "loop_hz": 50.0, "torque_limit": 50.0},
             "orientation_tolerance_deg": 30.0,
             "position_tolerance_mm": 1.0,
@@ -51,7 +53,10 @@ def test_all_that_later_versions_know_is_taken():
     assert arm.connection.timeout == 5.0
     assert arm.connection.baudrate == 500000
     assert arm.speed == pytest.approx(to_rad(50.0)), "0 counts as not given"
-    assert arm.unused == ("mesh_decimation_ratios", "manual_mode.loop_hz")
+    assert set(arm.unused) == {
+        "mesh_decimation_ratios", "waypoint_lookahead_deg", "disable_servo_gains",
+        "manual_mode.loop_hz",
+    }  # fmt: skip
     assert arm.compliance == Compliance(resistance=0.05), "as asked"
 
 
@@ -67,6 +72,11 @@ def test_all_that_later_versions_know_is_taken():
         ({**PORT, "servo_ids": [0, 2, 3, 4, 5]}, "from 1 to 5"),
         ({**PORT, "servo_ids": "1-5"}, "list"),
         ({**PORT, "speed_degs_per_sec": 2.9}, "3 to 180"),
+        ({**PORT, "waypoint_lookahead_deg": 46}, "0.1 to 45"),
+        ({**PORT, "disable_servo_gains": 1}, "true or false"),
+        ({**PORT, "servo_gains": {}}, "unknown attribute"),
+        ({**PORT, "vision": "finder"}, 'which "camera"'),
+        ({**PORT, "ignore_components": "crate"}, "list of names"),
         ({**PORT, "speed_degs_per_sec": math.nan}, "finite"),
         ({**PORT, "acceleration_degs_per_sec_per_sec": 501}, "10 to 500"),
         ({**PORT, "baudrate": 9600}, "baudrate"),
@@ -109,6 +119,9 @@ def test_a_gripper_names_its_port_or_its_arm():
         HardwareGripperConfig.from_attributes({"gripper_type": "leader"})
     with pytest.raises(ConfigError, match="gripper_type"):
         HardwareGripperConfig.from_attributes({**PORT, "gripper_type": "claw"})
+    with pytest.raises(ConfigError, match=r"articulated_jaw.*is not done here"):
+        HardwareGripperConfig.from_attributes({**PORT, "articulated_jaw": True})
+    assert HardwareGripperConfig.from_attributes({**PORT, "articulated_jaw": False}).servo_id == 6
 
 
 @pytest.mark.parametrize(
