@@ -11,6 +11,7 @@ from so101_motion.rig.protocols import RigLike
 from .page.events import ArmEvents
 from .page.page_context import ArmContext
 from .page.part import Part
+from .panels.camera_panel import CameraPart
 from .panels.health_panel import HealthPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
@@ -91,6 +92,8 @@ class Preview(ServedPage):
             *setup_parts(context, on_stage=move.set_visible),
             jog,
         )
+        if self._source.camera is not None:
+            host.add_parts(CameraPart(context, self._source.camera))
         host.events.add(f"{title}: connected")
 
     def _about_the_arm(

@@ -31,6 +31,7 @@ class Source:
         open: Makes the rig; raises ``So101Error`` while that is not possible.
         lasts: Whether the rig goes on when the page is closed; else the page closes it.
         scene_file: The file its surroundings are from, where the page saves them again.
+        camera: The address of a camera's pictures, or None.
         open_leader: Opens the arm that this one may follow; None if there is none.
     """
 
@@ -38,6 +39,7 @@ class Source:
     open: Callable[[], RigLike]
     lasts: bool = False
     scene_file: Path | None = None
+    camera: str | None = None
     open_leader: Callable[[], Rig] | None = None
 
     @classmethod

@@ -107,6 +107,9 @@ def page_options(verb: F) -> F:
     type=PORT,
     help='An arm that this one can follow: its serial port, or "sim". Begun on the Teach tab.',
 )
+@click.option(
+    "--camera", metavar="URL", help="A camera's picture or MJPEG stream, shown over the scene."
+)
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Its calibration file.")
 @page_options
 def view(
@@ -114,6 +117,7 @@ def view(
     scene_file: Path | None,
     leader: str | None,
     leader_calibration: Path | None,
+    camera: str | None,
     page: Page,
 ) -> None:
     """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
@@ -134,7 +138,7 @@ def view(
             raise click.UsageError("--leader and --port must be two arms")
         port = None if leader == "sim" else leader
         leads = Source(port=port, calibration_file=leader_calibration)
-    show(source, page, scene_file=scene_file, leader=leads)
+    show(source, page, scene_file=scene_file, leader=leads, camera=camera)
 
 
 def show(
@@ -143,6 +147,7 @@ def show(
     *,
     scene_file: Path | None = None,
     leader: Source | None = None,
+    camera: str | None = None,
 ) -> None:
     """Serve the page until Ctrl-C.
 
@@ -151,6 +156,7 @@ def show(
         page: Where to serve it.
         scene_file: What stands around the arm, and where the page saves it again.
         leader: The arm that this one may follow, if there is one.
+        camera: The address of a camera's pictures, or None.
 
     Raises:
         ConfigError: The page cannot be served there, or the scene cannot be read.
@@ -166,6 +172,7 @@ def show(
         open=_opener(source, scene),
         scene_file=scene_file,
         open_leader=None if leader is None else leader.open,
+        camera=camera,
     )
     with (
         in_lines(),

@@ -134,7 +134,7 @@ def guest(opened: Guest, rig: Rig) -> Guest:
     rig.arm.set_speed(to_rad(180.0))
     rig.arm.start_move(JointGoal(q=HOME)).result(60.0)
     opened.press("ready")
-    ready_mm = to_mm(rig.arm.model.frame(READY).p)
+    ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)
     opened.until(lambda: np.allclose(opened.target_mm(), ready_mm, atol=0.1))
     opened.until(lambda: opened.button("Plan").is_enabled())
     return opened

@@ -15,6 +15,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import Rig
 
@@ -129,7 +130,8 @@ def test_two_buttons_plan_and_move_the_arm_to_the_target(guest: Guest, rig: Rig)
     guest.press("Execute")
     guest.until(lambda: guest.says("Arrived"))
     assert [button.bounding_box() for button in buttons] == places  # none takes another's place
-    np.testing.assert_allclose(to_mm(rig.arm.T_base().p), [250.0, -120.0, 150.0], atol=0.2)
+    p_tip = rig.arm.model.frame(rig.arm.state.q, "jaw_tip").p
+    np.testing.assert_allclose(to_mm(p_tip), [250.0, -120.0, 150.0], atol=0.2)
     T_base_gripper = RobotModel.load().frame(rig.arm.state.q, "gripper_link")
     guest.until(
         lambda: np.allclose(
@@ -197,6 +199,42 @@ def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig
     assert not far_from(HOME, rig)
 
 
+def test_clicks_measure_and_the_camera_follows_the_tool(guest: Guest, rig: Rig) -> None:
+    def clicks_as(what: str) -> None:
+        guest.fields("A click").first.click()
+        guest.page.get_by_role("option", name=what).click()
+        guest.page.wait_for_timeout(200)
+
+    clicks_as("measures")
+    canvas = guest.page.locator("#root canvas").first.bounding_box()
+    assert canvas is not None
+    right, low = (
+        canvas["x"] + canvas["width"],
+        canvas["y"] + 0.6 * canvas["height"],
+    )  # off the plots
+    for x, words in ((right - 140.0, "Click the second point."), (right - 40.0, " mm (X ")):
+        guest.page.mouse.click(x, low)
+        guest.until(lambda words=words: guest.says(words))
+    assert "/measure/line" in guest.nodes()
+    clicks_as("selects")
+    guest.until(lambda: "/measure/line" not in guest.nodes())
+
+    guest.press("Follow")
+    before = guest.page.evaluate("window.__viserMutable.camera.position.toArray()")
+    rig.arm.start_move(JointGoal(q=READY)).result(30.0)
+    guest.until(
+        lambda: (
+            np.linalg.norm(
+                np.subtract(
+                    guest.page.evaluate("window.__viserMutable.camera.position.toArray()"), before
+                )
+            )
+            > 0.05
+        )
+    )
+    guest.press("Home")
+
+
 def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
     guest: Guest,
 ) -> None:
@@ -207,24 +245,20 @@ def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
     guest.until(lambda: guest.button("Execute").is_disabled())
 
 
-def test_the_joint_sliders_and_the_jaw_tip_aim_as_well(guest: Guest, rig: Rig) -> None:
-    tool_mm = guest.target_mm()
+def test_the_joint_sliders_and_the_tool_aim_as_well(guest: Guest, rig: Rig) -> None:
     guest.page.get_by_text("Joints (°)").click()
     slider = guest.page.get_by_role("slider").nth(4)
     slider.press("End")
     guest.until(lambda: slider.get_attribute("aria-valuenow") == "162.7")
     guest.page.get_by_text("Joints (°)").click()
 
-    guest.fields("Target for").first.click()
-    guest.page.get_by_role("option", name="jaw tip").click()
     q = READY.copy()
     q[4] = to_rad(162.7)
-    tip_mm = to_mm(rig.arm.model.frame(q, "jaw_tip").p)
-    guest.until(lambda: np.allclose(guest.target_mm(), tip_mm, atol=0.2))
-    assert not np.allclose(tip_mm, tool_mm, atol=5.0)
-    guest.fields("Target for").first.click()
-    guest.page.get_by_role("option", name="tool").click()
-    guest.until(lambda: np.allclose(guest.target_mm(), tool_mm, atol=0.2))
+    for frame, name in (("tool", "tool"), ("jaw_tip", "jaw tip")):
+        guest.fields("Target for").first.click()
+        guest.page.get_by_role("option", name=name).click()
+        there_mm = to_mm(rig.arm.model.frame(q, frame).p)
+        guest.until(lambda there_mm=there_mm: np.allclose(guest.target_mm(), there_mm, atol=0.2))
     assert not far_from(HOME, rig)
 
 
@@ -259,6 +293,16 @@ def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, 
     )
     guest.press("0.25×")
     guest.until(lambda: curves(guest, "Velocity") > 10)
+    over = guest.page.locator(".u-over").filter(visible=True).first
+    width = over.bounding_box()["width"]  # type: ignore[index]
+    over.click(position={"x": 0.5 * width, "y": 40.0})
+    now = over.locator(".so101-now")
+    guest.until(lambda: abs(now.bounding_box()["x"] - over.bounding_box()["x"] - 0.5 * width) < 5.0)  # type: ignore[index]
+    guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != at_goal)
+    guest.press("keep this plan")
+    guest.until(lambda: "/kept-path" in guest.nodes())
+    guest.press("forget it")
+    guest.until(lambda: "/kept-path" not in guest.nodes())
     assert at_rest(rig)
     assert not far_from(HOME, rig)
 

@@ -73,15 +73,18 @@ def headline(title: str, subtitle: str) -> str:
     )
 
 
-def facts(pairs: Iterable[tuple[str, str]]) -> str:
-    """Names and values in two columns."""
-    rows = "".join(
-        f'<span style="color:var(--so101-dim)">{escape(name)}</span><span>{escape(value)}</span>'
-        for name, value in pairs
+def facts(rows: Iterable[tuple[str, ...]]) -> str:
+    """Names and values in columns; all rows are as long as the first."""
+    table = [*rows]
+    columns = len(table[0]) - 1 if table else 1
+    cells = "".join(
+        f'<span style="color:var(--so101-dim)">{escape(name)}</span>'
+        + "".join(f"<span>{escape(value)}</span>" for value in values)
+        for name, *values in table
     )
     return (
-        '<div style="display:grid;grid-template-columns:max-content 1fr;gap:.1em 1em;'
-        f'padding:.2em .7em .4em;font-size:.82em">{rows}</div>'
+        f'<div style="display:grid;grid-template-columns:max-content repeat({columns},1fr);'
+        f'gap:.1em 1em;padding:.2em .7em .4em;font-size:.82em">{cells}</div>'
     )
 
 
@@ -95,6 +98,20 @@ def caption(text: str, is_old: bool) -> str:
     """What a plot shows; what is old is grey, with its plot."""
     old = ' class="so101-old"' if is_old else ""
     return f'<div{old} style="padding:.2em .9em 0;font-size:.82em">{escape(text)}</div>'
+
+
+def picture(url: str | None, trouble: str) -> str:
+    """A camera's picture; grey, with what is wrong, when it is old.
+
+    Args:
+        url: The picture itself, as a ``data:`` address; None before the first.
+        trouble: Why there is no newer one; empty when it is new.
+    """
+    old = "filter:grayscale(1);opacity:.5;" if trouble else ""
+    look = f"{old}display:block;width:100%"
+    image = f'<img alt="The camera\'s picture" src="{escape(url or "")}" style="{look}">'
+    said = small(f"No new picture: {trouble}") if trouble else ""
+    return f'<div style="padding:.3em">{image if url else ""}{said}</div>'
 
 
 def to_copy(about: str, text: str) -> str:

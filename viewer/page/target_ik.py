@@ -22,8 +22,8 @@ from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 
-FRAMES = ("tool", "jaw_tip")
-"""What can be brought to a target: the tool frame, or the tip of the fixed jaw."""
+FRAMES = ("jaw_tip", "tool")
+"""What can be brought to a target: the tip of the fixed jaw, or the tool frame."""
 
 
 _FIRST_OFFSETS = tuple(

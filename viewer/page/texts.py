@@ -143,6 +143,10 @@ def caps(limits: MotionLimits) -> str:
     return f"{to_deg(speed):.0f} °/s, {to_deg(push):.0f} °/s²"
 
 
+JAW_LENGTH = 0.082
+"""From the jaw's axis to its tip [m], in the robot description."""
+
+
 def aperture(q_jaw: float) -> float:
     """How far the jaw is open, 0 to 1."""
     return min(max((q_jaw - JAW_CLOSED) / (JAW_OPEN - JAW_CLOSED), 0.0), 1.0)
@@ -155,8 +159,15 @@ def opening(q_jaw: float) -> str:
 
 def grip(screen: Screen) -> str:
     """What the gripper does."""
-    measured = opening(screen.state.q_jaw)
-    return f"Holding something, {measured}." if screen.holds else f"Holding nothing, {measured}."
+    q_jaw = screen.state.q_jaw
+    if screen.holds:
+        return f"Holding something, {to_mm(tip_distance(q_jaw)):.0f} mm apart at the tips."
+    return f"Holding nothing, {opening(q_jaw)}."
+
+
+def tip_distance(q_jaw: float) -> float:
+    """How far the tips of the jaws are apart [m]."""
+    return 2.0 * JAW_LENGTH * float(np.sin(0.5 * max(q_jaw - JAW_CLOSED, 0.0)))
 
 
 def clearance(view: PlanView) -> str:

@@ -13,14 +13,15 @@ from so101_motion.planning.request import Plan
 
 from ..page.page_context import ArmContext
 from ..page.part import Part
-from ..page.screen_state import Tone
+from ..page.screen_state import Sentence, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.click import hit
+from ..scene.measuring import Measuring
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel
-from .plan_panel import PlanPanel
+from .plan_panel import MEASURES, SELECTS, PlanPanel
 from .poses import PoseList
 
 _WORDS_EVERY = 3
@@ -64,14 +65,22 @@ class MovePart(Part):
             context,
             self.page,
             PoseList(SavedPoses(), self.page),
-            on_click=self._stage.set_clickable,
+            on_click=self._set_click,
         )
         context.bar.stop, context.bar.plan = self.stop_button, self._plan_panel.plan_button
+        self._measuring, self._measures = Measuring(context.server.scene), False
         self._pictures = 0
+
+    def _set_click(self, does: str) -> None:
+        self._measures = does == MEASURES
+        self._measuring.clear()
+        self._stage.set_clickable(does != SELECTS)
 
     def _clicked(self, p_from: Array, along: Array) -> None:
         met = hit(self._arm.scene, p_from, along)
-        if met is not None:
+        if met is not None and self._measures:
+            self.page.tell(Sentence(text=self._measuring.take(met)))
+        elif met is not None:
             self.page.set_target_above(met)
 
     def _dragged(self, p_base: Array) -> None:

@@ -17,6 +17,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 from ..page import markup, texts
+from ..page.bar import board, uuid_of
 from ..page.page_context import ArmContext
 from ..page.playback import RATES
 from ..page.screen_state import PlanView, Screen
@@ -24,6 +25,7 @@ from ..page.shared_fields import SharedField, grey, put, tenth, tenths
 from ..page.target_ik import FRAMES
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
+from .comparison import Comparison
 from .plots import PlanPlots
 from .pose_folder import PoseFolder
 from .poses import PoseList
@@ -37,6 +39,10 @@ _ROUNDING = 1e-6  # 110 degrees came in as a float in radians
 
 _NEAREST = "take the nearest"
 
+SELECTS, AIMS, MEASURES = "selects", "sets the target", "measures"
+CLICKS = (SELECTS, AIMS, MEASURES)
+"""What a click in the picture does."""
+
 _HERE = "here"
 """Among the named poses: where the arm is now."""
 
@@ -45,7 +51,7 @@ class PlanPanel:
     """The Move tab, and the panel with the plots of the newest plan.
 
     Args:
-        on_click: Told whether clicks in the picture shall set the target.
+        on_click: Told what clicks in the picture do, one of ``CLICKS``.
 
     Nothing in it comes and goes: what cannot be used is grey, so no button takes another's place.
 
@@ -59,7 +65,7 @@ class PlanPanel:
         page: ViewModel,
         poses: PoseList,
         *,
-        on_click: Callable[[bool], None],
+        on_click: Callable[[str], None],
     ) -> None:
         self._page, self._context, self._on_click = page, context, on_click
         self._range: tuple[Array, Array] | None = None
@@ -99,8 +105,10 @@ class PlanPanel:
             hint="Sets the target to where the ghost stands, the nearest place within reach",
         )
         self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
-        click = gui.add_checkbox(
-            "Click sets target", False, hint="A click on the table or an object, 20 mm above it"
+        click = gui.add_dropdown(
+            "A click",
+            CLICKS,
+            hint="On the table or an object: the target 20 mm above it, or two points to measure",
         )
         self._context.on_entry(click, self._on_click)
         poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
@@ -139,6 +147,8 @@ class PlanPanel:
         )
         self._context.on_choice(self._play, lambda name: self._page.play(_RATE_NAMES[name]))
         self._facts = gui.add_html(markup.facts(texts.NO_FACTS))
+        self._comparison = Comparison(self._context)
+        self._now = gui.add_html("", visible=False)
         sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, self._page.show_sweep, self._context, shown=bool)
 
@@ -204,10 +214,15 @@ class PlanPanel:
         self._plots.name(screen.plan, is_current=has_plan)
         self._preview.disabled = not has_plan
         grey(self._play, not has_plan)
-        self._facts.content = markup.facts(
-            texts.plan_facts(screen.plan) if has_plan and screen.plan else texts.NO_FACTS
-        )
+        self._comparison.show(screen.plan if has_plan else None)
+        self._facts.content = markup.facts(self._comparison.rows())
         self._preview_time.show(screen.preview_time if has_plan else 0.0)
+        self._now.content = board(
+            "plot",
+            t=round(screen.preview_time, 2) if has_plan else None,
+            plots=self._plots.uuids,
+            seek=uuid_of(self._preview) if has_plan else None,
+        )
         self._sweeps.show(screen.sweeps)
 
     def _show_target(self, screen: Screen) -> None:

@@ -12,6 +12,7 @@ from so101_motion.common.units import to_deg
 from so101_motion.planning.request import Plan
 
 from ..page import markup, texts
+from ..page.bar import uuid_of
 from ..page.screen_state import PlanView
 from ..page.tracking import Tracking
 
@@ -48,6 +49,12 @@ class PlanPlots:
 
     def _caption(self, gui: viser.GuiApi) -> None:
         self._captions.append(gui.add_html(markup.small(_NO_PLAN)))
+
+    @property
+    def uuids(self) -> list[str]:
+        """The ids of the plots over the time of a plan."""
+        over_time = (self._velocity, self._acceleration, self._position)
+        return [uuid_of(plot) or "" for plot in over_time]
 
     def name(self, view: PlanView | None, *, is_current: bool) -> None:
         """Say which plan it is, and whether it is old."""

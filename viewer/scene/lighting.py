@@ -7,6 +7,8 @@ import math
 import numpy as np
 import viser
 
+from so101_motion.common.geometry import Array
+
 _CAMERA = (0.78, -1.14, 0.62)
 _LOOK_AT = (0.17, -0.02, 0.05)
 _FIELD_OF_VIEW = math.radians(36.0)
@@ -22,6 +24,10 @@ _VIEWS = {
 """Where the camera stands for each of the buttons over the picture, [m]; all look at the middle of
 the workspace. Chosen."""
 
+
+_FOLLOW = "Follow"
+_BEHIND_TOOL = np.array([0.25, -0.40, 0.22])
+"""Where the camera stands that goes along with the tool, seen from it [m]; chosen."""
 
 _TALL_CAMERA = (0.93, -1.42, 0.56)
 _TALL_LOOK_AT = (0.17, -0.02, -0.15)
@@ -51,24 +57,54 @@ def set_up_view(server: viser.ViserServer) -> None:
     scene.add_light_directional("/key", intensity=1.6, position=_KEY_LIGHT)
 
 
-def add_views(gui: viser.GuiApi) -> tuple[tuple[str, viser.GuiButtonHandle], ...]:
-    """Make the invisible widgets of the buttons that turn a window's camera, with their labels."""
-    return tuple((label, _view_button(gui, label, p)) for label, p in _VIEWS.items())
+class Views:
+    """The buttons over the picture, which turn the camera of the window they are pressed in.
 
+    Attributes:
+        buttons: Their labels and invisible widgets.
+    """
 
-def _view_button(
-    gui: viser.GuiApi, label: str, p: tuple[float, float, float]
-) -> viser.GuiButtonHandle:
-    button = gui.add_button(label, visible=False)
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._following: set[int] = set()  # windows whose camera goes along with the tool
+        self._p_tool: Array | None = None
+        buttons = [(label, self._turns(label, p)) for label, p in _VIEWS.items()]
+        follow = server.gui.add_button(_FOLLOW, visible=False)
+        follow.on_click(self._follow)
+        self.buttons = (*buttons, (_FOLLOW, follow))
 
-    async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
-        if event.client is not None:
-            with event.client.atomic():
-                event.client.camera.position = p
-                event.client.camera.look_at = _LOOK_AT
+    def moved(self, p_tool: Array) -> None:
+        """Take the cameras along with the tool, at ``p_tool``, shape (3,), [m]."""
+        before, self._p_tool = self._p_tool, p_tool
+        if not self._following or before is None or np.allclose(before, p_tool, atol=1e-4):
+            return
+        for number, client in self._server.get_clients().items():
+            if number in self._following:
+                with client.atomic():
+                    look_at = client.camera.look_at + (p_tool - before)
+                    client.camera.position = client.camera.position + (p_tool - before)
+                    client.camera.look_at = look_at
 
-    button.on_click(look)
-    return button
+    async def _follow(self, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+        if event.client is None or self._p_tool is None:
+            return
+        self._following.add(event.client.client_id)
+        with event.client.atomic():
+            event.client.camera.position = self._p_tool + _BEHIND_TOOL
+            event.client.camera.look_at = self._p_tool
+
+    def _turns(self, label: str, p: tuple[float, float, float]) -> viser.GuiButtonHandle:
+        button = self._server.gui.add_button(label, visible=False)
+
+        async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
+            if event.client is not None:
+                self._following.discard(event.client.client_id)
+                with event.client.atomic():
+                    event.client.camera.position = p
+                    event.client.camera.look_at = _LOOK_AT
+
+        button.on_click(look)
+        return button
 
 
 def set_up_recording(server: viser.ViserServer) -> None:

@@ -12,7 +12,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page.page_context import ArmContext
 from ..page.screen_state import PathLine, Screen, Tone
-from .lighting import add_views, set_up_view
+from .lighting import Views, set_up_view
 from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
 
@@ -45,7 +45,8 @@ class Stage:
         self._scene, self._model = context.server.scene, model
         self._clicked = context.on_scene_click(on_click)
         set_up_view(context.server)
-        context.bar.views = add_views(context.gui)
+        self._views = Views(context.server)
+        context.bar.views = self._views.buttons
         context.leave_open(*(button for _, button in context.bar.views))
         self._live = RobotView(self._scene, "/live")
         self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
@@ -112,6 +113,7 @@ class Stage:
         state = screen.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)
+        self._views.moved(self._model.frame(state.q, "jaw_tip").p)
         self._show_ghost(screen, T_live)
         if not np.array_equal(screen.target.p_base, self._p_target):
             self._p_target = screen.target.p_base

@@ -1,0 +1,133 @@
+"""Fetch pictures from a camera's address: JPEG or PNG again and again, or a stream of JPEG.
+
+The thread ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is
+decoded here. What goes wrong is told and tried again.
+"""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from http.client import HTTPException
+from typing import BinaryIO
+from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
+
+from so101_motion.common.errors import ConfigError
+
+PERIOD = 0.2
+"""Least time between two pictures [s]; chosen: one sees what happens, and the network has room."""
+
+PATIENCE = 4.0
+"""How long to wait for the camera [s]; chosen."""
+
+RETRY = 2.0
+"""How long until it is tried again [s]; chosen."""
+
+LARGEST = 4_000_000
+"""Largest picture that is taken [byte]; chosen."""
+
+_KINDS = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
+_END = b"\xff\xd9"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Picture:
+    """A picture of a camera.
+
+    Attributes:
+        data: As the camera sent it.
+        kind: ``"image/jpeg"`` or ``"image/png"``.
+        t: When it came, ``time.monotonic`` [s].
+    """
+
+    data: bytes
+    kind: str
+    t: float
+
+    @property
+    def as_url(self) -> str:
+        """For the ``src`` of an image."""
+        return f"data:{self.kind};base64,{base64.b64encode(self.data).decode()}"
+
+
+class CameraFeed:
+    """Fetches pictures until it is closed.
+
+    Args:
+        url: Of a picture or of a stream; http or https.
+        wanted: Whether anybody looks; nothing is fetched otherwise.
+
+    Attributes:
+        picture: The newest one; None before the first.
+        problem: Why there is no newer one; empty when there is.
+
+    Raises:
+        ConfigError: It is no such address.
+    """
+
+    def __init__(self, url: str, wanted: Callable[[], bool] = lambda: True) -> None:
+        parts = urlsplit(url)
+        if parts.scheme not in ("http", "https") or not parts.hostname:
+            raise ConfigError("camera", url, "must be an address that begins with http://")
+        self._request = Request(url, headers={"User-Agent": "so101_motion"})
+        self._wanted = wanted
+        self.picture: Picture | None = None
+        self.problem = ""
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="so101-viewer-camera", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop fetching."""
+        self._closing.set()
+        self._thread.join(2.0 * PATIENCE)
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            pause = PERIOD
+            if self._wanted():
+                try:
+                    self._fetch()
+                except (OSError, HTTPException, ValueError) as error:
+                    self.problem, pause = str(error) or type(error).__name__, RETRY
+            self._closing.wait(pause)
+
+    def _fetch(self) -> None:
+        """One picture, or those of a stream until it ends."""
+        with urlopen(self._request, timeout=PATIENCE) as reply:
+            if "multipart" in reply.headers.get("Content-Type", ""):
+                for data in _jpegs(reply):
+                    self._take(data)
+                    if self._closing.is_set() or not self._wanted():
+                        return
+                raise ValueError("the stream has ended")
+            self._take(reply.read(LARGEST + 1))
+
+    def _take(self, data: bytes) -> None:
+        kind = _KINDS.get(data[:2])
+        if kind is None or len(data) > LARGEST:
+            raise ValueError("what it sends is no picture (JPEG or PNG)")
+        now = time.monotonic()
+        if self.picture is None or now - self.picture.t >= PERIOD:
+            self.picture = Picture(data=data, kind=kind, t=now)
+        self.problem = ""
+
+
+def _jpegs(stream: BinaryIO) -> Iterator[bytes]:
+    """The pictures of a stream, whatever stands between them."""
+    buffer = b""
+    while chunk := stream.read1(65_536):  # type: ignore[attr-defined]  # http.client has it
+        buffer += chunk
+        while (begin := buffer.find(b"\xff\xd8")) >= 0:
+            end = buffer.find(_END, begin)
+            if end < 0:
+                buffer = buffer[begin:]
+                break
+            yield buffer[begin : end + 2]
+            buffer = buffer[end + 2 :]
+        if len(buffer) > LARGEST:
+            raise ValueError("what it sends is no stream of JPEG")

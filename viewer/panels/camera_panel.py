@@ -1,0 +1,57 @@
+"""A camera's picture over the scene."""
+
+from __future__ import annotations
+
+import time
+
+import viser
+
+from ..page import markup
+from ..page.camera_feed import CameraFeed
+from ..page.page_context import ArmContext
+from ..page.part import Part
+
+OLD = 2.0
+"""A picture older than this is grey, and says so [s]; chosen."""
+
+_SIZE, _MARGIN = (300, 280), 12
+
+
+class CameraPart(Part):
+    """Shows the pictures of a camera.
+
+    Args:
+        url: Its address.
+
+    Raises:
+        ConfigError: It is none.
+    """
+
+    def __init__(self, context: ArmContext, url: str) -> None:
+        server = context.server
+        self.feed = CameraFeed(url, wanted=lambda: bool(server.get_clients()))
+        self._shown: object = None
+        panel = context.gui.add_panel()
+        with panel.add_tab("Camera", viser.Icon.CAMERA):
+            self._html = context.gui.add_html(markup.small("No picture yet."))
+        width, height = _SIZE
+        panel.float(x=-_MARGIN, y=_MARGIN, width=width, height=height)
+
+    def refresh(self) -> bool:
+        """Return whether there is a new picture, or none for a while."""
+        before, self._shown = self._shown, (self.feed.picture, self._is_old(), self.feed.problem)
+        return self._shown != before
+
+    def _is_old(self) -> bool:
+        picture = self.feed.picture
+        return picture is None or time.monotonic() - picture.t > OLD
+
+    def show(self) -> None:
+        """Show it."""
+        picture, is_old = self.feed.picture, self._is_old()
+        says = "" if not is_old else self.feed.problem or "no picture comes"
+        self._html.content = markup.picture(None if picture is None else picture.as_url, says)
+
+    def close(self) -> None:
+        """End the fetching."""
+        self.feed.close()
