@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from conftest import PHONE, Visit
 from harness.browser_user import HOME, READY, Guest
+from harness.web_camera import web_camera
 from playwright.sync_api import Locator
 from so101_viewer import Preview, Source, serve, serve_source
 
@@ -297,12 +299,22 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
 ) -> None:
     name = "<img src=x onerror='window.PWNED=1'><b id=bold>arm</b>"
     source = Source.given(rig, name)
-    with serve_source(source, port=0, key_of=lambda _port: "k" * 43) as preview:
+    with (
+        web_camera() as camera,
+        serve_source(
+            replace(source, camera=f"{camera}/picture"), port=0, key_of=lambda _port: "k" * 43
+        ) as preview,
+    ):
         window = visit(SMALL)
         window.open(preview.url)
         window.until(lambda: window.says("<b id=bold>"))
         window.page.get_by_role("tab", name="Events").click()
         window.until(lambda: window.says("connected"))
+        picture = window.page.get_by_alt_text("The camera's picture")
+        window.until(lambda: picture.count() == 1)
+        first = picture.get_attribute("src")
+        window.until(lambda: picture.get_attribute("src") != first)
+        assert picture.evaluate("image => image.naturalWidth") == 32
         assert window.page.locator("#bold").count() == 0
         assert window.page.evaluate("window.PWNED") is None
         port = int(preview.url.split(":")[2].split("/")[0])

@@ -3,6 +3,7 @@
   const NAMELESS =
     '#root [role="slider"]:not([aria-label]), #root [role="slider"][aria-label=""], ' +
     '#root input:not([type="hidden"]):not([aria-label])';
+  const READ = 12000;  // ms for which it is said that there is no graphics card
   let due = 0;
 
   function label(node) {
@@ -32,6 +33,8 @@
     }
     for (const node of document.querySelectorAll('.mantine-CloseButton-root:not([aria-label])')) {
       node.setAttribute('aria-label', 'Close');
+      const notice = node.closest('.mantine-Notification-root');
+      if (notice?.textContent.startsWith('Software WebGL')) setTimeout(() => node.click(), READ);
     }
   }
 

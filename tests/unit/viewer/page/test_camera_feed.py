@@ -4,54 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
+from harness.web_camera import WebCamera, web_camera
 from so101_viewer.page.camera_feed import CameraFeed
 
 from so101_motion.common.errors import ConfigError
 
 
-def jpeg(number: int) -> bytes:
-    return b"\xff\xd8" + f"picture {number}".encode() + b"\xff\xd9"
-
-
-class Camera(BaseHTTPRequestHandler):
-    count = 0
-
-    def do_GET(self) -> None:
-        stream = self.path == "/stream"
-        kind = "multipart/x-mixed-replace; boundary=x" if stream else "image/jpeg"
-        if self.path == "/lost":
-            self.send_error(503)
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", kind if self.path != "/page" else "text/html")
-        self.end_headers()
-        Camera.count += 1
-        if self.path == "/page":
-            self.wfile.write(b"<html>")
-        elif stream:
-            for number in range(3):
-                self.wfile.write(
-                    b"--x\r\nContent-Type: image/jpeg\r\n\r\n" + jpeg(number) + b"\r\n"
-                )
-        else:
-            self.wfile.write(jpeg(Camera.count))
-
-    def log_message(self, *_: object) -> None:
-        """Say nothing."""
-
-
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Camera)
-    thread = threading.Thread(target=lambda: server.serve_forever(poll_interval=0.02))
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_address[1]}"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with web_camera() as address:
+        yield address
 
 
 def until(condition: Callable[[], object]) -> None:
@@ -69,8 +33,8 @@ def test_pictures_come_one_after_the_other(address: str, path: str) -> None:
     first = feed.picture
     assert first is not None
     assert first.kind == "image/jpeg"
-    assert first.data.startswith(b"\xff\xd8picture")
-    assert first.as_url.startswith("data:image/jpeg;base64,/9h")
+    assert first.data.endswith(b"\xff\xd9")
+    assert first.as_url.startswith("data:image/jpeg;base64,/9j/")
     if path == "/picture":
         until(lambda: feed.picture is not first)
     else:
@@ -87,11 +51,11 @@ def test_what_is_wrong_is_told(address: str, path: str, says: str) -> None:
 
 
 def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
-    before, asked = Camera.count, []
+    before, asked = WebCamera.count, []
     feed = CameraFeed(f"{address}/picture", wanted=lambda: bool(asked.append(1)))
     until(lambda: asked)
     feed.close()
-    assert Camera.count == before
+    assert WebCamera.count == before
 
 
 @pytest.mark.parametrize("url", ["file:///etc/passwd", "camera", "http://", "ftp://a/b"])

@@ -1,0 +1,64 @@
+"""A camera on a socket of this machine: single pictures, a stream, and what goes wrong."""
+
+from __future__ import annotations
+
+import io
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from PIL import Image
+
+
+def jpeg(number: int) -> bytes:
+    """A picture that differs from the one before."""
+    file = io.BytesIO()
+    Image.new("RGB", (32, 24), (40 * number % 256, 90, 160)).save(file, "JPEG")
+    return file.getvalue()
+
+
+class WebCamera(BaseHTTPRequestHandler):
+    """Answers ``/picture``, ``/stream``, ``/page`` (no picture) and ``/lost``.
+
+    Attributes:
+        count: How often it was asked.
+    """
+
+    count = 0
+
+    def do_GET(self) -> None:
+        WebCamera.count += 1
+        if self.path == "/lost":
+            self.send_error(503)
+            return
+        is_stream = self.path == "/stream"
+        self.send_response(200)
+        kind = "multipart/x-mixed-replace; boundary=x" if is_stream else "image/jpeg"
+        self.send_header("Content-Type", kind)
+        self.end_headers()
+        if self.path == "/page":
+            self.wfile.write(b"<html>")
+        elif is_stream:
+            for number in range(3):
+                head = b"--x\r\nContent-Type: image/jpeg\r\n\r\n"
+                self.wfile.write(head + jpeg(number) + b"\r\n")
+        else:
+            self.wfile.write(jpeg(WebCamera.count))
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@contextmanager
+def web_camera() -> Iterator[str]:
+    """A camera for the length of a block; its address."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), WebCamera)
+    thread = threading.Thread(target=lambda: server.serve_forever(poll_interval=0.02))
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}"
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
