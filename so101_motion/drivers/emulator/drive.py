@@ -36,14 +36,14 @@ class Settings:
     Attributes:
         gains: Of the position loop.
         limits: Of the protections.
-        drives: Whether this operating mode drives the motor at all.
+        mode: What drives the motor, such as ``POSITION_MODE``.
         drive_sign: -1 if the motor is wired the other way round.
         encoder_reversed: Whether the encoder counts down.
     """
 
     gains: Gains
     limits: Limits
-    drives: bool
+    mode: int
     drive_sign: float
     encoder_reversed: bool
 
@@ -158,22 +158,31 @@ class Drive:
         self.duty, self.demand = 0.0, 0
         self._duties = [0.0] * len(self._duties)
         self._goals.clear()
+        self._wanted = 0.0
         self.profile.seed(self.position)
 
     def send(self, goal: float) -> None:
-        """Travel to a goal [tick], as soon as the firmware gets round to it."""
+        """Take up a goal as soon as the firmware gets round to it.
+
+        Args:
+            goal: Where to travel [tick]; in speed mode how fast to turn [tick/s], in PWM mode the
+                duty [1/1000], in step mode how much farther to travel [tick].
+        """
         self._goals.put(goal)
         self.wake()
 
     def step(self) -> None:
         """One millisecond of control and mechanics."""
-        if self.powered and self.torque == 1 and self._settings.drives and not self._blocked:
+        if self.powered and self.torque == 1 and not self._blocked:
             goal = self._goals.step()
-            if goal is not None:
-                self.profile.target = goal
-            self.profile.step()
-            error = int(self.profile.position) - self.position
-            demand = self.loop.step(error, integrate=self._may_integrate)
+            if self._settings.mode != reg.POSITION_MODE:
+                demand = self._other_demand(goal)
+            else:
+                if goal is not None:
+                    self.profile.target = goal
+                self.profile.step()
+                error = int(self.profile.position) - self.position
+                demand = self.loop.step(error, integrate=self._may_integrate)
             if self._capped:
                 cap = self.guard.limits.protective_duty
                 demand = max(min(demand, cap), -cap)
@@ -184,6 +193,24 @@ class Drive:
             return
         self._forget()
         self.shaft.step(0.0, bridge=self.powered and self.torque in (1, 2), load=self.load)
+
+    def _other_demand(self, goal: float | None) -> int:
+        """The demanded duty of a mode that does not go to positions."""
+        profile, mode = self.profile, self._settings.mode
+        if goal is not None:
+            self._wanted = goal
+        if mode == reg.PWM_MODE:
+            limit = self._settings.gains.limit
+            self.loop.output = round(max(min(self._wanted, limit), -limit))
+            return self.loop.output
+        if mode == reg.SPEED_MODE:
+            profile.turn(self._wanted, around=self.position)
+        else:
+            if goal is not None:
+                profile.target += goal
+            profile.step()
+        error = int(profile.position) - self.position
+        return self.loop.step(error, integrate=self._may_integrate)
 
     def inspect(self, dt: float) -> None:
         """Housekeeping after ``dt`` seconds."""

@@ -30,6 +30,11 @@ DT = 0.001
 """The servo's control period [s] (firmware: 1 kHz)."""
 
 
+LEAD = 200.0
+"""How far the set-point of a turning servo runs ahead of it, at most [tick]. Chosen: with any gain
+that servos are delivered with that is full duty, and one that is held up does not wind up."""
+
+
 class Profile:
     """A trapezoid that can be sent elsewhere at any time.
 
@@ -72,6 +77,13 @@ class Profile:
             return
         self.velocity = speed * heading
         self.position += self.velocity * DT
+
+    def turn(self, velocity: float, *, around: float) -> None:
+        """Run on at ``velocity`` [tick/s] from now, never far from where the servo is [tick]."""
+        change = self.acceleration * DT
+        self.velocity += max(min(velocity - self.velocity, change), -change)
+        position = self.position + self.velocity * DT
+        self.position = self.target = max(min(position, around + LEAD), around - LEAD)
 
     def _next_speed(self, speed: float, distance: float) -> float:
         """Speed towards the target in the coming step."""

@@ -34,7 +34,7 @@ def settings_from(memory: Memory) -> Settings:
     return Settings(
         gains=gains,
         limits=Limits.of(memory),
-        drives=value(reg.MODE) == 0,
+        mode=value(reg.MODE),
         drive_sign=-1.0 if phase & reg.PHASE_DRIVE_REVERSED else 1.0,
         encoder_reversed=bool(phase & reg.PHASE_ENCODER_REVERSED),
     )
@@ -66,17 +66,53 @@ def plan_profile(memory: Memory, joint: Joint, profile: Profile, *, top_speed: f
         joint.acceleration_ceiling * max(top / reg.MAX_ACCELERATION.default, 1.0),
     )
     profile.floor = SLOWEST * value(reg.MIN_SPEED)
-    cap = min(50.0 * value(reg.MAX_SPEED), top_speed)
-    phase, speed = value(reg.PHASE), float(abs(value(reg.GOAL_VELOCITY)))
-    if not phase & reg.PHASE_SPEED_IN_TICKS:
-        speed *= value(reg.SPEED_UNIT)
+    cap, speed = _top_speed(memory, top_speed), abs(_goal_speed(memory))
     if speed:
         profile.speed = min(max(speed, profile.floor), cap)
     else:
-        profile.speed = cap if phase & reg.PHASE_ZERO_IS_MAX else 0.0
+        profile.speed = cap if value(reg.PHASE) & reg.PHASE_ZERO_IS_MAX else 0.0
 
 
-def clamped_goal(memory: Memory) -> int:
+def _top_speed(memory: Memory, top_speed: float) -> float:
+    return min(50.0 * memory.value(reg.MAX_SPEED), top_speed)
+
+
+def _goal_speed(memory: Memory) -> float:
+    """What register 46 says [tick/s]."""
+    in_ticks = memory.value(reg.PHASE) & reg.PHASE_SPEED_IN_TICKS
+    return float(
+        memory.value(reg.GOAL_VELOCITY) * (1 if in_ticks else memory.value(reg.SPEED_UNIT))
+    )
+
+
+GOAL_OF_MODE = {
+    reg.POSITION_MODE: reg.GOAL_POSITION,
+    reg.SPEED_MODE: reg.GOAL_VELOCITY,
+    reg.PWM_MODE: reg.GOAL_TIME,
+    reg.STEP_MODE: reg.GOAL_POSITION,
+}
+"""Which register's write sets a servo off, by its mode."""
+
+
+def goal_of(memory: Memory, *, top_speed: float) -> float:
+    """What ``Drive.send`` is told when the goal of this mode was written.
+
+    Args:
+        memory: The registers.
+        top_speed: As for ``plan_profile``.
+    """
+    mode = memory.value(reg.MODE)
+    if mode == reg.SPEED_MODE:
+        cap = _top_speed(memory, top_speed)
+        return max(min(_goal_speed(memory), cap), -cap)
+    if mode == reg.PWM_MODE:
+        return float(memory.value(reg.GOAL_TIME))
+    if mode == reg.STEP_MODE:
+        return float(memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION))
+    return float(_clamped_goal(memory))
+
+
+def _clamped_goal(memory: Memory) -> int:
     """Where a written goal sends the servo [tick]: held inside its limits if it has any."""
     goal = memory.value(reg.GOAL_POSITION) * memory.value(reg.RESOLUTION)
     lower, upper = memory.raw(reg.MIN_POSITION), memory.raw(reg.MAX_POSITION)

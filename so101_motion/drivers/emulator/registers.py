@@ -145,6 +145,9 @@ REGISTERS: dict[str, Register] = {
 }
 """Every row by its name in this file."""
 
+POSITION_MODE, SPEED_MODE, PWM_MODE, STEP_MODE = range(4)
+"""Values of ``MODE``."""
+
 PHASE_DRIVE_REVERSED = 0x01
 PHASE_SPEED_IN_TICKS = 0x04
 """Set: register 46 counts 1 tick/s; clear: ``SPEED_UNIT`` tick/s."""

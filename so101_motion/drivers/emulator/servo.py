@@ -9,7 +9,9 @@ A written goal sets the profile off and switches torque on by itself. Reports di
 last point (the factory image does it, one bench saw it not done), so ``goal_enables_torque`` can
 turn it off: then goals that reach a limp servo do nothing.
 
-Modes 1 to 3 (speed, PWM, step) are stored and leave the motor without drive.
+A servo in speed or PWM mode turns as its register says, from when that is written, in step mode by
+as many ticks as its goal says. How these modes follow (the position loop after a set-point that
+runs on) is chosen; the recordings are of the position mode alone.
 
 Sources: as in ``registers.py``; what a write triggers: github.com/0o8o0-blip/sts3215-firmware,
 uart_subsys.c and pid_motor.c (behaviour only).
@@ -27,7 +29,8 @@ from so101_motion.drivers.emulator.electric import BROWN_OUT
 from so101_motion.drivers.emulator.hardware import TICKS_PER_RAD, Joint
 from so101_motion.drivers.emulator.memory import Memory
 from so101_motion.drivers.emulator.register_values import (
-    clamped_goal,
+    GOAL_OF_MODE,
+    goal_of,
     plan_profile,
     settings_from,
     show_measurements,
@@ -202,7 +205,7 @@ class Servo:
             self._switch_torque()
         if touched(reg.ACCELERATION, reg.GOAL_VELOCITY) or reached.stop > 80:
             self._plan_profile()
-        if touched(reg.GOAL_POSITION):
+        if touched(GOAL_OF_MODE[self._mode]):
             self._set_off()
 
     def _plan_profile(self) -> None:
@@ -213,12 +216,12 @@ class Servo:
     def _set_off(self) -> None:
         """A goal was written."""
         drive = self.drive
-        if self._mode != 0 or (drive.torque != 1 and not self.goal_enables_torque):
+        if drive.torque != 1 and not self.goal_enables_torque:
             return
         if drive.torque != 1:
             drive.halt()
             drive.torque = 1
-        drive.send(float(clamped_goal(self.memory)))
+        drive.send(goal_of(self.memory, top_speed=self._top_speed))
 
     def _switch_torque(self) -> None:
         wanted = self.memory.raw(reg.TORQUE_ENABLE)
@@ -228,6 +231,8 @@ class Servo:
         if wanted != self.drive.torque:
             self.drive.torque = wanted
             self.drive.halt()
+            if wanted == 1 and self._mode in (reg.SPEED_MODE, reg.PWM_MODE):
+                self.drive.send(goal_of(self.memory, top_speed=self._top_speed))
 
     def _change_mode(self) -> None:
         mode = self.memory.value(reg.MODE)
@@ -236,6 +241,7 @@ class Servo:
         self._mode = mode
         self.memory.set(reg.ACCELERATION, 0)
         self.memory.set(reg.GOAL_VELOCITY, 0)
+        self.memory.set(reg.GOAL_TIME, 0)
         self.drive.torque = 0
         self._clear_turns()
         self._plan_profile()

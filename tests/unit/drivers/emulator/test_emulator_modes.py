@@ -1,0 +1,81 @@
+"""What else a servo can do than go to a position: turn at a speed, at a duty, by steps."""
+
+import pytest
+
+from so101_motion.drivers.emulator import registers as reg
+
+ROLL = 5  # turns freely through most of a turn
+
+
+def in_mode(bench, mode):
+    bench.write(ROLL, reg.LOCK, 0)
+    bench.write(ROLL, reg.MODE, mode)
+
+
+def position(bench):
+    return bench.read(ROLL, reg.PRESENT_POSITION)
+
+
+@pytest.mark.parametrize("speed", [400, -400])
+def test_in_speed_mode_it_turns_as_fast_as_it_is_told_and_stops(bench, speed):
+    in_mode(bench, reg.SPEED_MODE)
+    bench.write(ROLL, reg.ACCELERATION, 50)
+    bench.write(ROLL, reg.GOAL_VELOCITY, speed)
+    assert bench.read(ROLL, reg.TORQUE_ENABLE) == 1
+    bench.advance(1.0)
+    begin = position(bench)
+    assert bench.read(ROLL, reg.PRESENT_VELOCITY) == pytest.approx(speed, abs=50)
+    assert bench.read(ROLL, reg.MOVING) == 1
+    bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(speed, rel=0.05)
+    bench.write(ROLL, reg.GOAL_VELOCITY, 0)
+    bench.advance(1.0)
+    stopped = position(bench)
+    bench.advance(1.0)
+    assert position(bench) == pytest.approx(stopped, abs=1)
+    assert bench.read(ROLL, reg.MOVING) == 0
+
+
+def test_a_wheel_that_was_held_up_does_not_catch_up(bench):
+    in_mode(bench, reg.SPEED_MODE)
+    shaft = bench.world.servos[ROLL - 1].drive.shaft
+    stop, shaft.upper = shaft.upper, shaft.output + 5.0
+    bench.write(ROLL, reg.GOAL_VELOCITY, 400)
+    bench.advance(1.0)
+    shaft.upper = stop
+    before = position(bench)
+    bench.advance(1.0)
+    assert position(bench) - before < 400 + 250
+
+
+def test_in_pwm_mode_a_larger_duty_turns_it_faster(bench):
+    in_mode(bench, reg.PWM_MODE)
+    speeds = []
+    for duty in (0, 150, 300):
+        bench.write(ROLL, reg.GOAL_TIME, duty)
+        bench.advance(0.4)
+        speeds.append(bench.read(ROLL, reg.PRESENT_VELOCITY))
+    assert speeds[0] == 0 < speeds[1] < speeds[2]
+    bench.write(ROLL, reg.GOAL_TIME, -300)
+    bench.advance(0.4)
+    assert bench.read(ROLL, reg.PRESENT_VELOCITY) < 0
+
+
+def test_in_step_mode_a_goal_is_so_much_farther(bench):
+    in_mode(bench, reg.STEP_MODE)
+    begin = position(bench)
+    for _ in range(2):
+        bench.write(ROLL, reg.GOAL_POSITION, 100)
+        bench.advance(1.0)
+    assert position(bench) - begin == pytest.approx(200, abs=10)
+
+
+def test_torque_off_ends_it(bench):
+    in_mode(bench, reg.SPEED_MODE)
+    bench.write(ROLL, reg.GOAL_VELOCITY, 400)
+    bench.advance(0.5)
+    bench.write(ROLL, reg.TORQUE_ENABLE, 0)
+    bench.advance(1.0)
+    stopped = position(bench)
+    bench.advance(0.5)
+    assert position(bench) == pytest.approx(stopped, abs=1)
