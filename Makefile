@@ -4,7 +4,7 @@ export PYTHON
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check bench campaign pictures site clean browser installed-dev
+.PHONY: demo test test-lerobot check bench campaign pictures site clean browser installed-dev
 
 demo:
 	@./setup.sh --with viewer
@@ -12,6 +12,11 @@ demo:
 
 test: browser
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# LeRobot's own commands through the plugin, on emulated arms. LeRobot needs Python 3.12 or newer and
+# some gigabytes; LEROBOT_PYTHON=/path/to/python3.12 names one.
+test-lerobot:
+	@tests/genuine_lerobot/run.sh
 
 check: browser
 	$(BIN)/ruff format --check .
@@ -58,4 +63,4 @@ installed-dev:
 	@./setup.sh --with dev
 
 clean:
-	rm -rf $(VENV) build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-lerobot build dist site wheels setup.log .setup.lock *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -85,13 +85,16 @@ class ArmOnPort:
         aperture = min(max(self.session.rig.gripper.aperture, 0.0), 1.0)
         return self.units.to_lerobot(state.q, aperture)
 
-    def open(self, pace: Pace, scene: Scene, *, is_calibrated: bool) -> None:
+    def open(
+        self, pace: Pace, scene: Scene, *, is_calibrated: bool, compensates: bool = True
+    ) -> None:
         """Open it; the joints hold where they stand.
 
         Args:
             pace: How it follows.
             scene: What is around it.
             is_calibrated: Whether there is a calibration file; the log says if not.
+            compensates: Whether weight, friction and lag are made up for.
 
         Raises:
             DeviceAlreadyConnectedError: It is open.
@@ -106,6 +109,7 @@ class ArmOnPort:
             gripper_id=GRIPPER_ID,
             calibration_file=file if file.is_file() else None,
             fallback_file=file,
+            compensates=compensates,
         )
         try:
             rig = self._open_rig(settings)

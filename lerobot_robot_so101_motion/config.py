@@ -1,6 +1,8 @@
 """What can be set, as ``--robot.NAME=VALUE`` on LeRobot's command line.
 
-Angles are in degrees here, as everywhere in LeRobot; the names of caps say their units.
+Angles are in degrees here, as everywhere in LeRobot; the names of caps say their units. The
+sentence below a field is what ``--help`` shows of it. A docstring of the class must not name fields
+with a colon after them, which LeRobot would take for the fields.
 """
 
 from __future__ import annotations
@@ -15,75 +17,65 @@ from lerobot.teleoperators import TeleoperatorConfig
 
 @dataclass
 class SO101MotionArmConfig:
-    """The settings of one arm.
-
-    Attributes:
-        port: The serial port.
-        disable_torque_on_disconnect: Whether the joints are let go of at the end. They are only
-            where the arm lies by itself: at its park pose, or at ``rest`` without one. Elsewhere
-            they hold, and the log says so.
-        max_relative_target: By how much a target may differ from where the joint is, in LeRobot's
-            units; for all joints, or by name. None for no such bound: the motion is bounded anyway.
-        cameras: By name.
-        use_degrees: Whether joints count in degrees from the middle of their recorded travel; else
-            from -100 to 100 over it. The jaw is always 0 to 100.
-        speed_degs_per_sec: Cap on the speed of each joint [deg/s].
-        acceleration_degs_per_sec_per_sec: Cap on the acceleration of each joint [deg/s^2].
-        approach_speed_degs_per_sec: Cap on the way to a first target that is far [deg/s].
-        guard: Whether the arm keeps clear of itself, of the table and of what is in ``scene``.
-        scene: A file that says what is around the arm; None for just the table.
-        park: The pose to go to at the end, by a plan: ``rest``, another built-in one or one of the
-            user's own. None to stay.
-        stale_after_s: After how long without a target the arm slows to rest [s].
-    """
+    """The settings of one arm."""
 
     port: str
+    """The serial port."""
     disable_torque_on_disconnect: bool = True
+    """Whether the joints are let go of at the end. They only are where the arm lies by itself: at
+    its park pose, or at "rest". Elsewhere they hold, and the log says so."""
     max_relative_target: float | dict[str, float] | None = None
+    """By how much a target may differ from where the joint is, for all joints or by name. The
+    motion is bounded anyway."""
     cameras: dict[str, CameraConfig] = field(default_factory=dict)
+    """The cameras, by name."""
     use_degrees: bool = True
+    """Whether joints count in degrees from the middle of their recorded travel; else from -100 to
+    100 over it. The jaw is always 0 to 100."""
     speed_degs_per_sec: float = 180.0
+    """Cap on the speed of each joint [deg/s]."""
     acceleration_degs_per_sec_per_sec: float = 500.0
+    """Cap on the acceleration of each joint [deg/s^2]."""
     approach_speed_degs_per_sec: float = 30.0
+    """Cap on the way to a first target that is far [deg/s]."""
     guard: bool = True
+    """Whether the arm keeps clear of itself, of the table and of what the scene says is around."""
     scene: Path | None = None
+    """A file that says what is around the arm; none for just the table."""
     park: str | None = None
+    """The pose to go to at the end, by a plan: "rest" or another by name; none to stay."""
+    stock_droop: bool = False
+    """Whether nothing makes up for weight, friction and lag, as with LeRobot's own driver: for
+    policies that have learnt how that one droops."""
     stale_after_s: float = 0.25
+    """After how long without a target the arm slows to rest [s]."""
 
 
 @RobotConfig.register_subclass("so101_motion")
 @dataclass
 class SO101MotionConfig(RobotConfig, SO101MotionArmConfig):
-    """One arm: ``--robot.type=so101_motion``."""
+    """One arm, the robot so101_motion."""
 
 
 @RobotConfig.register_subclass("bi_so101_motion")
 @dataclass
 class BiSO101MotionConfig(RobotConfig):
-    """Two arms: ``--robot.type=bi_so101_motion``.
-
-    Their calibrations are those of ``ID_left`` and ``ID_right``, as in LeRobot.
-
-    Attributes:
-        left_arm_config: Of the left one: ``--robot.left_arm_config.port=...``.
-        right_arm_config: Of the right one.
-    """
+    """Two arms, the robot bi_so101_motion. Their ids end with _left and _right."""
 
     left_arm_config: SO101MotionArmConfig
+    """Of the left arm."""
     right_arm_config: SO101MotionArmConfig
+    """Of the right arm."""
 
 
 @TeleoperatorConfig.register_subclass("so101_motion_leader")
 @dataclass
 class SO101MotionLeaderConfig(TeleoperatorConfig):
-    """An arm that is led by hand: ``--teleop.type=so101_motion_leader``.
-
-    Attributes:
-        port: The serial port.
-        use_degrees: As for the robot; give both the same.
-        speed_degs_per_sec: Cap on the speed of each joint while the leader is driven [deg/s].
-    """
+    """An arm that is led by hand, the teleoperator so101_motion_leader."""
 
     port: str
+    """The serial port."""
     use_degrees: bool = True
+    """As for the robot; give both the same."""
     speed_degs_per_sec: float = 60.0
+    """Cap on the speed of each joint while the leader is driven [deg/s]."""

@@ -129,7 +129,12 @@ class SO101Motion(Robot):
             stale_after=config.stale_after_s,
             guarded=config.guard,
         )
-        self._arm.open(pace, self._scene, is_calibrated=self.is_calibrated)
+        self._arm.open(
+            pace,
+            self._scene,
+            is_calibrated=self.is_calibrated,
+            compensates=not config.stock_droop,
+        )
         self._wanted = {}
         try:
             if calibrate and not self.is_calibrated:

@@ -31,6 +31,8 @@ class ServoSettings:
         fallback_file: Where a calibration of this arm is saved unless somebody names a file.
         releases_at_end: Whether the joints are let go of when the process ends in order, instead of
             held; None from those who do not care.
+        compensates: Whether weight, friction and lag are made up for; None from those who do not
+            care, and they are.
     """
 
     port: str
@@ -43,6 +45,7 @@ class ServoSettings:
     rate: float | None = None
     fallback_file: Path | None = None
     releases_at_end: bool | None = None
+    compensates: bool | None = None
 
     @property
     def file(self) -> Path | None:
@@ -117,7 +120,7 @@ class ServoSettings:
 
 _JOINED = (
     "baudrate", "timeout", "servo_ids", "gripper_id", "calibration_file", "zero_offsets",
-    "rate", "fallback_file", "releases_at_end",
+    "rate", "fallback_file", "releases_at_end", "compensates",
 )  # fmt: skip
 
 

@@ -424,7 +424,8 @@ class ServoDriver:
         self, settings: ServoSettings, required: Collection[str], timeout: float
     ) -> FeetechArm:
         found = self._finder.find_joints(settings, required, timeout)
-        arm = self._finder.arm(found, self._record)
+        compensates = settings.compensates is not False
+        arm = self._finder.arm(found, self._record, compensates=compensates)
         self._take(settings, found)
         return arm
 

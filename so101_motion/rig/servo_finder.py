@@ -79,8 +79,15 @@ class ServoFinder:
         finally:
             bus.close()
 
-    def arm(self, found: JointSetups, on_command: CommandListener) -> FeetechArm:
+    def arm(
+        self, found: JointSetups, on_command: CommandListener, *, compensates: bool = True
+    ) -> FeetechArm:
         """Make the driver of the joints ``found``; ``on_command`` is called for each command.
+
+        Args:
+            found: The joints.
+            on_command: Is told.
+            compensates: Whether weight, friction and lag are made up for.
 
         Raises:
             BusError: One of them cannot be reached or set up.
@@ -96,6 +103,7 @@ class ServoFinder:
             reply_timeout=self._reply_timeout,
             counters=self._tallies,
             figures=found.figures,
+            compensates=compensates,
         )
         arm.on_command = on_command
         try:

@@ -189,6 +189,23 @@ def test_an_arm_that_meets_something_waits_for_a_target_near_where_it_holds(benc
     assert robot.send_action(action(0.5, *READY[1:]))["shoulder_pan.pos"] == pytest.approx(0.5)
 
 
+def lifted(bench, **settings):
+    """How far the elbow ends from where it is sent, after it has lifted the forearm [deg]."""
+    robot = bench.connected(**settings)
+    for k in range(120):
+        elbow = 40.0 - min(0.25 * k, 15.0)
+        robot.send_action(action(*READY[:2], elbow, *READY[3:]))
+        bench.advance(0.02)
+    off = robot.get_observation()["elbow_flex.pos"] - 25.0
+    robot.disconnect()
+    return off
+
+
+def test_with_stock_droop_a_lifted_forearm_stays_below_where_it_is_sent(bench):
+    assert abs(lifted(bench)) < 0.4
+    assert 0.6 < lifted(bench, stock_droop=True) < 6.0
+
+
 def test_sigterm_ends_the_program_in_order_while_an_arm_is_connected(bench):
     robot = bench.connected()
     with pytest.raises(SystemExit):

@@ -78,11 +78,11 @@ class FeetechArm:
         gravity: The torque that holds a pose, see ``gravity_compensation.py``.
         per_kg: What each kilogram in the hand adds to it; None if nobody knows.
         speed: Speed cap kept by the servos themselves [rad/s].
-        acceleration: Acceleration cap kept by the servos themselves [rad/s^2]; well above what
-            is planned, or the servos lag behind.
+        acceleration: The same of acceleration [rad/s^2]; well above plans, or the servos lag.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
         counters: The servos' counters so far, by id, if there has been an arm on this port before.
         figures: How servos were found to differ from their type, by joint name.
+        compensates: Whether weight, friction and lag are made up for.
 
     Attributes:
         models: What is known of the servos, base to jaw.
@@ -105,13 +105,12 @@ class FeetechArm:
         reply_timeout: float = REPLY_TIMEOUT,
         counters: ReplyCounters | None = None,
         figures: Mapping[str, ServoFigures] | None = None,
+        compensates: bool = True,
     ) -> None:
         self._clock = clock
         self._maps = {JOINTS.index(joint): maps[joint] for joint in JOINTS if joint in maps}
-        ram = {
-            reg.ACCELERATION: to_acceleration_units(acceleration),
-            reg.GOAL_VELOCITY: to_speed_ticks(speed),
-        }
+        caps = to_acceleration_units(acceleration), to_speed_ticks(speed)
+        ram = dict(zip((reg.ACCELERATION, reg.GOAL_VELOCITY), caps, strict=True))
         self._chain = Chain(
             open_port, clock, self._maps, names=JOINTS, ram=ram, on_set_up=self._take_over,
             reply_timeout=reply_timeout, counters=counters,
@@ -123,7 +122,8 @@ class FeetechArm:
         self._at = JointEstimate(self._maps)
         limiter = GoalLimiter(JOINTS, speed=speed, acceleration=acceleration)
         known = {JOINTS.index(joint): each for joint, each in (figures or {}).items()}
-        self._compensation = GoalCompensation(self._maps, gravity, limiter, per_kg, known)
+        self._compensation = GoalCompensation(
+            self._maps, gravity, limiter, per_kg, known, compensates=compensates)  # fmt: skip
         self.models: Sequence[ServoModel] = self._compensation.trim.models
         self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
         self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)

@@ -41,6 +41,9 @@ _SLOW = 0.03
 _BLEND = 0.5
 """In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
 
+_GIVEN_UP = 2.0
+"""Within which time joints sag that are not compensated for [s]; chosen, a few degrees slowly."""
+
 
 class GoalCompensation:
     """Six numbers each, in plain lists: for so few they beat numpy in every cycle.
@@ -51,6 +54,8 @@ class GoalCompensation:
         limiter: What bounds commands and goals.
         per_kg: What each kilogram in the hand adds to that torque; None if nobody knows.
         figures: How servos were found to differ from their type, by index.
+        compensates: Whether anything is added at all. If not, what holds the joints when they are
+            taken over is given up within ``_GIVEN_UP``.
 
     Attributes:
         trim: What is added for the weight.
@@ -66,12 +71,15 @@ class GoalCompensation:
         limiter: GoalLimiter,
         per_kg: Gravity | None,
         figures: Mapping[int, ServoFigures],
+        *,
+        compensates: bool = True,
     ) -> None:
         self.trim, self._limiter = Trim(gravity, per_kg), limiter
         self.q = [0.0] * 6
         self.held: list[Ticks | None] = [None] * 6
         self.is_set = False
         self._overloaded: set[int] = set()
+        self._compensates, self._t_begin = compensates, 0.0
         self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
         self._qdd: Sequence[float] | None = None
@@ -117,7 +125,7 @@ class GoalCompensation:
             CommandRefused: They are elsewhere.
         """
         self._limiter.begin(q, here, now, free)
-        self.q, self._qd, self.is_set = q, None, True
+        self.q, self._qd, self.is_set, self._t_begin = q, None, True, now
         self.trim.start(q, now, [self._sag(i) for i in range(6)])
 
     def point(
@@ -162,6 +170,9 @@ class GoalCompensation:
             qdd = self._qdd or (0.0,) * 5
             for i, qd in enumerate(self._qd):
                 lead[i] = self._lead(i, qd, qdd[i], dt)
+        if not self._compensates:
+            left = max(1.0 - (now - self._t_begin) / _GIVEN_UP, 0.0)
+            offset, lead = [left * each for each in offset], [0.0] * 6
         for i in self._overloaded:
             offset[i] = lead[i] = 0.0
         goals = self._limiter.goals(offset, self.trim.largest, lead, now)

@@ -1,0 +1,381 @@
+"""LeRobot's own commands on emulated arms, through the plugin: ``make test-lerobot``.
+
+Everything here is real: LeRobot from the package index, its commands as processes, ports, time. The
+arms are emulated. What came of it is written to ``benchmarks/results/lerobot_commands.json``. On a
+busy machine processes may be late for each other; then it is run again.
+"""
+
+import argparse
+import importlib.metadata
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.drivers.bus import registers as reg
+from so101_motion.drivers.bus.bus import Bus
+from so101_motion.drivers.port.serial_port import SerialPort
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "benchmarks" / "results" / "lerobot_commands.json"
+BIN = Path(sys.executable).parent
+CAMERA = "{front: {type: fake, width: 96, height: 96, fps: 30}}"
+DROPPED = 8.0  # [deg] that a joint may move after the end; from rest on the forearm sinks by six
+
+
+class Failure(Exception):
+    pass
+
+
+class Bench:
+    """Emulated arms, and LeRobot's commands with a home of their own."""
+
+    def __init__(self, folder, priority):
+        self.folder, self.priority = folder, priority
+        self.env = os.environ | {
+            "HF_HOME": str(folder / "hf"),
+            "HF_LEROBOT_HOME": str(folder / "lerobot"),
+            "HF_HUB_OFFLINE": "1",
+        }
+
+    @contextmanager
+    def arm(self, name, *options):
+        port = self.folder / name
+        command = [*self.priority, str(BIN / "so101"), "emulate", "--link", str(port), *options]
+        emulator = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True
+        )
+        try:
+            self.until(port.exists, "the emulator")
+            time.sleep(1.0)
+            yield Arm(port, emulator)
+        finally:
+            emulator.terminate()
+            emulator.wait(10)
+
+    def begin(self, command, *arguments):
+        return Command(
+            subprocess.Popen(
+                [str(BIN / f"lerobot-{command}"), *map(str, arguments)],
+                env=self.env,
+                cwd=self.folder,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+            )
+        )
+
+    def run(self, command, *arguments, within=90.0):
+        running = self.begin(command, *arguments)
+        running.end(within)
+        return running
+
+    @staticmethod
+    def until(is_so, what, within=30.0):
+        end = time.monotonic() + within
+        while not is_so():
+            if time.monotonic() > end:
+                raise Failure(f"{what} did not come within {within:g} s")
+            time.sleep(0.05)
+
+
+class Arm:
+    """An emulated arm; what people do to it can be typed."""
+
+    def __init__(self, port, emulator):
+        self.port, self._emulator = port, emulator
+
+    def type(self, text):
+        self._emulator.stdin.write(text + "\n")
+        self._emulator.stdin.flush()
+
+    def degrees(self):
+        bus = Bus(SerialPort(str(self.port)))
+        try:
+            ticks = [bus.read(i, reg.PRESENT_POSITION) for i in range(1, 7)]
+        finally:
+            bus.close()
+        return np.array(ticks) * 360.0 / 4096.0
+
+    def dropped(self):
+        """How far its joints move within three seconds in which nobody has the port [deg]."""
+        here = self.degrees()
+        time.sleep(3.0)
+        return float(np.abs(self.degrees() - here).max())
+
+
+class Command:
+    """One of LeRobot's commands, running; what it says is kept."""
+
+    def __init__(self, process):
+        self._process, self.said = process, ""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        while text := self._process.stdout.read(1):
+            self.said += text
+
+    def await_text(self, text, within=60.0):
+        def is_there():
+            return text in self.said or self._process.poll() is not None
+
+        Bench.until(is_there, text, within)
+        if text not in self.said:
+            raise Failure(f"it ended before it said {text!r}: {self.said[-600:]}")
+
+    def enter(self, text=""):
+        self._process.stdin.write(text + "\n")
+        self._process.stdin.flush()
+
+    def send(self, number):
+        self._process.send_signal(number)
+
+    def end(self, within, code=0):
+        """Wait for its end; how long that took [s]."""
+        begin = time.monotonic()
+        try:
+            ended = self._process.wait(within)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            raise Failure(f"it did not end within {within:g} s: {self.said[-600:]}") from None
+        self._reader.join(5.0)
+        if code is not None and ended != code:
+            raise Failure(f"it ended with {ended}, not {code}: {self.said[-900:]}")
+        return time.monotonic() - begin
+
+
+def robot(arm, *more):
+    return (
+        "--robot.type=so101_motion", f"--robot.port={arm.port}", "--robot.id=arm",
+        "--robot.park=rest", *more,
+    )  # fmt: skip
+
+
+def leader(arm):
+    return (
+        "--teleop.type=so101_motion_leader", f"--teleop.port={arm.port}", "--teleop.id=leader"
+    )  # fmt: skip
+
+
+# Each: a sentence, and what it found
+
+
+def setup_motors(bench):
+    """lerobot-setup-motors gives a new kit its ids."""
+    joints = ("gripper", "wrist_roll", "wrist_flex", "elbow_flex", "shoulder_lift", "shoulder_pan")
+    with bench.arm("kit", "--new") as kit:
+        running = bench.begin(
+            "setup-motors", "--robot.type=so101_motion", f"--robot.port={kit.port}"
+        )
+        for joint in joints:
+            running.await_text(f"'{joint}' motor only")
+            kit.type(f"only:{joint}")
+            time.sleep(1.5)
+            running.enter()
+            running.await_text(f"'{joint}' motor id set")
+        running.end(20)
+
+
+def calibrate(bench, kind="robot", name="arm"):
+    """lerobot-calibrate records an arm; LeRobot reads the file."""
+    arguments = robot if kind == "robot" else leader
+    with bench.arm(name) as arm:
+        running = bench.begin("calibrate", *arguments(arm))
+        running.await_text("press ENTER")
+        arm.type("pose")
+        time.sleep(3.0)
+        running.enter()
+        running.await_text("Press ENTER to stop")
+        arm.type("sweep")
+        time.sleep(32.0)
+        running.enter()
+        running.await_text("Calibration saved")
+        running.end(40)
+    group = "robots/so_follower" if kind == "robot" else "teleoperators/so_leader"
+    file = bench.folder / "lerobot" / "calibration" / group / f"{name}.json"
+    entries = json.loads(file.read_text())
+    fields = {"id", "drive_mode", "homing_offset", "range_min", "range_max"}
+    if len(entries) != 6 or any(set(entry) != fields for entry in entries.values()):
+        raise Failure(f"LeRobot would not read {entries}")
+
+
+def calibrate_leader(bench):
+    """lerobot-calibrate records a leader."""
+    calibrate(bench, "teleop", "leader")
+
+
+@contextmanager
+def both(bench):
+    """A follower, and a leader that a hand sweeps."""
+    with bench.arm("arm") as arm, bench.arm("leader") as led:
+        led.type("pose")
+        sweeping = threading.Timer(12.0, lambda: led.type("sweep"))
+        sweeping.start()
+        try:
+            yield arm, led
+        finally:
+            sweeping.cancel()
+
+
+def teleoperate(bench):
+    """lerobot-teleoperate at 60 Hz for 40 s."""
+    with both(bench) as (arm, led):
+        running = bench.begin(
+            "teleoperate", *robot(arm), *leader(led), "--fps=60", "--teleop_time_s=40"
+        )
+        running.end(90)
+        loops = running.said.count("Teleop loop time")
+        return {"loops": loops, "dropped_deg": arm.dropped()}
+
+
+def _ended_by(bench, number, code):
+    with both(bench) as (arm, led):
+        running = bench.begin("teleoperate", *robot(arm), *leader(led), "--fps=60")
+        running.await_text("Teleop loop time")
+        time.sleep(9.0)  # in mid-motion
+        running.send(number)
+        took = running.end(30, code)
+        return {"ended_after_s": round(took, 2), "dropped_deg": arm.dropped()}
+
+
+def interrupted(bench):
+    """Ctrl-C in mid-motion: it parks and lets go."""
+    return _ended_by(bench, signal.SIGINT, 0)
+
+
+def terminated(bench):
+    """SIGTERM in mid-motion: it parks and lets go."""
+    return _ended_by(bench, signal.SIGTERM, 128 + signal.SIGTERM)
+
+
+def killed(bench):
+    """SIGKILL in mid-motion: it holds."""
+    return _ended_by(bench, signal.SIGKILL, -signal.SIGKILL)
+
+
+def _dataset(bench, name):
+    return (f"--dataset.repo_id=somebody/{name}", f"--dataset.root={bench.folder / name}")
+
+
+def _record(bench, name, *more):
+    with both(bench) as (arm, led):
+        running = bench.begin(
+            "record", *robot(arm, *more), *leader(led), *_dataset(bench, name),
+            "--dataset.num_episodes=1", "--dataset.episode_time_s=25", "--dataset.fps=30",
+            "--dataset.single_task=wave", "--dataset.push_to_hub=false", "--play_sounds=false",
+        )  # fmt: skip
+        running.end(150)
+        info = json.loads((bench.folder / name / "meta" / "info.json").read_text())
+        return {"frames": info["total_frames"], "dropped_deg": arm.dropped()}
+
+
+def record(bench):
+    """lerobot-record without a camera."""
+    return _record(bench, "plain")
+
+
+def record_with_a_camera(bench):
+    """lerobot-record with a camera."""
+    return _record(bench, "seen", f"--robot.cameras={CAMERA}")
+
+
+def replay(bench):
+    """lerobot-replay of that recording; the first frame is approached."""
+    with bench.arm("arm") as arm:
+        running = bench.run(
+            "replay", *robot(arm), *_dataset(bench, "plain"), "--dataset.episode=0",
+            "--play_sounds=false", within=150,
+        )  # fmt: skip
+        if "Replaying episode" not in running.said:
+            raise Failure(running.said[-600:])
+        return {"dropped_deg": arm.dropped()}
+
+
+def rollout(bench):
+    """lerobot-rollout of a policy with random weights, for 15 s."""
+    policy = bench.folder / "policy"
+    made = subprocess.run(
+        [sys.executable, Path(__file__).with_name("make_policy.py"), policy, bench.folder / "seen"],
+        env=bench.env, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if made.returncode:
+        raise Failure(made.stderr[-900:])
+    with bench.arm("arm") as arm:
+        bench.run(
+            "rollout", *robot(arm, f"--robot.cameras={CAMERA}"), f"--policy.path={policy}",
+            "--policy.device=cpu", "--strategy.type=base", "--task=wave", "--duration=15",
+            within=150,
+        )  # fmt: skip
+        return {"dropped_deg": arm.dropped()}
+
+
+def recorded_types(bench):
+    """What make test has in LeRobot's place has the same names and arguments."""
+    subprocess.run(
+        [sys.executable, Path(__file__).with_name("compare_types.py")], env=bench.env, check=True
+    )
+
+
+SCENARIOS = (
+    recorded_types, setup_motors, calibrate, calibrate_leader, teleoperate, interrupted,
+    terminated, killed, record, record_with_a_camera, replay, rollout,
+)  # fmt: skip
+NEEDED = (calibrate, calibrate_leader)
+
+
+def versions():
+    names = ("lerobot", "torch", "numpy", "packaging", "pillow", "so101-motion")
+    return {name: importlib.metadata.version(name) for name in names} | {
+        "python": platform.python_version()
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", action="append", help="which, by name; calibrations come along")
+    parser.add_argument("--results", type=Path, default=RESULTS)
+    asked = parser.parse_args()
+    # In the background of a script it is ignored, and the commands would not hear it either.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    chosen = [each for each in SCENARIOS if not asked.only or each.__name__ in asked.only]
+    if asked.only:
+        chosen = list(dict.fromkeys([*NEEDED, *chosen]))
+    priority = ["chrt", "-r", "5"] if os.geteuid() == 0 else []
+    told, failed = {"versions": versions(), "scenarios": {}}, 0
+    with tempfile.TemporaryDirectory(prefix="lerobot-") as folder:
+        bench = Bench(Path(folder), priority)
+        for scenario in chosen:
+            begin, found = time.monotonic(), {}
+            try:
+                found = scenario(bench) or {}
+                if found.get("dropped_deg", 0.0) > DROPPED:
+                    raise Failure(f"the arm dropped: {found}")
+            except (Failure, subprocess.SubprocessError) as error:
+                failed += 1
+                found = {"failed": str(error)}
+            seconds = round(time.monotonic() - begin, 1)
+            said = {"what": scenario.__doc__, **found, "seconds": seconds}
+            told["scenarios"][scenario.__name__] = said
+            print(json.dumps(said), flush=True)
+    with suppress(FileNotFoundError):
+        if asked.only:
+            before = json.loads(asked.results.read_text())
+            told["scenarios"] = before["scenarios"] | told["scenarios"]
+    asked.results.write_text(json.dumps(told, indent=1) + "\n")
+    print(f"{failed} of {len(chosen)} failed; see {asked.results}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
