@@ -141,7 +141,7 @@ class CollisionModel:
             self.batch = batch_check(self._model, bodies, self.scene.floor_z)
         if self.batch is not None:
             self.batch.watch(checkpoint)
-        self._wider = lru_cache(maxsize=2)(self._with_room)
+        self._wider = lru_cache(maxsize=8)(self._with_room)
         self._lenient = lru_cache(maxsize=1)(self._with_tolerance)
         self._bent = lru_cache(maxsize=2)(self._with_bend)
         least = float(self.margins.min(initial=self.margin))
@@ -162,16 +162,20 @@ class CollisionModel:
         self._q[5] = q_jaw
         return not self._touches(self._q)
 
-    def touching(self, configurations: Array, q_jaw: float | Array = 0.0) -> Array:
+    def touching(
+        self, configurations: Array, q_jaw: float | Array = 0.0, *, extra: float = 0.0
+    ) -> Array:
         """Which of several configurations (n, 5) [rad] are not free, booleans, shape (n,).
 
-        The jaw stands at one angle in all of them, or at one in each, shape (n,), [rad].
+        The jaw stands at one angle in all of them, or at one in each, shape (n,), [rad]. Pairs must
+        keep ``extra`` [m] beyond their margins.
         """
+        proof = self._wider(extra) if extra else self._plain
         q = np.empty((len(configurations), 6))
         q[:, :5], q[:, 5] = configurations, q_jaw
-        if self.batch is not None and self._plain.native is not None:
-            return self.batch.touching(self._plain.native, q)
-        return np.array([self._touches(each) for each in q], dtype=bool)
+        if self.batch is not None and proof.native is not None:
+            return self.batch.touching(proof.native, q)
+        return np.array([proof.levels[0].touches(each) for each in q], dtype=bool)
 
     def distances(self, q: ArrayLike, q_jaw: float = 0.0) -> Array:
         """The distance of each pair, shape (len(pairs),), [m]; negative where they overlap."""

@@ -1,0 +1,238 @@
+"""``so101 sweep``: computations that keep all cores busy, or a cluster."""
+
+from __future__ import annotations
+
+import functools
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
+from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
+from so101_motion.common.attributes import HEAVIEST, SERVO_VOLTAGES
+from so101_motion.common.units import to_m, to_mm, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.tasks.sweeps import Progress, SweepResult
+    from so101_motion.tasks.sweeps.sweep import Sweep
+
+_EVERY = 10.0
+"""How often progress is told where there is no terminal [s]."""
+
+_SHOWN = 5
+"""So many failures are told one by one."""
+
+
+@click.group(cls=Verbs)
+def sweep() -> None:
+    """Compute large things shard by shard: where the arm reaches, and how well.
+
+    All cores but one work, unless --workers or --dask says otherwise. The result is the same
+    whatever computes it; the last line is its SHA-256. What is interrupted goes on when the same
+    command is given again.
+    """
+
+
+def _run_options(verb: F) -> F:
+    """The options of every sweep; the verb gets ``run``, which runs one and prints its end."""
+
+    @click.option(
+        "--out", type=click.Path(path_type=Path, file_okay=False), required=True,
+        help="Folder of the result.",
+    )  # fmt: skip
+    @click.option("--workers", type=click.IntRange(1, 256), help="So many processes.")
+    @click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786.")
+    @json_option
+    @functools.wraps(verb)
+    def with_run(
+        *args: Any, out: Path, workers: int | None, dask: str | None, as_json: bool, **kwargs: Any
+    ) -> Any:
+        if workers is not None and dask is not None:
+            raise click.UsageError("--workers or --dask, not both")
+
+        def run(work: Sweep, summary: Callable[[Path], dict[str, object]]) -> None:
+            result = _run(work, out, workers, dask)
+            facts = summary(out) if not result.failed else {}
+            _print_result(work, result, facts, as_json=as_json)
+            if result.failed:
+                raise SystemExit(CHECK_FAILED)
+
+        return verb(*args, run=run, **kwargs)
+
+    return with_run  # type: ignore[return-value]  # its own options and those above
+
+
+@sweep.command()
+@click.option(
+    "--spacing-mm", type=Finite(1.0, 200.0), default=20.0, show_default=True,
+    help="Between the points.",
+)  # fmt: skip
+@click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm.")
+@click.option(
+    "--frame", type=click.Choice(["tool", "jaw_tip"]), default="tool", show_default=True,
+    help="Which frame of the hand is brought to the points.",
+)  # fmt: skip
+@click.option(
+    "--approach", type=Numbers("X", "Y", "Z", most=1e6),
+    help="Where the tool's z axis points; 0,0,-1 is from above.  [default: anywhere]",
+)  # fmt: skip
+@click.option(
+    "--tolerance-deg", type=Finite(0.1, 90.0), default=5.0, show_default=True,
+    help="How far the approach may be off.",
+)  # fmt: skip
+@click.option(
+    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
+)
+@click.option(
+    "--servo-voltage", type=click.Choice([f"{each:g}" for each in SERVO_VOLTAGES]),
+    default=f"{SERVO_VOLTAGES[0]:g}", show_default=True, help="The servos' rated voltage.",
+)  # fmt: skip
+@_run_options
+def reach(
+    run: Callable[..., None],
+    spacing_mm: float,
+    scene_file: Path | None,
+    frame: str,
+    approach: np.ndarray | None,
+    tolerance_deg: float,
+    payload_g: float,
+    servo_voltage: str,
+) -> None:
+    """Make an atlas of what the arm reaches, and how well.
+
+    For every point of a grid: whether the arm can be there free of contact, in how many branches,
+    and for the best pose its clearance, the torque that is left, and manipulability.
+
+    \b
+    so101 sweep reach --spacing-mm 20 --out atlas
+    so101 sweep reach --out from-above --approach 0,0,-1 --payload-g 200
+    so101 sweep reach --out on-the-table --scene examples/table.json --workers 2
+    """  # noqa: D301
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.tasks.sweeps import Atlas, ReachSweep, scene_text
+    from so101_motion.tasks.sweeps.reach import in_words
+
+    direction = None
+    if approach is not None:
+        x, y, z = approach.tolist()
+        direction = (x, y, z)
+    work = ReachSweep(
+        spacing=to_m(spacing_mm),
+        scene=scene_text(Scene() if scene_file is None else read_scene(scene_file)),
+        frame=frame,
+        approach=direction,
+        tolerance=to_rad(tolerance_deg),
+        payload=1e-3 * payload_g,
+        voltage=float(servo_voltage),
+    )
+    aside(in_words(work))
+    run(work, lambda folder: _of_atlas(Atlas.read(folder).summary()))
+
+
+def _of_atlas(summary: dict[str, float]) -> dict[str, object]:
+    facts: dict[str, object] = {
+        "points within the joint limits": summary["within_limits"],
+        "free of contact": summary["free"],
+        "reachable": summary["reachable"],
+        "reachable volume [l]": round(1e3 * summary["volume_m3"], 2),
+    }
+    for count in (1, 2, 3, 4):
+        facts[f"reachable in {count} branch{'es' if count > 1 else ''}"] = summary[
+            f"with_{count}_branches"
+        ]
+    facts["median clearance [mm]"] = round(to_mm(summary["median_clearance"]), 1)
+    facts["median torque left [%]"] = round(100.0 * summary["median_torque_left"], 1)
+    return facts
+
+
+def _run(work: Sweep, out: Path, workers: int | None, dask: str | None) -> SweepResult:
+    from so101_motion.tasks.sweeps import default_workers, run_sweep
+
+    with _progress(work) as show:
+        try:
+            if dask is None:
+                count = default_workers() if workers is None else workers
+                return run_sweep(work, out, workers=count, on_progress=show)
+            from so101_motion.tasks.sweeps.cluster import dask_executor
+
+            with dask_executor(dask) as (executor, ahead):
+                return run_sweep(work, out, executor=executor, ahead=ahead, on_progress=show)
+        except KeyboardInterrupt:
+            aside(f"interrupted; what is done is kept in {out}, the same command goes on")
+            raise
+
+
+@contextmanager
+def _progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
+    """Show progress: a bar on a terminal, a line now and then elsewhere."""
+    if not sys.stderr.isatty():
+        yield _Lines(work.unit)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+    columns = (BarColumn(), TaskProgressColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=work.shards)
+
+        def show(progress: Any) -> None:
+            done = progress.done + progress.failed
+            bar.update(task, completed=done, description=_in_words(progress, work.unit))
+
+        yield show
+
+
+class _Lines:
+    """Tells progress in lines, not too often."""
+
+    def __init__(self, unit: str) -> None:
+        self._unit, self._next = unit, time.monotonic() + _EVERY
+
+    def __call__(self, progress: Progress) -> None:
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + _EVERY
+            aside(f"{progress.done} of {progress.shards}: {_in_words(progress, self._unit)}")
+
+
+def _in_words(progress: Progress, unit: str) -> str:
+    left = ""
+    if progress.left is not None:
+        minutes, seconds = divmod(round(progress.left), 60)
+        hours, minutes = divmod(minutes, 60)
+        left = f", {hours}:{minutes:02}:{seconds:02} left"
+    failed = f", {progress.failed} failed" if progress.failed else ""
+    return f"{progress.rate:.3g} {unit} a second{left}{failed}"
+
+
+def _print_result(
+    work: Sweep, result: SweepResult, facts: dict[str, object], *, as_json: bool
+) -> None:
+    for shard, why in sorted(result.failed.items())[:_SHOWN]:
+        aside(f"shard {shard} failed: {why}")
+    if len(result.failed) > _SHOWN:
+        aside(f"and {len(result.failed) - _SHOWN} more; sweep.json has all of them")
+    if as_json:
+        print_json(
+            f"sweep-{work.kind}",
+            {
+                "out": str(result.folder),
+                "shards": result.shards,
+                "computed": result.computed,
+                "failed": {str(shard): why for shard, why in result.failed.items()},
+                "result": facts,
+                "sha256": result.sha256,
+            },
+        )
+        return
+    for name, value in facts.items():
+        click.echo(f"{name + ':':<34}{value}")
+    done = result.shards - len(result.failed)
+    aside(f"{result.folder}: {done} of {result.shards} shards, {result.computed} of them now")
+    click.echo(f"sha256 {result.sha256}")

@@ -1,0 +1,371 @@
+"""Run a sweep: hand out its shards, write what comes back, go on where an earlier run ended.
+
+How it works. An executor of ``concurrent.futures`` computes; this process alone writes. So workers
+need no common file system, and nothing is written twice. A few shards more than there are workers
+are under way at any time, which keeps all of them busy and memory flat. Anything that can stop
+leaves whole shards behind: the same sweep into the same folder computes only what is missing.
+
+- A shard that fails says why and the others go on; the next run tries it again.
+- A worker process that dies (``kill -9``, no memory) takes its pool with it: the pool is replaced,
+  and what was under way runs again, one at a time, so that a shard that kills is found out.
+- Ctrl-C: nothing new is handed out, what is under way ends and is written, then the interrupt goes
+  on its way. Should this process be killed, its workers notice and leave.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+from typing import Any
+
+from so101_motion.common.errors import WorkerError
+from so101_motion.common.realtime import LOOK_FOR_SIGNALS
+from so101_motion.tasks.sweeps.folder import SweepFolder, combined, digest
+from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute
+
+_AHEAD = 3
+"""Shards under way for each worker: one in work, and what it takes up next. Chosen."""
+
+_DEATHS = 2
+"""How often a shard may take its process with it while it runs alone. Chosen."""
+
+_IN_A_ROW = 4
+"""So many shards in a row that get lost mean that the executor is at fault. Chosen."""
+
+_KEPT = "; what is done is kept, and the same sweep into the same folder goes on"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Progress:
+    """How far a sweep has come.
+
+    Attributes:
+        done: Shards that are there.
+        failed: Shards that failed.
+        shards: All of them.
+        rate: Items a second since this run began; 0 before the first.
+        left: How long the rest takes at that rate [s]; None before the first.
+    """
+
+    done: int
+    failed: int
+    shards: int
+    rate: float
+    left: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepResult:
+    """What came of a sweep.
+
+    Attributes:
+        folder: Where its shards are.
+        shards: How many there should be.
+        computed: How many this run has computed; the others were there.
+        failed: Why some are missing, by their numbers.
+        sha256: Of the result.
+    """
+
+    folder: Path
+    shards: int
+    computed: int
+    failed: dict[int, str]
+    sha256: str
+
+
+def default_workers() -> int:
+    """All cores but one, at least one."""
+    return max(1, (os.cpu_count() or 1) - 1)
+
+
+def run_sweep(
+    sweep: Sweep,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    ahead: int | None = None,
+    on_progress: Callable[[Progress], None] | None = None,
+    now: Callable[[], float] = time.monotonic,
+) -> SweepResult:
+    """Run a sweep, or what an earlier run left of it.
+
+    The result is the same, bit for bit, whatever computes it, on computers of one kind (processor,
+    system, versions).
+
+    Args:
+        sweep: What to compute.
+        folder: Where the shards go; a new folder, or that of the same sweep.
+        workers: So many processes of this computer. A script that asks for some has its own work
+            behind ``if __name__ == "__main__":``, because Python's processes read it again.
+        executor: Computes instead: any ``concurrent.futures.Executor``, for example
+            ``dask.distributed.Client(...).get_executor()``. It stays open.
+        ahead: How many shards are under way in it at a time.
+        on_progress: Called after each shard.
+        now: Tells the time [s].
+
+    Returns:
+        What came of it; shards that failed are in it.
+
+    Raises:
+        ConfigError: The folder belongs to another sweep, or cannot be written.
+        WorkerError: The executor stopped working; the same call goes on.
+        ValueError: Both ``workers`` and an executor are given.
+    """
+    if workers is not None and executor is not None:
+        raise ValueError("give workers or an executor, not both")
+    place = SweepFolder(folder)
+    with place.opened_for(sweep):
+        digests = {}
+        for shard in range(sweep.shards):
+            columns = place.read(shard)
+            if columns is not None:
+                digests[shard] = digest(columns)
+        pool: _Computers
+        if workers is not None:
+            pool = _Processes(workers)
+        else:
+            pool = _Given(executor or _Here(), ahead or (1 if executor is None else 32))
+        run = _Run(sweep, place, digests, pool, on_progress, now)
+        with pool.opened():
+            return run.go()
+
+
+class _Run:
+    """One run of a sweep."""
+
+    def __init__(
+        self,
+        sweep: Sweep,
+        folder: SweepFolder,
+        digests: dict[int, str],
+        pool: _Computers,
+        on_progress: Callable[[Progress], None] | None,
+        now: Callable[[], float],
+    ) -> None:
+        self._sweep, self._folder, self._pool = sweep, folder, pool
+        self._on_progress, self._now = on_progress, now
+        self._digests, self._before = digests, len(digests)
+        self._failed: dict[int, str] = {}
+        self._todo = deque(each for each in range(sweep.shards) if each not in digests)
+        self._alone: deque[int] = deque()  # to be run one at a time: their process died
+        self._deaths: dict[int, int] = {}
+        self._in_a_row = 0
+        self._under_way: dict[Future[Outcome], int] = {}
+        self._began = now()
+
+    def go(self) -> SweepResult:
+        """Compute what is missing."""
+        try:
+            while self._todo or self._alone or self._under_way:
+                self._hand_out()
+                self._collect()
+        except BaseException as error:
+            self._give_up(finish=isinstance(error, KeyboardInterrupt))
+            self._describe(None)
+            raise
+        sha256 = combined(self._digests, self._sweep.shards)
+        self._describe(sha256)
+        return SweepResult(
+            folder=self._folder.path,
+            shards=self._sweep.shards,
+            computed=len(self._digests) - self._before,
+            failed=self._failed,
+            sha256=sha256,
+        )
+
+    def _hand_out(self) -> None:
+        queue, most = (self._alone, 1) if self._alone else (self._todo, self._pool.ahead)
+        while queue and len(self._under_way) < most:
+            shard = queue.popleft()
+            try:
+                self._under_way[self._pool.submit(self._sweep, shard)] = shard
+            except BrokenExecutor as error:
+                queue.appendleft(shard)
+                self._replace(error, [])
+                return
+
+    def _collect(self) -> None:
+        """Take what is ready; wait for it if nothing is."""
+        if not self._under_way:
+            return
+        ready, _ = wait(self._under_way, LOOK_FOR_SIGNALS, FIRST_COMPLETED)
+        for future in ready:
+            shard = self._under_way.pop(future, None)
+            if shard is None:
+                continue  # it went down with the pool
+            try:
+                outcome = future.result()
+            except BrokenExecutor as error:
+                self._replace(error, [shard])
+            except CancelledError as error:
+                raise WorkerError(f"the executor gave up a shard{_KEPT}") from error
+            except Exception as error:  # not the shard's own: those are outcomes
+                self._lose(shard, f"lost: {type(error).__name__}: {error}", error)
+            else:
+                self._in_a_row = 0
+                self._take(shard, outcome)
+
+    def _take(self, shard: int, outcome: Outcome) -> None:
+        if outcome.columns is None:
+            self._failed[shard] = outcome.why
+        else:
+            self._digests[shard] = self._folder.write(shard, outcome.columns)
+        if self._on_progress is not None:
+            self._on_progress(self._progress())
+
+    def _progress(self) -> Progress:
+        done, failed = len(self._digests), len(self._failed)
+        tried = done - self._before + failed
+        spent = self._now() - self._began
+        pace = tried / spent if spent > 0.0 else 0.0  # shards a second
+        return Progress(
+            done=done,
+            failed=failed,
+            shards=self._sweep.shards,
+            rate=pace * self._sweep.items / self._sweep.shards,
+            left=(self._sweep.shards - done - failed) / pace if pace else None,
+        )
+
+    def _replace(self, error: BrokenExecutor, lost: list[int]) -> None:
+        """Replace a pool whose process died, and remember what was under way in it."""
+        wait(self._under_way, 10.0)  # the pool says of all of them that it is broken
+        alone = len(lost) + len(self._under_way) == 1
+        for future, shard in self._under_way.items():
+            if future.done() and not future.cancelled() and future.exception() is None:
+                self._take(shard, future.result())
+            else:
+                lost.append(shard)
+        self._under_way.clear()
+        self._pool.replace(error)
+        for shard in lost:
+            self._deaths[shard] = self._deaths.get(shard, 0) + alone
+            if self._deaths[shard] < _DEATHS:
+                self._alone.append(shard)
+            else:
+                self._lose(shard, "its process died: killed, or out of memory", error)
+
+    def _lose(self, shard: int, why: str, error: Exception) -> None:
+        """Note that an executor lost a shard; give up when it loses one after the other."""
+        self._in_a_row += 1
+        if self._in_a_row >= _IN_A_ROW:
+            raise WorkerError(f"one shard after the other is lost ({why}){_KEPT}") from error
+        self._take(shard, Outcome(None, why))
+
+    def _give_up(self, *, finish: bool) -> None:
+        """Take back what waits; with ``finish`` let what is in work end, and keep it."""
+        for future in self._under_way:
+            future.cancel()
+        kept = {each: shard for each, shard in self._under_way.items() if not each.cancelled()}
+        for future in wait(kept).done if finish else ():
+            if future.exception() is None:
+                self._take(kept[future], future.result())
+
+    def _describe(self, sha256: str | None) -> None:
+        done = len(self._digests)
+        self._folder.describe(self._sweep, done=done, failed=self._failed, sha256=sha256)
+
+
+class _Computers:
+    """Who computes.
+
+    Attributes:
+        ahead: How many shards to have under way.
+    """
+
+    ahead: int
+
+    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
+        """Have a shard computed."""
+        raise NotImplementedError
+
+    def replace(self, error: BrokenExecutor) -> None:
+        """Go on with a new one.
+
+        Raises:
+            WorkerError: There is none.
+        """
+        raise WorkerError(f"the executor broke ({error}){_KEPT}") from error
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        """Have it for a block."""
+        yield
+
+
+class _Given(_Computers):
+    """Somebody's executor."""
+
+    def __init__(self, executor: Executor, ahead: int) -> None:
+        self._executor, self.ahead = executor, ahead
+
+    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
+        return self._executor.submit(compute, sweep, shard)
+
+
+class _Processes(_Computers):
+    """A pool of this computer, replaced when one of its processes dies."""
+
+    def __init__(self, workers: int) -> None:
+        self._workers, self.ahead = workers, _AHEAD * workers
+
+    @contextmanager
+    def opened(self) -> Iterator[None]:
+        self._pool = self._new()
+        try:
+            yield
+        finally:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
+        return self._pool.submit(compute, sweep, shard)
+
+    def replace(self, error: BrokenExecutor) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = self._new()
+
+    def _new(self) -> ProcessPoolExecutor:
+        # "spawn": a fork would copy threads' locks, and what the libraries hold.
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
+
+
+def _begin() -> None:
+    """In a worker: leave Ctrl-C to the parent, and end when the parent has."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait_for([sentinel])
+    os._exit(1)
+
+
+class _Here(Executor):
+    """Computes in this process, at once."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Call it."""
+        future: Future[Any] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future

@@ -1,0 +1,190 @@
+"""The folder of a sweep: a manifest that says what it is, and one file a shard.
+
+::
+
+    ATLAS/sweep.json          what the sweep is; how far it came; the SHA-256 of its result
+    ATLAS/shards/000000.npz   arrays by name
+
+A shard's file is there whole or not at all, so the files themselves are the list of what is done,
+and a process that is killed at any instant leaves nothing to repair. Shards are npz: numpy reads
+and writes them without another dependency, types and shapes stay as they are, and each array comes
+with a checksum. (Parquet would want pyarrow, for tables that nobody joins.)
+
+The result's SHA-256 is made from the arrays, not from the bytes of the files: another version of
+the compressor changes nothing about it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion import __version__
+from so101_motion.common.errors import ConfigError
+from so101_motion.files import atomic
+from so101_motion.planning.native.library import native
+from so101_motion.tasks.sweeps.sweep import Columns, Sweep
+
+MANIFEST = "sweep.json"
+_SHARDS = "shards"
+_SCHEMA = "so101/sweep/1"
+
+
+class SweepFolder:
+    """Where a sweep keeps its shards.
+
+    Args:
+        path: The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._shards = path / _SHARDS
+
+    @contextmanager
+    def opened_for(self, sweep: Sweep) -> Iterator[None]:
+        """Make the folder this sweep's, and keep other programs from writing there meanwhile.
+
+        Raises:
+            ConfigError: It belongs to another sweep or to something else, somebody is at work in
+                it, or nothing can be written there.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            lock = atomic.locked(self.path)
+            lock.__enter__()
+        except OSError as error:  # TimeoutError too
+            raise self._refused(f"cannot be used: {error.strerror or error}") from error
+        try:
+            self._claim(sweep)
+            yield
+        finally:
+            lock.__exit__(None, None, None)
+
+    def _claim(self, sweep: Sweep) -> None:
+        if not (self.path / MANIFEST).exists():
+            known = (MANIFEST, _SHARDS)
+            other = [p.name for p in self.path.iterdir() if not _is_known(p.name, known)]
+            if other:
+                raise self._refused(
+                    f"holds other things ({sorted(other)[0]}); name a new folder for the sweep"
+                )
+            self.describe(sweep, done=0, failed={}, sha256=None)
+        manifest, wanted = self.manifest(), _identity(sweep)
+        changed = [key for key in wanted if manifest.get(key) != wanted[key]]
+        if changed:
+            raise self._refused(_difference(manifest, wanted, changed))
+        self._shards.mkdir(exist_ok=True)
+        for left in self._shards.glob(".*.tmp"):
+            left.unlink(missing_ok=True)
+
+    def manifest(self) -> dict[str, object]:
+        """What the manifest says.
+
+        Raises:
+            ConfigError: There is none, or it is no manifest.
+        """
+        try:
+            content = json.loads((self.path / MANIFEST).read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise self._refused("holds no sweep; so101 sweep makes one") from error
+        except (OSError, ValueError, RecursionError) as error:
+            raise self._refused(f"has a manifest that cannot be read: {error}") from error
+        if not isinstance(content, dict) or content.get("schema") != _SCHEMA:
+            raise self._refused(f"has a {MANIFEST} that is no manifest of a sweep")
+        return content
+
+    def describe(
+        self, sweep: Sweep, *, done: int, failed: Mapping[int, str], sha256: str | None
+    ) -> None:
+        """Write the manifest.
+
+        Args:
+            sweep: What the sweep is.
+            done: How many shards there are.
+            failed: Why there are none of these.
+            sha256: Of the result, once nothing is left to do.
+        """
+        state = {
+            "done": done,
+            "failed": {str(shard): why for shard, why in sorted(failed.items())},
+            "sha256": sha256,
+        }
+        content = {"schema": _SCHEMA, **_identity(sweep), **state}
+        data = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+        atomic.write(self.path / MANIFEST, data.encode())
+
+    def write(self, shard: int, columns: Columns) -> str:
+        """Write a shard in one step; its digest."""
+        packed = io.BytesIO()
+        np.savez_compressed(packed, **columns)  # type: ignore[arg-type]  # arrays by name only
+        atomic.write(self._file(shard), packed.getvalue())
+        return digest(columns)
+
+    def read(self, shard: int) -> dict[str, np.ndarray] | None:
+        """The arrays of a shard; None if there is none, or a damaged one."""
+        try:
+            with np.load(self._file(shard), allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
+        except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error):
+            return None
+
+    def _file(self, shard: int) -> Path:
+        return self._shards / f"{shard:06d}.npz"
+
+    def _refused(self, reason: str) -> ConfigError:
+        return ConfigError("out", str(self.path), reason)
+
+
+def digest(columns: Columns) -> str:
+    """The SHA-256 of arrays: their names, types, shapes and values, in the order of the names."""
+    whole = hashlib.sha256()
+    for name in sorted(columns):
+        array = np.ascontiguousarray(columns[name])
+        whole.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
+        whole.update(array.tobytes())
+    return whole.hexdigest()
+
+
+def combined(digests: Mapping[int, str], shards: int) -> str:
+    """The SHA-256 of a result, from the digests of its shards; those that failed count as such."""
+    lines = (f"{shard} {digests.get(shard, 'failed')}\n" for shard in range(shards))
+    whole = hashlib.sha256()
+    for line in lines:
+        whole.update(line.encode())
+    return whole.hexdigest()
+
+
+def _identity(sweep: Sweep) -> dict[str, object]:
+    """What makes a sweep this one, as its manifest says it."""
+    facts = json.loads(json.dumps(sweep.facts()))  # tuples become lists, as they are read back
+    made_by = {"so101_motion": __version__, "compiled": native().library is not None}
+    return {"kind": sweep.kind, "facts": facts, "shards": sweep.shards, "made_by": made_by}
+
+
+def _difference(
+    manifest: Mapping[str, object], wanted: Mapping[str, object], keys: list[str]
+) -> str:
+    """In which way a folder's sweep is another one."""
+    was, now = manifest.get(keys[0]), wanted[keys[0]]
+    name = keys[0]
+    if isinstance(was, dict) and isinstance(now, dict):
+        name = next(key for key in (*now, *was) if was.get(key) != now.get(key))
+        was, now = was.get(name), now.get(name)
+    if any(len(str(each)) > 60 for each in (was, now)):
+        how = f"its {name} is another one"
+    else:
+        how = f"its {name} is {json.dumps(was)}, and {json.dumps(now)} is asked for"
+    return f"belongs to another sweep: {how}; name a new folder, or ask for the same again"
+
+
+def _is_known(name: str, known: tuple[str, ...]) -> bool:
+    return name in known or name.startswith(".")

@@ -1,0 +1,316 @@
+"""What the arm reaches: every point of a grid, and how well.
+
+At each point all poses of a fan are looked at: pitches all around (or, with an approach, the one
+that it asks for), a few rolls, the pan from the front and from the back, the elbow up and down.
+Those within the joint limits and free of contact count as ways to be there, and the best of them is
+kept with its figures. "Best" means, in this order: bearable for the servos, further from contact
+(in steps, ``STEPS``), more torque left. The clearance that is kept is exact for that pose.
+
+The grid's points are whole multiples of the spacing in the base frame, so that atlases of different
+extent share their points.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.attributes import SERVO_VOLTAGES
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.files.scene_file import scene_from, scene_to
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.kinematics.batch_ik import (
+    angles_between,
+    configurations,
+    facing,
+    hands,
+    pitch_towards,
+)
+from so101_motion.planning.kinematics.batch_kinematics import ArmChain
+from so101_motion.planning.kinematics.ik import IkSolver
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.torque import Payload, Strength, place_in_hand
+from so101_motion.tasks.sweeps.sweep import Columns
+
+POINTS = 4096
+"""Points of a shard. Chosen: a quarter of a second of work, and some fifty kilobytes."""
+
+_AT_ONCE = 1024
+"""Points that are looked at together. Chosen: what they need stays in the processor's caches."""
+
+PITCHES = 24
+"""Pitches that are tried at a point, all around. Chosen: 15 degrees apart."""
+
+STEPS = (0.005, 0.01, 0.02, 0.04)
+"""Distances beyond the margins by which ways to be at a point are told apart [m]. Chosen."""
+
+FINEST, COARSEST = 0.001, 0.2
+"""Bounds of the spacing [m]."""
+
+BRANCH_BITS = {("front", True): 1, ("front", False): 2, ("back", True): 4, ("back", False): 8}
+"""The bit of each branch: side of the pan, and whether the elbow is up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Points in a box, whole multiples of the spacing, x counting fastest.
+
+    Attributes:
+        spacing: [m].
+        first: The least multiples, x, y, z.
+        counts: How many along x, y, z.
+    """
+
+    spacing: float
+    first: tuple[int, int, int]
+    counts: tuple[int, int, int]
+
+    @property
+    def size(self) -> int:
+        """How many points there are."""
+        return math.prod(self.counts)
+
+    def points(self, numbers: NDArray[np.int64]) -> Array:
+        """Points by their numbers, shape (n, 3), [m]."""
+        nx, ny, _ = self.counts
+        steps = np.stack([numbers % nx, numbers // nx % ny, numbers // (nx * ny)], axis=1)
+        return np.asarray((steps + np.array(self.first)) * self.spacing)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReachSweep:
+    """Plain data that says which atlas is asked for.
+
+    Attributes:
+        spacing: Between the points of the grid [m].
+        scene: What is around the arm, as the JSON text of a scene file; see ``scene_text``.
+        frame: The frame of the gripper that is brought to the points.
+        approach: Where the tool's z axis shall point, in the base frame; None for anywhere.
+        tolerance: How far the approach may be off [rad].
+        rolls: The roll angles that are tried [rad].
+        q_jaw: The jaw's angle [rad].
+        payload: What the hand carries, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V].
+    """
+
+    spacing: float
+    scene: str = '{"obstacles": []}'
+    frame: str = "tool"
+    approach: tuple[float, float, float] | None = None
+    tolerance: float = math.radians(5.0)
+    rolls: tuple[float, ...] = (0.0,)
+    q_jaw: float = 0.0
+    payload: float = 0.0
+    voltage: float = SERVO_VOLTAGES[0]
+
+    def __post_init__(self) -> None:
+        if not FINEST <= self.spacing <= COARSEST:
+            known = f"must be {to_mm(FINEST):g} to {to_mm(COARSEST):g} mm"
+            raise ConfigError("spacing", self.spacing, known)
+        if self.approach is not None and not 1e-6 < math.hypot(*self.approach) < math.inf:
+            raise ConfigError("approach", self.approach, "must be a direction, such as 0,0,-1")
+        if not self.rolls:
+            raise ConfigError("rolls", self.rolls, "must be one angle at least")
+
+    kind = "reach"
+    unit = "points"
+
+    @property
+    def items(self) -> int:
+        """How many points are looked at."""
+        return self.grid.size
+
+    @property
+    def shards(self) -> int:
+        """Into how many shards it is cut."""
+        return -(-self.grid.size // POINTS)
+
+    @cached_property
+    def grid(self) -> Grid:
+        """The points: all that the arm could be long enough for, whatever its joints."""
+        model = RobotModel.load()
+        structure = IkSolver(model).structure
+        model.check_gripper_frame(self.frame)
+        measures = structure.measures
+        longest = structure.longest(self.frame)
+        out = longest + abs(measures.shoulder[0])
+        middle = np.array([*measures.pan, measures.shoulder[1]])
+        reach = np.array([out, out, longest])
+        first = np.ceil((middle - reach) / self.spacing).astype(int)
+        last = np.floor((middle + reach) / self.spacing).astype(int)
+        x, y, z = first.tolist()
+        nx, ny, nz = (last - first + 1).tolist()
+        return Grid(self.spacing, (x, y, z), (nx, ny, nz))
+
+    def facts(self) -> Mapping[str, object]:
+        """What is asked for, and the grid."""
+        fields = asdict(self)
+        return {
+            **fields,
+            "scene": json.loads(self.scene),
+            "grid_first": self.grid.first,
+            "grid_counts": self.grid.counts,
+            "pitches": PITCHES,
+            "points_of_a_shard": POINTS,
+        }
+
+    def open(self) -> Callable[[int], Columns]:
+        """Load the arm and the scene."""
+        return _Fan(self).shard
+
+
+def scene_text(scene: Scene) -> str:
+    """A scene as plain text, meshes included, for a sweep."""
+    return json.dumps(scene_to(scene), sort_keys=True)
+
+
+class _Ways(NamedTuple):
+    """Ways to be at points, within the joint limits.
+
+    Attributes:
+        q: Joint angles, shape (n, 5), [rad].
+        point: Which point each is at, shape (n,); ascending.
+        bit: The bit of its branch, shape (n,).
+    """
+
+    q: Array
+    point: NDArray[np.int64]
+    bit: NDArray[np.uint8]
+
+
+class _Fan:
+    """Looks at points for one sweep. Belongs to one thread."""
+
+    def __init__(self, sweep: ReachSweep) -> None:
+        self._sweep, self._grid = sweep, sweep.grid
+        model = RobotModel.load()
+        payload = None
+        if sweep.payload > 0.0:
+            x, y, z = place_in_hand(model).tolist()
+            payload = Payload(mass=sweep.payload, com=(x, y, z))
+        self._collision = CollisionModel(model, scene_from(json.loads(sweep.scene), folder=None))
+        self._structure = IkSolver(model).structure
+        self._chain = ArmChain(model, sweep.frame)
+        self._loaded = model if payload is None else model.with_payload(payload.mass, payload.com)
+        self._holding = Strength.of_servos(sweep.voltage).holding
+        pitches = -math.pi + 2.0 * math.pi / PITCHES * np.arange(PITCHES)
+        if sweep.approach is not None:
+            pitches = pitches[:1]  # it follows from the approach
+        self._pitch = np.tile(pitches, len(sweep.rolls))[None, None]
+        self._roll = np.repeat(np.array(sweep.rolls), len(pitches))[None, None]
+        self._hands = hands(self._structure, sweep.frame, self._roll)
+        self._bits = np.array([[1, 2], [4, 8]], dtype=np.uint8)[None, :, None, :]
+
+    def shard(self, number: int) -> Columns:
+        """The columns of a shard, one row for each point within the joint limits.
+
+        ``point`` is its number in the grid; ``limits`` and ``branches`` are the bits of the
+        branches that keep the joint limits, and of those that are free of contact as well; ``ways``
+        counts the latter. The figures are those of the best way ``q`` (n, 5) [rad]: ``clearance``
+        [m], ``torque_left`` (share of what a servo may hold), ``manipulability`` [m^3/rad^3], the
+        volume of the tool's velocity ellipsoid by Yoshikawa (1985). Not a number without any way.
+        """
+        begin = number * POINTS
+        end = min(begin + POINTS, self._grid.size)
+        parts = [
+            self._look(np.arange(k, min(k + _AT_ONCE, end))) for k in range(begin, end, _AT_ONCE)
+        ]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def _look(self, numbers: NDArray[np.int64]) -> dict[str, NDArray[np.generic]]:
+        ways = self._ways(numbers)
+        points, place = np.unique(ways.point, return_inverse=True)
+        n = len(points)
+        limits, branches = np.zeros(n, np.uint8), np.zeros(n, np.uint8)
+        np.bitwise_or.at(limits, place, ways.bit)
+        free = np.logical_not(self._collision.touching(ways.q, self._sweep.q_jaw))
+        q, place = ways.q[free], place[free]
+        np.bitwise_or.at(branches, place, ways.bit[free])
+        counts = np.bincount(place, minlength=n)
+        left = (
+            1.0 - np.abs(self._loaded.holding_torques(q)).max(axis=1, initial=0.0) / self._holding
+        )
+        level = np.zeros(len(q))
+        for step in STEPS:
+            level -= self._collision.touching(q, self._sweep.q_jaw, extra=step)
+        order = np.lexsort((-left, -level, left < 0.0, place))
+        best = order[np.unique(place[order], return_index=True)[1]]
+        return {
+            "point": points,
+            "limits": limits,
+            "branches": branches,
+            "ways": counts.astype(np.uint16),
+            **self._figures(n, place[best], q[best], left[best]),
+        }
+
+    def _figures(
+        self, n: int, place: NDArray[np.int64], q: Array, left: Array
+    ) -> dict[str, NDArray[np.generic]]:
+        """The columns about the best ways; ``place`` says in which of ``n`` rows each belongs."""
+        J = self._chain.positions_and_jacobians(q)[1]
+        volumes = np.sqrt(np.maximum(np.linalg.det(J @ J.transpose(0, 2, 1)), 0.0))
+        jaw, collision = self._sweep.q_jaw, self._collision
+        clearances = np.array([collision.clearance(each, jaw).distance for each in q])
+        columns = {}
+        for name, values in (
+            ("clearance", clearances),
+            ("torque_left", left),
+            ("manipulability", volumes),
+            ("q", q),
+        ):
+            whole = np.full((n, *np.shape(values)[1:]), np.nan, dtype=np.float32)
+            whole[place] = values.reshape(-1, *whole.shape[1:])
+            columns[name] = whole
+        return columns
+
+    def _ways(self, numbers: NDArray[np.int64]) -> _Ways:
+        p = self._grid.points(numbers)
+        m = self._structure.measures
+        ahead = np.maximum(np.hypot(p[:, 0] - m.pan[0], p[:, 1] - m.pan[1]) - abs(m.shoulder[0]), 0)
+        near = np.hypot(ahead, p[:, 2] - m.shoulder[1]) < self._structure.longest(self._sweep.frame)
+        numbers, p = numbers[near], p[near]
+        target = facing(self._structure, p, self._hands.lateral)
+        pitch = self._pitch
+        allowed: NDArray[np.bool_] | bool = True
+        if self._sweep.approach is not None:
+            axis = np.array(self._sweep.approach) / math.hypot(*self._sweep.approach)
+            pitch = pitch_towards(self._structure, target.pan, np.broadcast_to(axis, p.shape))
+            azimuth = m.azimuth + m.pan_sign * target.pan
+            elevation = m.approach_elevation - pitch
+            along = np.stack(
+                [
+                    np.cos(elevation) * np.cos(azimuth),
+                    np.cos(elevation) * np.sin(azimuth),
+                    np.sin(elevation),
+                ],
+                axis=-1,
+            )
+            allowed = (angles_between(along, axis) <= self._sweep.tolerance)[..., None]
+        found = configurations(self._structure, target, self._hands, pitch, self._roll)
+        there = (found.excess <= 0.0) & allowed
+        bits = np.broadcast_to(self._bits, there.shape)
+        return _Ways(found.q[there], numbers[np.nonzero(there)[0]], bits[there])
+
+
+def in_words(sweep: ReachSweep) -> str:
+    """What is asked for, in a line."""
+    nx, ny, nz = sweep.grid.counts
+    held = f", {sweep.payload * 1e3:g} g in the hand" if sweep.payload else ""
+    approach = ""
+    if sweep.approach is not None:
+        towards = ", ".join(f"{each:g}" for each in sweep.approach)
+        approach = f", approach ({towards}) within {to_deg(sweep.tolerance):g} deg"
+    return (
+        f"{sweep.frame} to {sweep.items} points, {nx} x {ny} x {nz},"
+        f" {to_mm(sweep.spacing):g} mm apart{approach}{held}"
+    )
