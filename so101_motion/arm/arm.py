@@ -358,9 +358,29 @@ class Arm(CappedJoints):
         q_start: Array | None = None,
         q_jaw: float | None = None,
     ) -> tuple[PlanRequest, Future[Plan]]:
+        request = self.request(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
+        planning = self._planner(request)
+
+        def note(done: Future[Plan]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self.newest = (request, done.result())
+
+        planning.add_done_callback(note)
+        return request, planning
+
+    def request(
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> PlanRequest:
+        """What ``plan`` asks the planner for; arguments as there."""
         state, search = self.state, search or Search()
         lower, upper = self._range.with_tolerance()
-        request = PlanRequest(
+        return PlanRequest(
             q_start=state.q_ref if q_start is None else q_start,
             goal=goal,
             limits=self.effective_limits(limits),
@@ -376,14 +396,6 @@ class Arm(CappedJoints):
             seed=search.seed,
             time_budget=search.time_budget,
         )
-        planning = self._planner(request)
-
-        def note(done: Future[Plan]) -> None:
-            if not done.cancelled() and done.exception() is None:
-                self.newest = (request, done.result())
-
-        planning.add_done_callback(note)
-        return request, planning
 
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)

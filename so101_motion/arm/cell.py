@@ -17,8 +17,9 @@ does for a moment. Nothing here knows how many arms there are.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -27,7 +28,9 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
 from so101_motion.planning.among import crosses, crossing, delayed
+from so101_motion.planning.cell.together import TeamMember, TeamRequest
 from so101_motion.planning.collision.apart import (
+    EARLY,
     GUARDED,
     GUARDED_EARLY,
     ArmBodies,
@@ -36,11 +39,15 @@ from so101_motion.planning.collision.apart import (
     first_meeting,
 )
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
+from so101_motion.planning.goals import Goal, JointGoal
 
 if TYPE_CHECKING:
     from so101_motion.arm.arm import Arm
+    from so101_motion.arm.motion_handle import Motion
+    from so101_motion.arm.planning_worker import PlanningWorker
     from so101_motion.common.clock import Clock
     from so101_motion.control.executor import Executor
+    from so101_motion.planning.request import Plan
     from so101_motion.planning.timing.trajectory import Trajectory
 
 LATER, LATEST = 0.1, 2.0
@@ -54,6 +61,10 @@ PUSHED = 0.7
 """Arms that are nearer than this share of what they have gained were moved by others; chosen, a
 proof leaves three quarters of it."""
 
+PROMPT = 0.5 * EARLY
+"""So late at most a motion begins that was proven together with others' [s]: the proof allows for
+twice as much."""
+
 GOES_ON = 0.2
 """For how long an arm that a hand moves is taken to go on as it does [s]; chosen."""
 
@@ -64,6 +75,7 @@ class RigWithExecutor(Protocol):
     arm: Arm
     executor: Executor
     clock: Clock
+    planner: PlanningWorker
 
 
 class Cell:
@@ -92,7 +104,7 @@ class Cell:
         """
         if name in self._places:
             raise ConfigError("name", name, "is there twice; each arm needs its own name")
-        place = Place(self, name, rig.arm, T_cell_base, rig.clock.now)
+        place = Place(self, name, rig, T_cell_base)
         self._places = {**self._places, name: place}
         rig.arm.take_place(place)
         rig.executor.ask(lambda control: control.keep_off(place)).result()
@@ -103,6 +115,45 @@ class Cell:
         rig.executor.ask(lambda control: control.keep_off(None)).result()
         rig.arm.take_place(None)
         self._places = {key: each for key, each in self._places.items() if key != name}
+
+    def plan_together(self, goals: Mapping[str, Goal]) -> dict[str, Plan]:
+        """One motion for several arms, which they begin and end together; moves nothing.
+
+        Args:
+            goals: What is wanted of each, by its name. The other arms stay where they are.
+
+        Raises:
+            ConfigError: There is no such arm.
+            PlanningError: There is no such motion, and why.
+        """
+        for name in goals:
+            if name not in self._places:
+                known = ", ".join(sorted(self._places)) or "none"
+                raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
+        team = []
+        for name, place in self._places.items():
+            q = place.arm.state.q_ref
+            goal = goals.get(name) or JointGoal(q=q)
+            request = replace(place.arm.request(goal), others=())
+            team.append(TeamMember(name=name, T_cell_base=place.T_cell_base, request=request))
+        worker = next(iter(self._places.values())).worker
+        return worker.plan_together(TeamRequest(team=tuple(team))).result()
+
+    def start_together(self, goals: Mapping[str, Goal]) -> dict[str, Motion]:
+        """Move several arms to goals in one motion, which they begin and end together.
+
+        Blocks until all rest and the motion is planned; what moves is stopped first. Arguments and
+        errors as for ``plan_together``.
+
+        Returns:
+            The motion of each arm of the cell, by its name.
+        """
+        self.stop()
+        plans = self.plan_together(goals)
+        with self.entry:
+            for name, plan in plans.items():
+                self._places[name].expect(plan.trajectory)
+        return {name: self._places[name].arm.start_execute(plan) for name, plan in plans.items()}
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""
@@ -117,14 +168,15 @@ class Place:
         name: What messages call the arm.
         arm: The arm.
         T_cell_base: Where its base stands.
+        worker: Who plans for it.
         against: What stood against the setpoint that was not admitted last, in words.
     """
 
-    def __init__(
-        self, cell: Cell, name: str, arm: Arm, T_cell_base: SE3, now: Callable[[], float]
-    ) -> None:
-        self.name, self.arm, self.T_cell_base, self.against = name, arm, T_cell_base, ""
-        self._cell, self._now = cell, now
+    def __init__(self, cell: Cell, name: str, rig: RigWithExecutor, T_cell_base: SE3) -> None:
+        self.name, self.arm, self.T_cell_base, self.against = name, rig.arm, T_cell_base, ""
+        self.worker = rig.planner
+        self._cell, self._now = cell, rig.clock.now
+        self._expected: Trajectory | None = None  # that was proven together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
         self._gained: dict[str, float] = {}  # of arms that are too near, by name
@@ -150,12 +202,19 @@ class Place:
             InCollision: It crosses another arm's motion, also when it begins later.
         """
         with self._cell.entry:
-            wait = self._wait_for(trajectory)
-            self._planned = self._along(trajectory, wait)
+            planned, expected, wait = self._planned, self._expected, 0.0
+            self._expected = None
+            if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
+                wait = self._wait_for(trajectory)
+                self._planned = self._along(trajectory, wait)
         try:
             yield delayed(trajectory, wait)
         finally:
             self._planned = None
+
+    def expect(self, trajectory: Trajectory) -> None:
+        """A motion begins at once that has been proven together with those of others."""
+        self._planned, self._expected = self._along(trajectory, 0.0), trajectory
 
     def _wait_for(self, trajectory: Trajectory) -> float:
         met = None

@@ -24,6 +24,7 @@ from so101_motion.common.realtime import restore_normal_priority
 from so101_motion.planning.checkpoint import Abandoned
 
 if TYPE_CHECKING:
+    from so101_motion.planning.cell.together import TeamRequest
     from so101_motion.planning.planner import Planner
     from so101_motion.planning.request import PlanRequest
 
@@ -98,8 +99,12 @@ class Child:
         planner.warm_up()
         return planner
 
-    def _answer(self, planner: Planner, request: PlanRequest) -> object:
+    def _answer(self, planner: Planner, request: PlanRequest | TeamRequest) -> object:
+        from so101_motion.planning.cell.together import TeamRequest, plan_together
+
         try:
+            if isinstance(request, TeamRequest):
+                return plan_together(planner, request.team)
             return planner.plan(request)
         except Abandoned:
             return None

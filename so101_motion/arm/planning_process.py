@@ -21,13 +21,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
 from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
-    from so101_motion.planning.request import Plan, PlanRequest
+    from so101_motion.planning.cell.together import TeamRequest
+    from so101_motion.planning.request import PlanRequest
 
 HANG_TIMEOUT = 3.0
 """A child that has work, shows no sign of life for so long and uses no processor hangs [s]. Chosen:
@@ -91,7 +92,7 @@ class PlanningProcess:
         if isinstance(answer, So101Error):
             raise answer
 
-    def ask(self, request: PlanRequest, is_unwanted: Callable[[], bool]) -> Plan | None:
+    def ask(self, request: PlanRequest | TeamRequest, is_unwanted: Callable[[], bool]) -> object:
         """Have a plan made.
 
         Args:
@@ -99,7 +100,7 @@ class PlanningProcess:
             is_unwanted: Whether nobody wants it any more; looked at again after each ``wake``.
 
         Returns:
-            The plan; None if it was given up.
+            The plan, or a team's plans; None if it was given up.
 
         Raises:
             ChildDied: There will be no answer.
@@ -114,7 +115,7 @@ class PlanningProcess:
         answer = self._converse(Kind.ANSWER)
         if isinstance(answer, BaseException):
             raise answer
-        return cast("Plan | None", answer)
+        return answer
 
     def wake(self) -> None:
         """Have it looked whether the plan is still wanted."""

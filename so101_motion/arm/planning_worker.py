@@ -28,6 +28,7 @@ from so101_motion.arm.planning_process import HANG_TIMEOUT, ChildDied, PlanningP
 from so101_motion.common.errors import ConfigError, So101Error, WorkerError
 
 if TYPE_CHECKING:
+    from so101_motion.planning.cell.together import TeamRequest
     from so101_motion.planning.request import Plan, PlanRequest
 
 _log = logging.getLogger(__name__)
@@ -105,6 +106,12 @@ class PlanningWorker:
         answer.add_done_callback(self._take_notice)
         return answer
 
+    def plan_together(self, request: TeamRequest) -> Future[dict[str, Plan]]:
+        """Like ``plan``, for several arms at once; each one's plan by its name."""
+        answer: Future[dict[str, Plan]] = self._ask(request)
+        answer.add_done_callback(self._take_notice)
+        return answer
+
     def plan_many(self, requests: Iterable[PlanRequest]) -> PlannedBatch:
         """Plan several in as many children as there are; their outcomes come in order."""
         return PlannedBatch([self.plan(each) for each in requests])
@@ -124,7 +131,7 @@ class PlanningWorker:
         for each in self._seats:
             each.close()
 
-    def _ask(self, request: PlanRequest | None) -> Future[Any]:
+    def _ask(self, request: PlanRequest | TeamRequest | None) -> Future[Any]:
         """A plan, or only a child that is ready; None if nothing is to be planned."""
         answer: Future[Any] = Future()
         with self._lock:
@@ -135,7 +142,7 @@ class PlanningWorker:
             answer.set_exception(WorkerError(_CLOSED))
         return answer
 
-    def _take_notice(self, answer: Future[Plan]) -> None:
+    def _take_notice(self, answer: Future[Any]) -> None:
         """Wake the children: one of them may work on what is not wanted any more."""
         if answer.cancelled():
             for each in self._seats:
@@ -143,11 +150,11 @@ class PlanningWorker:
 
     # The threads that talk to the children
 
-    def _serve(self, answer: Future[Any], request: PlanRequest | None) -> None:
+    def _serve(self, answer: Future[Any], request: PlanRequest | TeamRequest | None) -> None:
         if answer.cancelled():
             return
         seat = self._idle.pop()  # there are as many as threads; the one used last is warm
-        outcome: Plan | BaseException | None
+        outcome: object
         try:
             outcome = seat.outcome(answer, request)
         except Exception as error:  # whoever waits must hear of it
@@ -199,7 +206,7 @@ class _Seat:
         if process is not None:
             process.close()
 
-    def outcome(self, answer: Future[Any], request: PlanRequest | None) -> Plan | None:
+    def outcome(self, answer: Future[Any], request: PlanRequest | TeamRequest | None) -> object:
         """The plan, or None where none was asked for or it was given up."""
         for attempt in range(1, _ATTEMPTS + 1):
             process, is_new = self._living()

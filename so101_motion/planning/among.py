@@ -39,7 +39,7 @@ WAIT = 0.05
 TRIED = 0.5
 """How long a way around moving arms is searched at most [s]; chosen, waiting is the alternative."""
 
-BRAKES = 0.06
+BRAKES = 0.1
 """How far apart the instants are at which all brake [s]; chosen."""
 
 DETOURS = 4

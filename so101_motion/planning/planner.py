@@ -48,6 +48,7 @@ from so101_motion.planning.planning_context import PlanningContext
 from so101_motion.planning.request import PathDeviation, Plan, PlanReport, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Load, carried
+from so101_motion.planning.timing.trajectory import Trajectory
 from so101_motion.planning.waypoints import checked_path
 
 __all__ = ["Plan", "PlanReport", "PlanRequest", "Planner"]
@@ -108,7 +109,7 @@ class Planner:
 
     def _plan(self, request: PlanRequest) -> Plan:
         begin = time.perf_counter()
-        context = self._context(request)
+        context = self.context(request)
         departure, q_from = self._departure(context)
         waypoints, pieces = self._move(context, q_from)
         trajectory = joined([*departure, *pieces])
@@ -116,21 +117,32 @@ class Planner:
             waypoints = np.concatenate([request.q_start[None], waypoints])
         if context.moves.load is not None:
             context.moves.load.check_goal(trajectory.q[-1])
-        tool_path = self._tool_path(trajectory.q)
-        closest = context.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
         context.stages_ms["total"] = (time.perf_counter() - begin) * 1e3
+        return self.plan_of(context, trajectory, waypoints, departure=bool(departure))
+
+    def plan_of(
+        self,
+        context: PlanningContext,
+        trajectory: Trajectory,
+        waypoints: Array,
+        *,
+        departure: bool = False,
+    ) -> Plan:
+        """A plan with a motion that has been verified, along ``waypoints``, shape (m, 5), [rad]."""
+        request = context.request
+        closest = context.moves.collision.clearance(trajectory.q[-1], request.q_jaw)
         return Plan(
             q_start=request.q_start,
             q_goal=trajectory.q[-1],
             trajectory=trajectory,
             path=waypoints,
-            tool_path=tool_path,
+            tool_path=self._tool_path(trajectory.q),
             limits=request.limits,
             report=PlanReport(
                 stages_ms=context.stages_ms,
                 branch=context.branch,
                 straight=len(waypoints) == 2,
-                departure=bool(departure),
+                departure=departure,
                 load=context.load,
                 effort=context.effort,
                 path_deviation=context.path_deviation,
@@ -191,7 +203,8 @@ class Planner:
             return None
         return tuple(lower.tolist()), tuple(upper.tolist())
 
-    def _context(self, request: PlanRequest) -> PlanningContext:
+    def context(self, request: PlanRequest) -> PlanningContext:
+        """The solvers and checks for one request."""
         frames = tuple(
             (name, tuple(T.R.ravel().tolist()), tuple(T.p.tolist()))
             for name, T in sorted(request.frames.items())

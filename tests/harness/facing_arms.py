@@ -30,6 +30,13 @@ class Facing:
         pair = (self.bodies, left), (self.bodies, right)
         return first_meeting(*pair, T_LEFT_RIGHT, since=0.0, room=room) is None
 
+    def task_of_starts(self):
+        """Two starts and two goals, at each of which both may stand."""
+        while True:
+            starts, goals = [self.near(), self.near()], [self.near(), self.near()]
+            if self.are_apart(*starts, 0.03) and self.are_apart(*goals, 0.03):
+                return starts, goals
+
     def task(self):
         """Two starts and two goals; everybody may stand there while the other does."""
         while True:

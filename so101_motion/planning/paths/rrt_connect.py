@@ -141,8 +141,8 @@ class Tree:
 
     def __init__(self, roots: Sequence[Array], space: Space, random: np.random.Generator) -> None:
         self._space, self._random = space, random
-        self.points = np.empty((256, 5))
-        self._weighted = np.empty((256, 5))
+        n = len(space.lower)
+        self.points, self._weighted = np.empty((256, n)), np.empty((256, n))
         self._half_squares = np.empty(256)
         self._parents: list[int] = []
         self._at_once = FEWEST
@@ -214,7 +214,7 @@ class Tree:
     def _tries(self) -> tuple[Array, Array]:
         """Nodes to branch from, and the ends of the branches, shape (n, 5), [rad]."""
         space, n = self._space, self.count
-        drawn = self._random.random((self._at_once, 5))
+        drawn = self._random.random((self._at_once, len(space.lower)))
         drawn = space.lower + (space.upper - space.lower) * drawn
         weighted = drawn * space.weights
         parents = (weighted @ self._weighted[:n].T - self._half_squares[:n]).argmax(axis=1)

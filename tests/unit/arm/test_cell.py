@@ -209,3 +209,31 @@ def test_one_stop_brings_all_arms_to_rest(pair_of):
         pair.advance()
     with pytest.raises(So101Error):
         motion.result()
+
+
+@pytest.mark.parametrize("seed", [31, 33])
+def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
+    facing = Facing(seed)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    wanted = {name: JointGoal(q=q) for name, q in zip(("left", "right"), goals, strict=True)}
+    motions = pair.cell.start_together(wanted)
+    while not (pair.left.is_moving and pair.right.is_moving):
+        pair.advance(0.0)  # no time passes until both have begun
+    moving = []
+    while not all(each.future.done() for each in motions.values()):
+        moving.append((pair.left.is_moving, pair.right.is_moving))
+        pair.advance()
+    for motion in motions.values():
+        motion.result()
+    assert sum(a != b for a, b in moving) <= 30, "one may take a little longer to settle"
+    np.testing.assert_allclose(pair.left.state.q_ref, goals[0], atol=1e-6)
+    np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+
+
+def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):
+    facing = Facing(28)
+    starts, goals = facing.task()
+    pair = pair_of(facing, *starts)
+    with pytest.raises(ConfigError, match="left, right"):
+        pair.cell.plan_together({"middle": JointGoal(q=goals[0])})

@@ -1,0 +1,375 @@
+"""Plan for several arms at once: one motion in all their joints, begun and ended together.
+
+Three ways, the quickest first. *All at once*: every arm is planned for as if it were alone, and the
+faster ones are slowed down to the slowest. *One after the other*: an arm is planned for, and the
+next among it (``planning/among.py``), in every order there is; whoever is there early rests. *As
+one*: where arms have to make room for each other, a path is searched for all joints together, and
+timed as one. Each is looked for only if the one before fails; of the orders the one that ends
+earliest is taken.
+
+What is found is proven as a whole: every arm by itself as always, and every two arms in time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise, permutations, product
+
+import numpy as np
+
+from so101_motion.common.errors import InCollision, NoPath, PlanningError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.among import crossing
+from so101_motion.planning.collision.apart import ROOM, STEP, bodies_of, first_meeting
+from so101_motion.planning.collision.course import Course, OtherArm
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.motion_builder import joined
+from so101_motion.planning.paths.path import SPACING
+from so101_motion.planning.paths.rrt_connect import Deadline, Space, TreeSearch
+from so101_motion.planning.paths.shorten import shortened
+from so101_motion.planning.planner import CORNER, Planner
+from so101_motion.planning.planning_context import PlanningContext
+from so101_motion.planning.request import Plan, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.online import point_to_point
+from so101_motion.planning.timing.path_geometry import blended_path
+from so101_motion.planning.timing.retime import retime
+from so101_motion.planning.timing.torque import slowed
+from so101_motion.planning.timing.trajectory import Trajectory
+
+SLOWER = (1.0, 1.5, 2.2, 3.3, 5.0)
+"""So much slower a common motion is tried: slow arms may be nearer to each other. Chosen."""
+
+SPARE = 0.005
+"""What a common path keeps of room beyond that of a motion [m]: its corners are cut; chosen."""
+
+MOST_ORDERS = 6
+"""In so many orders arms are planned for one after the other; chosen, all orders of three."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TeamMember:
+    """One of several arms that are planned for together.
+
+    Attributes:
+        name: What messages call it.
+        T_cell_base: Where its base stands.
+        request: Where it is and what is wanted of it; its ``others`` are not looked at.
+    """
+
+    name: str
+    T_cell_base: SE3
+    request: PlanRequest
+
+    def resting(self, q: Array) -> Course:
+        """The arm at rest at ``q``, shape (5,), [rad]."""
+        return Course.resting(q, self.request.q_jaw)
+
+    def seen_from(self, other: TeamMember, course: Course) -> OtherArm:
+        """This arm as another has to know it."""
+        return OtherArm(
+            name=self.name,
+            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
+            course=course,
+            attached=self.request.scene.attached,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TeamRequest:
+    """What is wanted of several arms together.
+
+    Attributes:
+        team: The arms.
+    """
+
+    team: tuple[TeamMember, ...]
+
+
+def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
+    """One motion for several arms, which they begin and end together.
+
+    Returns:
+        The part of each arm by its name; all have as many samples. An arm that is there before
+        the others rests until the end.
+
+    Raises:
+        PlanningError: One of the goals cannot be had, two of them not at the same time, or no
+            motion was found in time.
+    """
+    team = _with_goals(planner, team)
+    at_once = _at_once(planner, team)
+    if at_once is not None:  # nothing is quicker
+        return at_once
+    in_turn = [each for each in _in_turn(planner, team) if each is not None]
+    if in_turn:
+        return min(in_turn, key=lambda plans: max(each.duration for each in plans.values()))
+    return _as_one(planner, team)
+
+
+def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember]:
+    """The same with joint angles for goals, in which all may stand at the same time.
+
+    Raises:
+        PlanningError: There are none.
+    """
+    fixed: list[TeamMember] = []
+    for member in team:
+        goal = member.request.goal
+        if isinstance(goal, JointGoal):
+            q_goal = goal.q
+        else:
+            others = tuple(each.seen_from(member, each.resting(_goal_of(each))) for each in fixed)
+            q_goal = planner.plan(replace(member.request, others=others)).q_goal
+        request = replace(member.request, goal=JointGoal(q=q_goal), others=())
+        fixed.append(replace(member, request=request))
+    for a, b in combinations(fixed, 2):
+        met = first_meeting(
+            (bodies_of(a.request.scene.attached), a.resting(_goal_of(a))),
+            (bodies_of(b.request.scene.attached), b.resting(_goal_of(b))),
+            a.T_cell_base.inverse @ b.T_cell_base,
+            since=0.0,
+        )
+        if met is not None:
+            raise InCollision(
+                f"at the goals {a.name}'s {met.first} would be {met.distance * 1e3:.0f} mm from"
+                f" {b.name}'s {met.second} ({ROOM * 1e3:.0f} mm must stay free); choose others",
+                first=f"{a.name}'s {met.first}",
+                second=f"{b.name}'s {met.second}",
+                where="goal",
+            )
+    return fixed
+
+
+def _goal_of(member: TeamMember) -> Array:
+    goal = member.request.goal
+    assert isinstance(goal, JointGoal)
+    return goal.q
+
+
+def _at_once(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan] | None:
+    """Every arm as if it were alone, all as slow as the slowest; None if they would meet."""
+    try:
+        plans = [planner.plan(each.request) for each in team]
+    except PlanningError:
+        return None
+    longest = max(each.duration for each in plans)
+    steady = [
+        slowed(each.trajectory, longest / each.duration)
+        if 0.0 < each.duration < longest
+        else each.trajectory
+        for each in plans
+    ]
+    return _proven(team, plans, steady)
+
+
+def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> Iterator[dict[str, Plan] | None]:
+    """One after the other, in different orders."""
+    for _, order in zip(range(MOST_ORDERS), permutations(range(len(team))), strict=False):
+        plans: dict[int, Plan] = {}
+        with suppress(PlanningError):
+            for k in order:
+                me = team[k]
+                others = [
+                    other.seen_from(
+                        me,
+                        Course.along(plans[i].trajectory, other.request.q_jaw)
+                        if i in plans
+                        else other.resting(other.request.q_start),
+                    )
+                    for i, other in enumerate(team)
+                    if i != k
+                ]
+                plans[k] = planner.plan(replace(me.request, others=tuple(others)))
+            in_order = [plans[k] for k in range(len(team))]
+            yield _proven(team, in_order, [each.trajectory for each in in_order])
+
+
+def _proven(
+    team: Sequence[TeamMember], plans: Sequence[Plan], trajectories: Sequence[Trajectory]
+) -> dict[str, Plan] | None:
+    """Plans with motions of the same length, if no two arms come too near to each other."""
+    length = max(map(len, trajectories))
+    even = [_lengthened(each, length) for each in trajectories]
+    for (a, one), (b, other) in combinations(zip(team, even, strict=True), 2):
+        course = Course.along(one, a.request.q_jaw)
+        seen = b.seen_from(a, Course.along(other, b.request.q_jaw))
+        if crossing(bodies_of(a.request.scene.attached), course, [seen]) is not None:
+            return None
+    return {
+        member.name: replace(plan, trajectory=each)
+        for member, plan, each in zip(team, plans, even, strict=True)
+    }
+
+
+def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
+    """The same motion, and rest until it has so many samples."""
+    rest = length - len(trajectory)
+    if rest == 0:
+        return trajectory
+    still = np.zeros((rest, trajectory.n))
+    return replace(
+        trajectory,
+        q=np.concatenate([trajectory.q, np.repeat(trajectory.q[-1:], rest, axis=0)]),
+        qd=np.concatenate([trajectory.qd, still]),
+        qdd=np.concatenate([trajectory.qdd, still]),
+        duration=(length - 1) * trajectory.dt,
+    )
+
+
+class _TeamChecker:
+    """Checks configurations of several arms in a row, shape (5 k,), [rad], and lines of them."""
+
+    def __init__(self, team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> None:
+        self._team = team
+        self._jaws = [each.request.q_jaw for each in team]
+        self._checks = [
+            each.moves.collision.sampled_check(each.request.q_jaw, spacing=SPACING)
+            for each in contexts
+        ]
+        self._pairs = [
+            (i, j, team[i].T_cell_base.inverse @ team[j].T_cell_base)
+            for i, j in combinations(range(len(team)), 2)
+        ]
+        self._bodies = [bodies_of(each.request.scene.attached) for each in team]
+
+    def is_free(self, q: Array) -> bool:
+        """Whether nothing is too near at ``q``."""
+        each = q.reshape(-1, 5)
+        if not all(check.is_free(one) for check, one in zip(self._checks, each, strict=True)):
+            return False
+        return self._are_apart(q[None])
+
+    def first_free(self, configurations: Array) -> int | None:
+        """The first free one of several configurations (n, 5 k) [rad], None if none is."""
+        return next((i for i, q in enumerate(configurations) if self.is_free(q)), None)
+
+    def is_clear(self, q_from: Array, q_to: Array) -> bool:
+        """Whether nothing is seen on a line, and the arms are proven to stay apart."""
+        lines = zip(self._checks, q_from.reshape(-1, 5), q_to.reshape(-1, 5), strict=True)
+        if not all(check.is_clear(a, b) for check, a, b in lines):
+            return False
+        return self._are_apart(np.array([q_from, q_to]))
+
+    def _are_apart(self, q: Array) -> bool:
+        courses = [
+            Course(t=0.0, dt=STEP, q=np.column_stack([q[:, 5 * i : 5 * i + 5], [jaw] * len(q)]))
+            for i, jaw in enumerate(self._jaws)
+        ]
+        return all(
+            first_meeting(
+                (self._bodies[i], courses[i]), (self._bodies[j], courses[j]), T,
+                since=0.0, room=ROOM + SPARE, early=0.0,
+            ) is None
+            for i, j, T in self._pairs
+        )  # fmt: skip
+
+
+def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
+    """A path for all joints together, timed as one motion.
+
+    Raises:
+        NoPath: None was found in time.
+    """
+    first = team[0].request
+    contexts = [planner.context(each.request) for each in team]
+    checker, deadline = _TeamChecker(team, contexts), Deadline(first.time_budget)
+    random = np.random.default_rng(first.seed)
+    start = np.concatenate([each.request.q_start for each in team])
+    goal = np.concatenate([_goal_of(each) for each in team])
+    space = Space(
+        lower=np.concatenate([each.model.lower for each in contexts]),
+        upper=np.concatenate([each.model.upper for each in contexts]),
+        weights=np.concatenate([each.moves.collision.reach for each in contexts]),
+    )
+    names = " and ".join(each.name for each in team)
+    if not checker.is_free(start):
+        raise NoPath(
+            f"{names} stand too near to each other, or to something, to be moved together; move one"
+            " of them away first",
+            where="start",
+            blockers=(),
+        )
+    if checker.is_clear(start, goal):
+        points = [start, goal]
+    else:
+        found = TreeSearch(space, checker, start, [goal], random).run(deadline)
+        if found is None:
+            raise NoPath(
+                f"no common motion of {names} was found in {first.time_budget:.1f} s; move them one"
+                " after the other, or allow more time",
+                where="path",
+                blockers=(),
+            )
+        points = shortened(found[0], checker, random, deadline)
+    problem: PlanningError | None = None
+    motions = list(_timed(np.array(points), contexts, first.dt))
+    for slower, trajectory in product(SLOWER, motions):
+        try:
+            parts = _parts(slowed(trajectory, slower), contexts)
+        except PlanningError as error:
+            problem = error
+            continue
+        plans = [
+            planner.plan_of(context, part, np.array(points)[:, 5 * i : 5 * i + 5])
+            for i, (context, part) in enumerate(zip(contexts, parts, strict=True))
+        ]
+        proven = _proven(team, plans, parts)
+        if proven is not None:
+            return proven
+    raise problem or NoPath(
+        f"no common motion of {names} keeps them far enough apart; move them one after the other",
+        where="path",
+        blockers=(),
+    )
+
+
+def _timed(points: Array, contexts: Sequence[PlanningContext], dt: float) -> Iterator[Trajectory]:
+    """Motions along a path of all joints: with its corners cut, then with a stop at each."""
+    limits = [each.moves.limits for each in contexts]
+    caps = MotionLimits(
+        velocity=np.concatenate([each.velocity for each in limits]),
+        acceleration=np.concatenate([each.acceleration for each in limits]),
+        jerk=np.concatenate([each.jerk for each in limits]),
+    )
+    if len(points) > 2:
+        for tolerance in (CORNER, 0.25 * CORNER):
+            with suppress(PlanningError):
+                yield _borne(retime(blended_path(points, tolerance), caps, dt), contexts)
+    legs = [point_to_point(a, b, caps, dt) for a, b in pairwise(points)]
+    yield _borne(joined(legs), contexts)
+
+
+def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Trajectory:
+    """The same motion, so slow that all servos bear it and all tools keep their caps."""
+    slower = 1.0
+    for part, context in zip(_split(trajectory), contexts, strict=True):
+        moves = context.moves
+        if moves.load is not None:
+            slower = max(slower, moves.load.stretch(part))
+        if moves.limits.tool_speed is not None:
+            fastest = float(moves.tool.speeds(part.q, part.qd).max())
+            slower = max(slower, fastest / moves.limits.tool_speed)
+    return slowed(trajectory, slower) if slower > 1.0 else trajectory
+
+
+def _parts(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> list[Trajectory]:
+    """What each arm does of a motion; every part has been checked by itself."""
+    parts = _split(trajectory)
+    for part, context in zip(parts, contexts, strict=True):
+        context.check([part])
+    return parts
+
+
+def _split(trajectory: Trajectory) -> list[Trajectory]:
+    return [
+        replace(
+            trajectory,
+            q=trajectory.q[:, i : i + 5],
+            qd=trajectory.qd[:, i : i + 5],
+            qdd=trajectory.qdd[:, i : i + 5],
+        )
+        for i in range(0, trajectory.n, 5)
+    ]

@@ -1,0 +1,100 @@
+"""Plans for several arms at once: they begin and end together and keep apart all the way."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from harness.facing_arms import T_LEFT_RIGHT, Facing
+
+from so101_motion.common.errors import InCollision
+from so101_motion.common.geometry import SE3, rot_z
+from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.collision.apart import ROOM, bodies_of, first_meeting
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+
+CAPS = MotionLimits.uniform(velocity=1.5, acceleration=6.0, jerk=60.0)
+PLACES = (SE3.identity(), T_LEFT_RIGHT)
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return Planner(Facing(0).model)
+
+
+def team_of(starts, goals, places=PLACES):
+    return [
+        TeamMember(
+            name=f"arm {k}", T_cell_base=T, request=PlanRequest(q_start=q, goal=goal, limits=CAPS)
+        )
+        for k, (q, goal, T) in enumerate(zip(starts, goals, places, strict=True))
+    ]
+
+
+def assert_apart(team, plans):
+    trajectories = [plans[each.name].trajectory for each in team]
+    assert len({len(each) for each in trajectories}) == 1
+    for (a, one), (b, other) in combinations(zip(team, trajectories, strict=True), 2):
+        met = first_meeting(
+            (bodies_of(), Course.along(one, 0.0)),
+            (bodies_of(), Course.along(other, 0.0)),
+            a.T_cell_base.inverse @ b.T_cell_base,
+            since=0.0,
+            room=0.99 * ROOM,
+        )
+        assert met is None
+
+
+def swapping(facing):
+    """A task in which nobody can go first: each goal is where the other arm stands."""
+    while True:
+        starts, goals = facing.task_of_starts()
+        if not facing.are_apart(goals[0], starts[1], 0.005) and not facing.are_apart(
+            starts[0], goals[1], 0.005
+        ):
+            return starts, goals
+
+
+def test_arms_that_cross_are_there_together(planner):
+    facing = Facing(41)
+    for _ in range(2):
+        starts, goals = facing.task()
+        team = team_of(starts, [JointGoal(q=q) for q in goals])
+        plans = plan_together(planner, team)
+        assert_apart(team, plans)
+        for member, q in zip(team, goals, strict=True):
+            np.testing.assert_array_equal(plans[member.name].trajectory.q[-1], q)
+
+
+def test_where_nobody_can_go_first_all_make_room(planner):
+    facing = Facing(42)
+    starts, goals = swapping(facing)
+    team = team_of(starts, [JointGoal(q=q) for q in goals])
+    plans = plan_together(planner, team)
+    assert_apart(team, plans)
+    for member, q in zip(team, goals, strict=True):
+        np.testing.assert_allclose(plans[member.name].trajectory.q[-1], q, atol=1e-9)
+
+
+def test_goals_that_exclude_each_other_are_refused_with_both_names(planner):
+    facing = Facing(43)
+    starts, goals = facing.task()
+    while facing.are_apart(*goals, 0.005):
+        goals = facing.near(), facing.near()
+    with pytest.raises(InCollision, match=r"arm 0's .* arm 1's"):
+        plan_together(planner, team_of(starts, [JointGoal(q=q) for q in goals]))
+
+
+def test_three_arms_are_not_special(planner):
+    places = [
+        SE3(rot_z(angle), -0.3 * np.array([np.cos(angle), np.sin(angle), 0.0]))
+        for angle in (0.0, 2.0 * np.pi / 3.0, 4.0 * np.pi / 3.0)
+    ]
+    starts = [np.array([0.6, -0.4, 0.4, 0.3, 0.0])] * 3
+    points = [np.array([0.22, y, 0.16]) for y in (-0.1, -0.1, -0.1)]
+    team = team_of(starts, [PoseGoal.at_point(p) for p in points], places)
+    plans = plan_together(planner, team)
+    assert_apart(team, plans)
