@@ -41,6 +41,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_stop
 	$(BIN)/python -m benchmarks.bench_teleop
 	$(BIN)/python -m benchmarks.bench_following
+	$(BIN)/python -m benchmarks.bench_dataset
 	$(BIN)/python -m benchmarks.bench_page
 
 # Attacks readers, files, the bus and the module at random; SEED=... repeats a run, FULL=1 takes two
