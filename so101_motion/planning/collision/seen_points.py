@@ -27,6 +27,9 @@ Mask = NDArray[np.bool_]
 EDGE = 0.01
 """Edge of the cubes [m]. Chosen: what depth cameras know at an arm's length, and quick to check."""
 
+THIN = EDGE / 4.0
+"""Of points that are so near to each other one is looked at [m]; chosen, the noise of a camera."""
+
 OWN = EDGE * 3.0**0.5 + MARGIN + 1e-3
 """What is nearer to the arm is taken for the arm [m]: a cube that is left then keeps the margin."""
 
@@ -80,9 +83,9 @@ def seen_cubes(
     points = points[np.einsum("ij,ij->i", points, points) < (REACH + far) ** 2]  # not for NaN
     if floor_z is not None:
         points = points[points[:, 2] > floor_z + LOW]
+    points = _thinned(points)
     own = of_the_arm(points, T_base_links=T_base_links, T_base_tool=T_base_tool, held=held)
-    keys = (np.floor(points[~own] / EDGE).astype(np.int64) + _MIDDLE) @ _PLACES
-    keys, counts = np.unique(keys, return_counts=True)
+    keys, counts = np.unique(_keys(points[~own], EDGE), return_counts=True)
     keys = keys[_in_company(keys, counts)]
     return np.asarray((keys[:, None] // _PLACES % (2 * _MIDDLE) - _MIDDLE + 0.5) * EDGE)
 
@@ -116,6 +119,17 @@ def _is_in(points: Array, T: SE3, hull: _Hull) -> Mask:
     local = (points[inside] - T.p) @ T.R
     inside[inside] = (local @ hull.normals.T <= hull.offsets + OWN).all(axis=1)
     return np.asarray(inside)
+
+
+def _keys(points: Array, edge: float) -> Any:
+    """One number for the cube that each point is in."""
+    return (np.floor(points / edge).astype(np.int64) + _MIDDLE) @ _PLACES
+
+
+def _thinned(points: Array) -> Array:
+    """One point of each small cube: cameras see a surface many times over."""
+    _, first = np.unique(_keys(points, THIN), return_index=True)
+    return points[first]
 
 
 def _in_company(keys: Any, counts: Any) -> Mask:

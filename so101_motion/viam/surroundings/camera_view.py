@@ -26,7 +26,7 @@ from so101_motion.planning.collision.shape_files import read_points
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, taken_in
-from so101_motion.viam.surroundings.machine_bodies import MachineView, nearly
+from so101_motion.viam.surroundings.machine_view import MachineView, nearly
 
 LONGEST_LOOK = 5.0
 """How long a camera may take [s], with all its tries. Chosen: many deliver twice a second."""
@@ -37,6 +37,7 @@ _TRIES = 3
 _MOVED = 0.005
 """What has moved less has not [m], at half a metre from the camera; chosen, half a cube."""
 
+_Seen = bytes | list[PointCloudObject]
 _Things = list[tuple[str, Shape | ShapeFile, SE3]]
 
 _WHOLE = 0.9
@@ -77,28 +78,31 @@ class CameraView:
         """
         try:
             async with asyncio.timeout(self._patience):
-                for _ in range(_TRIES):
-                    T_base_camera = await view.frames().T_base(self._camera)
-                    seen = await self._look()
-                    now = await view.read_again()
-                    if _stood_still(view, now) and nearly(
-                        T_base_camera, await now.frames().T_base(self._camera), _MOVED
-                    ):
-                        work = partial(self._placed, seen, scene, now, T_base_camera)
-                        return await asyncio.to_thread(work)
-                    view = now
+                seen, view, T_base_camera = await self._steady_look(view)
+            return await asyncio.to_thread(self._placed, seen, scene, view, T_base_camera)
         except TimeoutError as error:
             raise self._unknown(f"has not looked within {self._patience:g} s") from error
         except GRPCError as error:
             raise self._unknown(f"does not look: {error.message}") from error
         except ConfigError as error:
             raise self._unknown(f"sees what cannot be meant: {error}") from error
+
+    async def _steady_look(self, view: MachineView) -> tuple[_Seen, MachineView, SE3]:
+        """What it sees while nothing moves, the machine at that moment, and where it is."""
+        for _ in range(_TRIES):
+            T_base_camera = await view.frames().T_base(self._camera)
+            seen = await self._look()
+            now = await view.read_again()
+            there = await now.frames().T_base(self._camera)
+            if _stood_still(view, now) and nearly(T_base_camera, there, _MOVED):
+                return seen, now, T_base_camera
+            view = now
         raise self._unknown(f"or the arm moved whenever it looked, {_TRIES} times")
 
     async def close(self) -> None:
         """It looks only when it is asked."""
 
-    async def _look(self) -> bytes | list[PointCloudObject]:
+    async def _look(self) -> _Seen:
         if self._client is None:
             raise self._unknown("does not run")
         if self._vision is None:
@@ -112,7 +116,7 @@ class CameraView:
 
     def _placed(
         self,
-        seen: bytes | list[PointCloudObject],
+        seen: _Seen,
         scene: Scene,
         view: MachineView,
         T_base_camera: SE3,

@@ -14,36 +14,26 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable, Mapping
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Collection, Coroutine, Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
-import numpy as np
-import so101_description
 from grpclib import GRPCError, Status
 from viam.errors import ResourceNotFoundError
-from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName, Transform
+from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
 from viam.proto.robot import FrameSystemConfig
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import (
-    FLOOR,
-    LARGEST,
-    LINKS,
-    Attached,
-    Mesh,
-    Obstacle,
-    Scene,
     Shape,
     ShapeFile,
 )
 from so101_motion.viam.conversion import convert
-from so101_motion.viam.conversion.frames import WORLD, Frames, machine_here
+from so101_motion.viam.conversion.frames import machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
-from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, taken_in
+from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
+from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
 
 Answer = TypeVar("Answer")
 
@@ -52,13 +42,6 @@ LONGEST_READ = 2.0
 
 ALL = "*"
 """The name that leaves out all components."""
-
-_SAME = 1.5e-3
-"""Who has moved less is taken to stand where it stood [m]. Chosen: a tick or two of a servo that
-holds move its tool by that much, and the planner keeps 3 mm from everything."""
-
-_LEVER = 0.2
-"""How far what turns with a frame is from it [m]; chosen, twice the length of a gripper."""
 
 _ASK_AGAIN = 5.0
 """After how long those without geometries are asked again [s]; chosen."""
@@ -78,78 +61,6 @@ class NeighbourArm(Protocol):
 
     def T_links(self) -> Mapping[str, SE3]:
         """Where its links are in its base frame, by their URDF names."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
-    """One thing of the machine.
-
-    Attributes:
-        component: The component it belongs to.
-        name: What messages call it; more than one thing may have it.
-        shape: Its form.
-        T: Where it is: in the base frame of the arm, of what is held in its tool frame.
-        held: Whether it moves with the tool.
-    """
-
-    component: str
-    name: str
-    shape: Shape | ShapeFile
-    T: SE3
-    held: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MachineView:
-    """The machine as it was at one moment, seen from one arm.
-
-    Attributes:
-        arm: The arm's short name.
-        bodies: What stands around it and what it holds.
-        tree: The frame system; None if nothing is known of it.
-        ends: Where the ends of components with kinematics are in their origins.
-        T_base_tool: Where the arm's tool is.
-        T_links: Where its links are in its base frame, by their URDF names.
-        read_again: Gives the machine as it is when it is called.
-    """
-
-    arm: str
-    bodies: tuple[Body, ...] = ()
-    tree: FrameTree | None = None
-    ends: Mapping[str, SE3]
-    T_base_tool: SE3
-    T_links: Mapping[str, SE3]
-    read_again: Callable[[], Awaitable[MachineView]]
-
-    @property
-    def own_frames(self) -> set[str]:
-        """The frames of the machine, which nothing else may be called."""
-        names = set() if self.tree is None else set(self.tree.parts)
-        return {WORLD, *names, *(f"{name}_origin" for name in (*names, self.arm)), self.arm}
-
-    def frames(self, transforms: Iterable[Transform] = ()) -> Frames:
-        """The same frames, and those that ``transforms`` bring along.
-
-        Raises:
-            ConfigError: A transform cannot be meant.
-        """
-        if self.tree is None:
-            return Frames(self.arm, self.T_base_tool, transforms)
-        parents = {name: part.parent for name, part in self.tree.parts.items()}
-        placed = self._placed
-        return Frames(self.arm, self.T_base_tool, transforms, placed=placed, parents=parents)
-
-    def _placed(self, frame: str) -> SE3 | None:
-        """Where a frame of the machine is in the arm's base frame; None if it is not known."""
-        tree = self.tree
-        if tree is None or (frame != WORLD and not tree.has(frame)):
-            return None
-        part = tree.parts.get(frame)
-        if part is not None and part.has_end and frame not in self.ends:
-            return None  # nothing hangs from there, so it was not asked for
-        return tree.T_world(f"{self.arm}_origin", self.ends).inverse @ tree.T_world(
-            frame, self.ends
-        )
 
 
 class MachineBodies:
@@ -185,6 +96,9 @@ class MachineBodies:
         self._ends: dict[str, SE3] = {}
         self._links: dict[str, Mapping[str, SE3]] = {}
         self._shapes: dict[str, tuple[bytes, Shape | ShapeFile]] = {}
+        self._changes = 0  # of the configuration, and of where the links of other arms are
+        self._asked: tuple[object, ...] = ()
+        self._bodies: tuple[Body, ...] = ()
         self._one_at_a_time = asyncio.Lock()
 
     @property
@@ -238,6 +152,7 @@ class MachineBodies:
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs)
             self._configs, self._tree = configs, tree
+            self._changes += 1
             self._shapeless.clear()
             self._ends.clear()
             self._shapes.clear()
@@ -257,8 +172,20 @@ class MachineBodies:
             for part in counted
             if part.name in self._arms and part.name != self._arm
         }
-        bodies = await asyncio.to_thread(self._placed, counted, answers, ends, links)
-        return self._view(bodies, self._tree, ends)
+        asked = self._fingerprint(answers, ends)
+        if asked != self._asked:
+            bodies = await asyncio.to_thread(self._placed, counted, answers, ends, links)
+            self._asked, self._bodies = asked, bodies
+        return self._view(self._bodies, self._tree, ends)
+
+    def _fingerprint(
+        self, answers: list[list[Geometry]], ends: Mapping[str, SE3]
+    ) -> tuple[object, ...]:
+        """Equal when nothing has changed. Where this arm's own tool is changes no body."""
+        messages = [each.SerializeToString(deterministic=True) for many in answers for each in many]
+        places = [(each, T.p.tobytes(), T.R.tobytes()) for each, T in ends.items()]
+        others = [each for each in places if each[0] != self._arm]
+        return (self._changes, [len(many) for many in answers], messages, others)
 
     # Where components are
 
@@ -269,10 +196,13 @@ class MachineBodies:
     async def _end(self, name: str) -> SE3:
         """Where the end of a component's kinematics is in its origin."""
         known = self._ends.get(name)
-        if name in self._arms:
-            if name != self._arm:
-                await self._found(name)
+        if name == self._arm:
             return self._arms[name].T_end()
+        if name in self._arms:
+            await self._found(name)
+            now = self._arms[name].T_end()
+            self._ends[name] = known if known is not None and nearly(now, known) else now
+            return self._ends[name]
         if known is not None and not self._tree.parts[name].has_joints:
             return known
         machine = machine_here()
@@ -394,39 +324,8 @@ class MachineBodies:
         now, before = self._arms[name].T_links(), self._links.get(name)
         if before is None or not all(nearly(now[link], before[link]) for link in now):
             before = self._links[name] = now
+            self._changes += 1
         return before
-
-
-def scene_around(scene: Scene, bodies: tuple[Body, ...]) -> Scene:
-    """A scene with what the machine has added to it.
-
-    Raises:
-        ConfigError: Something cannot be planned with.
-    """
-    names = UniqueNames(taken_in(scene))
-    obstacles, attached = list(scene.obstacles), list(scene.attached)
-    for body in bodies:
-        is_far = float(np.abs(body.T.p).max()) > LARGEST
-        if is_far and not isinstance(body.shape, ShapeFile):
-            continue  # no shape is larger, so this one cannot be met
-        is_taken = body.name in (FLOOR, *LINKS)
-        name = names.new(f"{body.name} (component)" if is_taken else body.name)
-        if body.held:
-            attached.append(Attached(name=name, shape=body.shape, T_tool_object=body.T))
-        else:
-            obstacles.append(Obstacle(name=name, shape=body.shape, T_base_obstacle=body.T))
-    return replace(scene, obstacles=tuple(obstacles), attached=tuple(attached))
-
-
-@cache
-def link_hulls() -> dict[str, tuple[str, Mesh]]:
-    """The hull of each link of an arm with the name of its part, by the link's URDF name."""
-    hulls = {}
-    for link, part in so101_description.PARTS.items():
-        hull = so101_description.load_hull(part)
-        mesh = Mesh(vertices=hull.vertices, triangles=hull.faces)
-        hulls[link] = (part.replace("_", " "), mesh)
-    return hulls
 
 
 async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
@@ -437,12 +336,6 @@ async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
     finally:
         for task in tasks:
             task.cancel()
-
-
-def nearly(T: SE3, other: SE3, distance: float = _SAME) -> bool:
-    """Whether nothing that hangs there has moved by as much as ``distance`` [m]."""
-    turned = float(np.linalg.norm(T.R - other.R)) * _LEVER
-    return float(np.linalg.norm(T.p - other.p)) + turned < distance
 
 
 def _component(names: list[ResourceName], name: str) -> ResourceName | None:

@@ -26,7 +26,8 @@ from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.viam.conversion.shown_things import is_ours
 from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, scene_with
-from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ, MachineView
+from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
+from so101_motion.viam.surroundings.machine_view import MachineView
 
 _AGAIN = 0.5
 """How long a store that failed is left alone [s]; chosen."""

@@ -14,7 +14,8 @@ from typing import Protocol, TypeVar
 
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.viam.surroundings.machine_bodies import MachineBodies, MachineView, scene_around
+from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.machine_view import Body, MachineView, scene_around
 
 T = TypeVar("T")
 
@@ -52,6 +53,7 @@ class Surroundings:
     ) -> None:
         self._machine, self._sources, self._logger = machine, tuple(sources), logger
         self._said = ""
+        self._built: tuple[Scene, tuple[Body, ...], Scene] | None = None
         self._last: dict[tuple[Source, ...], tuple[Scene, Scene]] = {}
 
     def is_asked(self, also: tuple[Source, ...] = ()) -> bool:
@@ -71,13 +73,20 @@ class Surroundings:
         try:
             now = scene
             if view.bodies:
-                now = await asyncio.to_thread(scene_around, scene, view.bodies)
+                now = await self._with_bodies(scene, view.bodies)
             for source in (*self._sources, *also):
                 now = await source.added_to(now, view)
         except ConfigError as error:
             raise SurroundingsUnknown(f"what is around cannot be meant: {error}") from error
         self._last[also] = (scene, now)
         return now
+
+    async def _with_bodies(self, scene: Scene, bodies: tuple[Body, ...]) -> Scene:
+        built = self._built
+        if built is None or built[0] != scene or built[1] is not bodies:
+            now = await asyncio.to_thread(scene_around, scene, bodies)
+            built = self._built = (scene, bodies, now)
+        return built[2]
 
     async def planned(
         self,

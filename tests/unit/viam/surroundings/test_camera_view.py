@@ -52,7 +52,7 @@ def camera_at(**pose):
 class Bench:
     """A machine with an arm and a camera that may move."""
 
-    def __init__(self, camera, patience=5.0):
+    def __init__(self, camera, patience=60.0):
         self.machine = FakeMachine(hanging("arm", joints=5), camera_at())
         self.camera, self.patience = camera, patience
         self.arms = {"arm": Standing()}

@@ -9,7 +9,8 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.frames import set_machine
 from so101_motion.viam.surroundings import frame_tree
-from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies, scene_around
+from so101_motion.viam.surroundings.machine_bodies import ALL, MachineBodies
+from so101_motion.viam.surroundings.machine_view import scene_around
 
 
 class Neighbour:
@@ -168,6 +169,17 @@ async def test_what_is_as_it_was_makes_the_same_scene(around):
     assert scene_around(Scene(), (await reader.read()).bodies) == first
     left.q = left.q + 0.01
     assert scene_around(Scene(), (await reader.read()).bodies) != first
+
+
+async def test_what_is_held_is_the_same_wherever_the_arm_is(around):
+    own = Neighbour()
+    machine = FakeMachine(
+        ARM, hanging("stick", "arm", geometry=a_box(9, 9, 99)), things=[Thing("stick")]
+    )
+    reader = around(machine, arms={"arm": own})
+    before = (await reader.read()).bodies
+    own.q = own.q + 0.3
+    assert (await reader.read()).bodies is before
 
 
 async def test_without_a_frame_system_or_a_frame_nothing_is_known(around):
