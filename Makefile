@@ -42,6 +42,7 @@ bench: browser
 	$(BIN)/python -m benchmarks.bench_teleop
 	$(BIN)/python -m benchmarks.bench_following
 	$(BIN)/python -m benchmarks.bench_dataset
+	$(BIN)/python -m benchmarks.bench_jog
 	$(BIN)/python -m benchmarks.bench_page
 
 # Attacks readers, files, the bus and the module at random; SEED=... repeats a run, FULL=1 takes two

@@ -97,6 +97,13 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
 
         hand.press("Skip wrist_roll")
         hand.expect("connect only the motor of wrist_flex")
+        hand.press("Start over with the gripper")  # another kit
+        hand.expect("connect only the motor of wrist_flex")
+        hand.press("Press again to start over")
+        hand.expect("Connect only the motor of gripper")
+        set_up(hand, kit, "gripper")
+        hand.press("Skip wrist_roll")
+        hand.expect("connect only the motor of wrist_flex")
 
     with serve(kit, tmp_path) as app:
         hand = hand_on(app)
