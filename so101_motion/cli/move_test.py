@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option("--report", type=OutFile(), help="Write the result to this JSON file.")
 @json_option
 def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> None:
-    """Move every joint a little and see whether it does as it is told. The arm MOVES.
+    """Move every joint a little and check that it follows commands. The arm MOVES.
 
     One joint after the other goes six degrees to and fro, slowly, clear of everything that is
     known, and stands still to be measured; at last the jaw opens and closes a little. Ctrl-C stops

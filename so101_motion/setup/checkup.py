@@ -307,7 +307,7 @@ def _speed(seen: Findings) -> Iterator[Check]:
     if seen.speed is None or seen.acceleration is None:
         return
     planned_deg = to_deg(seen.speed)
-    text = f"{planned_deg:.0f} deg/s and {to_deg(seen.acceleration):.0f} deg/s^2 are planned with"
+    text = f"plans use {planned_deg:.0f} deg/s, {to_deg(seen.acceleration):.0f} deg/s^2"
     weakest = min(seen.facts.values(), key=_free_speed, default=None)
     if weakest is None:
         yield ok("speed", text)

@@ -72,6 +72,24 @@ def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> 
     program.until(lambda: program.says("3, 1 of them passed"))
 
 
+def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
+    def names() -> list[str]:
+        return program.page.locator(".so101-steps span").all_inner_texts()
+
+    program.until(lambda: names() == ["A", "B"])
+    rows = [row.bounding_box() for row in program.page.locator(".so101-steps button").all()]
+    (x0, y0), (x1, y1) = ((r["x"] + 40.0, r["y"] + 12.0) for r in rows if r is not None)
+    mouse = program.page.mouse
+    mouse.move(x0, y0)
+    mouse.down()
+    mouse.move(x0, y0 + 10.0)
+    mouse.move(x1, y1)
+    mouse.up()
+    program.until(lambda: names() == ["B", "A"])
+    program.press("undo")
+    program.until(lambda: names() == ["A", "B"])
+
+
 def test_stop_ends_a_program_that_would_go_on_for_ever(program: Guest, rig: Rig) -> None:
     program.fields("Until stopped").first.check()
     rig.arm.set_speed(to_rad(30.0))

@@ -214,6 +214,7 @@ def steps(
     chosen: int | None,
     active: int | None,
     press: str | None,
+    move: str | None,
     values: Sequence[str],
 ) -> str:
     """A list of steps to choose from: a name and small print each.
@@ -223,6 +224,7 @@ def steps(
         chosen: Index of the one that is edited, set in bold.
         active: Index of the one that is being done, marked.
         press: The id of the widget that is told which row was pressed.
+        move: The id of the widget that is told which row was dragged where.
         values: What it is told, a row each.
     """
     lines = []
@@ -234,7 +236,7 @@ def steps(
             f' data-value="{escape(values[k])}"><i>{mark}</i><span>{escape(name)}</span>'
             f"<small>{escape(rest)}</small></button>"
         )
-    return f'<div class="so101-steps">{"".join(lines)}</div>'
+    return f'<div class="so101-steps" data-move="{escape(move or "")}">{"".join(lines)}</div>'
 
 
 def bars(items: Iterable[Bar]) -> str:

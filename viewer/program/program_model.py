@@ -130,8 +130,11 @@ class ProgramModel:
     def move(self, by: int) -> None:
         """Move the selected waypoint earlier (-1) or later (1)."""
         index = self._chosen_index()
-        to = index + by
-        if 0 <= to < len(self._program):
+        self.reorder(index, index + by)
+
+    def reorder(self, index: int, to: int) -> None:
+        """Put a waypoint at another place, and select it."""
+        if min(index, to) >= 0 and max(index, to) < len(self._program):
             self._edit(self._program.moved(index, to))
             self._chosen = to
 

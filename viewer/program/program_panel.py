@@ -67,6 +67,8 @@ class ProgramPart(Part):
         model = self.model
         self._sentence = gui.add_html("")
         self._waypoints = gui.add_html("")
+        self._dragged = gui.add_text("Dragged", "", visible=False)
+        self._context.on_entry(self._dragged, self._reorder)
         record = gui.add_button_group(
             "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
         )
@@ -162,6 +164,12 @@ class ProgramPart(Part):
     def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
         self._context.on_choice(group, lambda name: commands[name]())
 
+    def _reorder(self, told: str) -> None:
+        """Move a waypoint: the browser tells a count, from where, and to where."""
+        places = [int(word) for word in told.split()[1:] if word.isdigit()]
+        if len(places) == 2:
+            self.model.reorder(*places)
+
     def _jaw_of_arm(self) -> float:
         return float(self._context.rig.arm.state.q_jaw)
 
@@ -188,6 +196,7 @@ class ProgramPart(Part):
             chosen=screen.chosen,
             active=active,
             press=uuid_of(self._list),
+            move=uuid_of(self._dragged),
             values=_labels(program),
         )
         self._show_waypoint(screen)

@@ -39,7 +39,7 @@ _LIMP = (
 )
 _MENDED = "Once that is fixed, have the joints held again. Keep a hand on the arm."
 _CLEAR = "Tick the box when nothing is in its way and no hand is near it."
-_SEEN = "Did the arm do what its picture did, the same joints to the same sides?"
+_SEEN = "Did the arm move as in the picture, the same joints to the same sides?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
 
 

@@ -1,0 +1,44 @@
+// Waypoints are put into another order by dragging their rows.
+(() => {
+  const link = window.so101;
+  const FAR = 6;  // px until it is a drag, and no click
+  let row = null;
+  let start = 0;
+  let over = null;
+  let count = 0;
+
+  const rowAt = (event) =>
+    document.elementFromPoint(event.clientX, event.clientY)?.closest('.so101-steps button');
+  const place = (button) => [...button.parentElement.children].indexOf(button);
+
+  function end() {
+    row = null;
+    over?.classList.remove('over');
+    over = null;
+  }
+
+  addEventListener('pointerdown', (event) => {
+    const found = event.target.closest?.('.so101-steps[data-move] button');
+    if (!found || event.button !== 0 || event.pointerType === 'touch') return;  // fingers scroll
+    [row, start] = [found, event.clientY];
+  }, true);
+
+  addEventListener('pointermove', (event) => {
+    if (!row || (!over && Math.abs(event.clientY - start) < FAR)) return;
+    const found = rowAt(event);
+    over?.classList.remove('over');
+    over = found ?? row;
+    over.classList.add('over');
+  }, true);
+
+  addEventListener('pointerup', () => {
+    if (row && over) {
+      const list = row.parentElement ?? over.parentElement;
+      addEventListener('click', (event) => event.stopPropagation(), { capture: true, once: true });
+      const [from, to] = [Number(row.dataset.value.split(' ')[0]) - 1, place(over)];
+      if (from !== to && list) link.send(list.dataset.move, `${++count} ${from} ${to}`);
+    }
+    end();
+  }, true);
+  addEventListener('pointercancel', end, true);
+})();
