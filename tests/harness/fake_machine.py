@@ -124,14 +124,15 @@ class FakeMachine:
         configs: The frame system; an exception is raised.
         things: Components by name.
         ends: Where the ends of components with joints are in their origins.
-        silent: Whether it never answers.
+        silent: Whether it does not answer before ``answer`` is set.
+        asked: How often it was asked for the frame system.
     """
 
     def __init__(self, *configs, things=()):
         self.configs = list(configs)
         self.things = {each.name: each for each in things}
         self.ends = {}
-        self.silent = False
+        self.silent, self.asked, self.answer = False, 0, asyncio.Event()
 
     @property
     def resource_names(self):
@@ -147,8 +148,9 @@ class FakeMachine:
         return self.things[name.name]
 
     async def get_frame_system_config(self):
+        self.asked += 1
         if self.silent:
-            await asyncio.Event().wait()
+            await self.answer.wait()
         if isinstance(self.configs, Exception):
             raise self.configs
         # What comes over a wire is never the same object.
