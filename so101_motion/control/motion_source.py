@@ -85,7 +85,8 @@ class PlannedMotion:
 
     def stop_ahead(self) -> tuple[Array, float]:
         """About where the joints are while they stop on their path, (m, n), and each how long."""
-        return stop_along(self._trajectory.q[self._k : self._k + _LOOK_AHEAD], self._trajectory.dt)
+        k = min(self._k, len(self._trajectory) - 1)  # ticks may be missed at the end
+        return stop_along(self._trajectory.q[k : k + _LOOK_AHEAD], self._trajectory.dt)
 
     def resumed(self) -> PlannedMotion | None:
         """The rest of the motion, from rest at the last setpoint; None if that cannot be."""
