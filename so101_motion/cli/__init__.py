@@ -17,6 +17,7 @@ from so101_motion import __version__
 from so101_motion.cli.bench import bench
 from so101_motion.cli.calibrate import calibrate
 from so101_motion.cli.calibration import calibration
+from so101_motion.cli.cell import cell
 from so101_motion.cli.completion import completion
 from so101_motion.cli.dataset import dataset
 from so101_motion.cli.demo import demo
@@ -48,6 +49,7 @@ _SECTIONS: dict[str, tuple[click.Command, ...]] = {
         doctor,
         move_test,
         identify,
+        cell,
     ),
     "Move": (view, status, plan, move, run, stop, guide, teleop),
     "Learn": (dataset, sweep),

@@ -1,0 +1,93 @@
+"""``so101 cell``: arms that share a space, and where each of them stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.param_types import IN_FILE
+from so101_motion.cli.shared import Verbs, have_agreed, json_option, print_json, quietly
+from so101_motion.common.units import to_deg, to_mm
+
+if TYPE_CHECKING:
+    from so101_motion.common.geometry import Array
+    from so101_motion.rig.rig import Rig
+    from so101_motion.setup.base_fit import BaseFit
+
+
+@click.group(cls=Verbs)
+def cell() -> None:
+    """Work with several arms that share a space."""
+
+
+@cell.command()
+@click.argument("file", type=IN_FILE)
+@click.option("--touches", type=click.IntRange(5, 50), default=6, show_default=True)
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@json_option
+def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
+    """Find out where the arms of FILE stand, and write it there.
+
+    All arms yield to your hands. Let the tips of the fixed jaws of two arms touch at some places
+    that are well spread, and press Enter at each; what does not fit is refused, with figures. The
+    first arm of the file stays where the file says.
+
+    \b
+    so101 cell calibrate cell.json
+    """  # noqa: D301
+    from so101_motion.files.cell_file import read_cell, write_cell
+    from so101_motion.rig.cell_rigs import open_cell
+    from so101_motion.setup.base_fit import fit_base
+
+    known = read_cell(file)
+    first, *others = known.arms
+    if not others:
+        raise click.UsageError(f"{file} names one arm; there is nothing to find out")
+    fits: dict[str, BaseFit] = {}
+    with quietly(), open_cell(known) as opened:
+        if not yes:
+            have_agreed("All arms yield to your hands now; is a hand on each?")
+        rigs = opened.rigs
+        try:
+            for rig in rigs.values():
+                rig.arm.set_manual(True)
+            for other in others:
+                met = [_touch(rigs, first.name, other.name, k + 1, touches) for k in range(touches)]
+                p_first, p_second = zip(*met, strict=True)
+                fits[other.name] = fit_base(p_first, p_second)  # type: ignore[arg-type]
+        finally:
+            for rig in rigs.values():
+                rig.arm.set_manual(False)
+    bases = {name: first.T_cell_base @ fit.T_first_second for name, fit in fits.items()}
+    write_cell(known.with_bases(bases), file)
+    if as_json:
+        print_json("cell-calibrate", {name: _facts(fit) for name, fit in fits.items()})
+    for name, fit in fits.items():
+        facts = _facts(fit)
+        click.echo(
+            f"{name}: at {facts['position_mm']} mm, {facts['rpy_deg']} deg from {first.name};"
+            f" touches off by {facts['residuals_mm']} mm",
+            err=True,
+        )
+
+
+def _touch(
+    rigs: dict[str, Rig], first: str, second: str, k: int, count: int
+) -> tuple[Array, Array]:
+    """Where two tips meet, in the base frame of each."""
+    from so101_motion.setup.base_fit import tip_of
+
+    click.echo(f"touch {k} of {count}: let {first} and {second} meet, then press Enter", err=True)
+    click.getchar()
+    return tip_of(rigs[first].arm), tip_of(rigs[second].arm)
+
+
+def _facts(fit: BaseFit) -> dict[str, list[float]]:
+    T = fit.T_first_second
+    return {
+        "position_mm": [round(float(each), 1) for each in to_mm(T.p)],
+        "rpy_deg": [round(float(each), 2) for each in to_deg(T.rpy)],
+        "residuals_mm": [round(float(each), 1) for each in to_mm(fit.residuals)],
+    }

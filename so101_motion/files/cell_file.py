@@ -1,0 +1,173 @@
+"""Read and write ``cell.json``: which arms share a space, where their bases stand, what is around.
+
+Millimetres and degrees, with the unit in every name, in the frame of the cell::
+
+    {
+      "arms": [
+        {"name": "left", "port": "/dev/ttyACM0", "position_mm": [0, 0, 0]},
+        {"name": "right", "port": "/dev/ttyACM1", "calibration_id": "follower2",
+         "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+      ],
+      "scene": {
+        "obstacles": [{"name": "box", "box_mm": [80, 80, 80], "position_mm": [175, 200, 40]}]
+      }
+    }
+
+``port`` may be left out for arms that are only simulated; the scene may be left out, too. Its
+obstacles stand in the cell's frame; what an arm holds is no part of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.common.attributes import Attributes
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.files import atomic
+from so101_motion.files.scene_file import scene_from, scene_to
+from so101_motion.planning.collision.scene import LARGEST, Scene
+
+UPRIGHT = 1e-6
+"""How far a base may lean for the floor to be the same height all over [rad]; rounding."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellArm:
+    """One arm of a cell.
+
+    Attributes:
+        name: What messages call it.
+        T_cell_base: Where its base stands.
+        port: Its serial port; empty for one that is only simulated.
+        calibration_id: What LeRobot calls it; empty to use what the servos remember.
+    """
+
+    name: str
+    T_cell_base: SE3
+    port: str = ""
+    calibration_id: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellFile:
+    """What a cell file says.
+
+    Attributes:
+        arms: The arms, at least one.
+        scene: What stands around them, in the cell's frame.
+    """
+
+    arms: tuple[CellArm, ...]
+    scene: Scene
+
+    def scene_of(self, arm: CellArm) -> Scene:
+        """The scene in the base frame of an arm.
+
+        Raises:
+            ConfigError: There is a floor, and the arm does not stand upright on it.
+        """
+        T_base_cell, floor_z = arm.T_cell_base.inverse, self.scene.floor_z
+        if floor_z is not None:
+            if np.abs(arm.T_cell_base.R[:, 2] - [0.0, 0.0, 1.0]).max() > UPRIGHT:
+                reason = f'"{arm.name}" does not stand upright; give the scene "floor_z_mm": null'
+                raise ConfigError("rpy_deg", to_deg(arm.T_cell_base.rpy).tolist(), reason)
+            floor_z -= float(arm.T_cell_base.p[2])
+        obstacles = tuple(
+            replace(each, T_base_obstacle=T_base_cell @ each.T_base_obstacle)
+            for each in self.scene.obstacles
+        )
+        return replace(self.scene, obstacles=obstacles, floor_z=floor_z)
+
+    def with_bases(self, bases: Mapping[str, SE3]) -> CellFile:
+        """The same with some arms elsewhere, by their names."""
+        arms = (
+            replace(each, T_cell_base=bases.get(each.name, each.T_cell_base)) for each in self.arms
+        )
+        return replace(self, arms=tuple(arms))
+
+
+def read_cell(path: Path) -> CellFile:
+    """Read a cell file.
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError("cell", str(path), f"cannot be read: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError("cell", str(path), f"is not JSON: {error}") from error
+    if not isinstance(content, Mapping):
+        raise ConfigError("cell", content, 'must be an object such as {"arms": [...]}')
+    given = Attributes(content, ("arms", "scene"), kind="key of a cell")
+    arms = tuple(_arm(entry) for entry in given.objects("arms"))
+    if not arms:
+        raise ConfigError("arms", content.get("arms"), "must name at least one arm")
+    _refuse_twice("name", [each.name for each in arms])
+    _refuse_twice("port", [each.port for each in arms if each.port])
+    scene = scene_from(content.get("scene", {}), folder=path.parent)
+    if scene.attached:
+        raise ConfigError("attached", scene.attached[0].name, "is held by an arm, not by a cell")
+    return CellFile(arms=arms, scene=scene)
+
+
+def write_cell(cell: CellFile, path: Path) -> None:
+    """Write a cell file.
+
+    Raises:
+        ConfigError: The file cannot be written.
+    """
+    content = {"arms": [_entry(each) for each in cell.arms], "scene": scene_to(cell.scene)}
+    try:
+        atomic.write(path, (json.dumps(content, indent=2) + "\n").encode())
+    except OSError as error:
+        raise ConfigError("cell", str(path), f"cannot be written: {error.strerror}") from error
+
+
+def _arm(entry: Mapping[str, object]) -> CellArm:
+    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg")
+    given = Attributes(entry, known, kind="key of an arm")
+    name = given.text("name", "")
+    if not name:
+        raise ConfigError("name", name, "each arm needs a name, for messages to call it by")
+    position_mm = _triple(given, "position_mm", to_mm(LARGEST))
+    T = SE3.from_rpy(to_rad(_triple(given, "rpy_deg", 360.0)), to_m(position_mm))
+    return CellArm(
+        name=name,
+        T_cell_base=T,
+        port=given.text("port", ""),
+        calibration_id=given.text("calibration_id", ""),
+    )
+
+
+def _triple(given: Attributes, key: str, most: float) -> Array:
+    if not given.given(key):
+        return np.zeros(3)
+    numbers = given.numbers(key, count=3, lower=-most, upper=most)
+    if len(numbers) != 3:
+        raise ConfigError(key, list(numbers), "must be three numbers")
+    return np.array(numbers)
+
+
+def _refuse_twice(key: str, values: Sequence[str]) -> None:
+    for value in values:
+        if values.count(value) > 1:
+            raise ConfigError(key, value, "is there twice; each arm needs its own")
+
+
+def _entry(arm: CellArm) -> dict[str, object]:
+    entry: dict[str, object] = {"name": arm.name}
+    for key in ("port", "calibration_id"):
+        if getattr(arm, key):
+            entry[key] = getattr(arm, key)
+    entry["position_mm"] = [round(float(each), 3) for each in to_mm(arm.T_cell_base.p)]
+    entry["rpy_deg"] = [round(float(each), 4) for each in to_deg(arm.T_cell_base.rpy)]
+    return entry

@@ -1,0 +1,103 @@
+"""cell.json: what is read, what is refused, what is written again."""
+
+import json
+
+import numpy as np
+import pytest
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, rot_x, rot_z
+from so101_motion.files.cell_file import read_cell, write_cell
+
+CELL = {
+    "arms": [
+        {"name": "left", "port": "/dev/ttyACM0", "position_mm": [0, 0, 20]},
+        {
+            "name": "right",
+            "port": "/dev/ttyACM1",
+            "calibration_id": "two",
+            "position_mm": [350, 0, 0],
+            "rpy_deg": [0, 0, 180],
+        },
+    ],
+    "scene": {
+        "floor_z_mm": -2.4,
+        "obstacles": [{"name": "box", "box_mm": [80, 80, 80], "position_mm": [175, 200, 40]}],
+    },
+}
+
+
+def written(tmp_path, content):
+    path = tmp_path / "cell.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_arms_and_what_is_around_them_are_read(tmp_path):
+    cell = read_cell(written(tmp_path, CELL))
+    left, right = cell.arms
+    assert (left.name, left.port, left.calibration_id) == ("left", "/dev/ttyACM0", "")
+    assert right.calibration_id == "two"
+    np.testing.assert_allclose(right.T_cell_base.p, [0.35, 0.0, 0.0])
+    np.testing.assert_allclose(right.T_cell_base.R, rot_z(np.pi), atol=1e-12)
+
+
+def test_each_arm_sees_the_scene_from_its_own_base(tmp_path):
+    cell = read_cell(written(tmp_path, CELL))
+    left, right = (cell.scene_of(arm) for arm in cell.arms)
+    np.testing.assert_allclose(left.obstacles[0].T_base_obstacle.p, [0.175, 0.2, 0.02])
+    np.testing.assert_allclose(right.obstacles[0].T_base_obstacle.p, [0.175, -0.2, 0.04])
+    assert left.floor_z == pytest.approx(-0.0224)
+    assert right.floor_z == pytest.approx(-0.0024)
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    cell = read_cell(written(tmp_path, CELL))
+    moved = SE3.from_rpy((0.0, 0.0, 3.0), (0.4, 0.01, 0.0))
+    path = tmp_path / "again.json"
+    write_cell(cell.with_bases({"right": moved}), path)
+    left, right = read_cell(path).arms
+    np.testing.assert_allclose(right.T_cell_base.p, moved.p, atol=1e-6)
+    np.testing.assert_allclose(right.T_cell_base.R, moved.R, atol=1e-5)
+    assert (left.port, right.calibration_id) == ("/dev/ttyACM0", "two")
+
+
+def test_a_floor_needs_arms_that_stand_upright(tmp_path):
+    leaning = {"arms": [{"name": "wall", "rpy_deg": [90, 0, 0]}]}
+    cell = read_cell(written(tmp_path, leaning))
+    with pytest.raises(ConfigError, match="upright"):
+        cell.scene_of(cell.arms[0])
+    free = read_cell(written(tmp_path, leaning | {"scene": {"floor_z_mm": None}}))
+    assert free.scene_of(free.arms[0]).floor_z is None
+    np.testing.assert_allclose(free.arms[0].T_cell_base.R, rot_x(np.pi / 2), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("{", "not JSON"),
+        ([], "must be an object"),
+        ({}, "at least one arm"),
+        ({"arms": [{"port": "/dev/x"}]}, "needs a name"),
+        ({"arms": [{"name": "a"}, {"name": "a"}]}, "twice"),
+        ({"arms": [{"name": "a", "port": "p"}, {"name": "b", "port": "p"}]}, "twice"),
+        ({"arms": [{"name": "a", "prot": "p"}]}, "port"),
+        ({"arms": [{"name": "a", "position_mm": [1, 2]}]}, "position_mm"),
+        ({"arms": [{"name": "a"}], "scenes": {}}, "scene"),
+        (
+            {
+                "arms": [{"name": "a"}],
+                "scene": {"attached": [{"name": "cube", "box_mm": [20, 20, 20]}]},
+            },
+            "held by an arm",
+        ),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_by_name(tmp_path, content, says):
+    with pytest.raises(ConfigError, match=says):
+        read_cell(written(tmp_path, content))
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_cell(tmp_path / "none.json")

@@ -1,0 +1,29 @@
+"""The arms of a cell file, opened: those without a port are simulated."""
+
+import numpy as np
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.geometry import SE3
+from so101_motion.files.cell_file import CellArm, CellFile
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+from so101_motion.rig.cell_rigs import open_cell
+
+
+def test_all_arms_are_opened_and_know_each_other_and_what_is_around():
+    box = Obstacle(
+        name="box",
+        shape=Box(size=[0.1] * 3),
+        T_base_obstacle=SE3.from_translation((0.2, 0.3, 0.05)),
+    )
+    arms = tuple(
+        CellArm(name=name, T_cell_base=SE3.from_translation(p))
+        for name, p in (("left", (0.0, 0.0, 0.0)), ("right", (0.0, -0.5, 0.0)))
+    )
+    clock = ManualClock()
+    with open_cell(CellFile(arms=arms, scene=Scene(obstacles=(box,))), clock=clock) as opened:
+        assert list(opened.rigs) == ["left", "right"]
+        (other,) = opened.cell.places["left"].others()
+        assert other.name == "right"
+        np.testing.assert_allclose(other.T_base_other.p, [0.0, -0.5, 0.0])
+        (seen,) = opened.rigs["right"].arm.scene.obstacles
+        np.testing.assert_allclose(seen.T_base_obstacle.p, [0.2, 0.8, 0.05])
