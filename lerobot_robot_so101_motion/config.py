@@ -1,8 +1,8 @@
 """What can be set, as ``--robot.NAME=VALUE`` on LeRobot's command line.
 
-Angles are in degrees here, as everywhere in LeRobot; the names of caps say their units. The
-sentence below a field is what ``--help`` shows of it. A docstring of the class must not name fields
-with a colon after them, which LeRobot would take for the fields.
+Angles are in degrees here, as everywhere in LeRobot; the names of caps say their units. Each field
+is explained below itself, where LeRobot's parser looks. A docstring of the class must not name
+fields with a colon after them: the parser would take that for the fields.
 """
 
 from __future__ import annotations
