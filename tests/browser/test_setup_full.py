@@ -261,7 +261,7 @@ def test_half_a_sweep_is_refused_or_accepted_on_purpose(person: Newcomer, kit: K
     for share in _shares(0.2, 0.6):
         kit.put(share, ("elbow_flex",))
         person.guest.page.wait_for_timeout(30)
-    person.sees("Is something blocking elbow_flex?")
+    person.sees("Is something on the arm blocking elbow_flex?")
     assert not person.can("Finish the recording")
     person.ticks_the_box()
     person.guest.until(lambda: person.can("Finish the recording"))

@@ -97,7 +97,7 @@ class RecordPage(CalibrationPage):
             self._accepted = ()  # what was agreed to is not what is asked now
         self._limited.visible = bool(offered)
         self._limited.content = cards.note(
-            f"Is something blocking {' and '.join(offered)}? If not, accept what was recorded."
+            f"Is something on the arm blocking {' and '.join(offered)}? Then accept it as it is."
         )
         self._accepts.show(bool(self._accepted) if offered else None)
 
