@@ -15,7 +15,12 @@ import numpy as np
 
 from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
-from so101_motion.common.attributes import HEAVIEST, SERVO_VOLTAGES
+from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    HEAVIEST,
+    SERVO_VOLTAGES,
+    SPEED_RANGE_DEG,
+)
 from so101_motion.common.units import to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
@@ -31,7 +36,7 @@ _SHOWN = 5
 
 @click.group(cls=Verbs)
 def sweep() -> None:
-    """Compute large things shard by shard: where the arm reaches, and how well.
+    """Compute large things shard by shard: where the arm reaches, many plans.
 
     All cores but one work, unless --workers or --dask says otherwise. The result is the same
     whatever computes it; the last line is its SHA-256. What is interrupted goes on when the same
@@ -134,6 +139,65 @@ def reach(
     )
     aside(in_words(work))
     run(work, lambda folder: _of_atlas(Atlas.read(folder).summary()))
+
+
+@sweep.command()
+@click.option("--count", type=click.IntRange(1, 10**9), required=True, help="How many problems.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draw.")
+@click.option(
+    "--scene", "scene_files", type=IN_FILE, multiple=True,
+    help="What stands around the arm; several are taken in turn.",
+)  # fmt: skip
+@click.option(
+    "--fps", type=click.IntRange(1, 100), default=30, show_default=True,
+    help="Setpoints a second.",
+)  # fmt: skip
+@click.option(
+    "--speed", type=Finite(*SPEED_RANGE_DEG), default=170.0, show_default=True, metavar="DEG/S",
+    help="Joint speed cap.",
+)  # fmt: skip
+@click.option(
+    "--acceleration", type=Finite(*ACCELERATION_RANGE_DEG), default=430.0, show_default=True,
+    metavar="DEG/S2", help="Joint acceleration cap.",
+)  # fmt: skip
+@click.option(
+    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
+)
+@_run_options
+def plans(
+    run: Callable[..., None],
+    count: int,
+    seed: int,
+    scene_files: tuple[Path, ...],
+    fps: int,
+    speed: float,
+    acceleration: float,
+    payload_g: float,
+) -> None:
+    """Make a data set of random motions: planned, timed and verified.
+
+    Each goes from one random configuration to another, both free of contact and bearable. Names and
+    units are LeRobot's: degrees from the middle of a joint's travel.
+
+    \b
+    so101 sweep plans --count 1000 --out motions
+    so101 sweep plans --count 100000 --scene examples/table.json --out at-the-table
+    """  # noqa: D301
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.tasks.sweeps import PlansSweep, plans_summary, scene_text
+
+    scenes = [read_scene(each) for each in scene_files] or [Scene()]
+    work = PlansSweep(
+        count=count,
+        seed=seed,
+        scenes=tuple(scene_text(each) for each in scenes),
+        velocity=to_rad(speed),
+        acceleration=to_rad(acceleration),
+        fps=fps,
+        payload=1e-3 * payload_g,
+    )
+    run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
 
 
 def _of_atlas(summary: dict[str, float]) -> dict[str, object]:

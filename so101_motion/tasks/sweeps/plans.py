@@ -1,0 +1,327 @@
+"""Random motions as a data set: problems drawn from a seed, planned, timed and verified.
+
+A problem is two random configurations that are free of contact and bearable. What comes of it
+depends on the seed and the problem's number alone. So a search is not given up by the clock, which
+would make results depend on how busy a computer is, but after a number of looks; and each shard
+begins with a fresh planner, because the looks are counted in batches that go on from plan to plan.
+
+Joints are named as LeRobot names them and in its units: degrees from the middles of the travels,
+per cent for the gripper.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.attributes import SERVO_VOLTAGES
+from so101_motion.common.errors import ConfigError, NoPath, So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
+from so101_motion.common.units import to_deg
+from so101_motion.files.scene_file import scene_from
+from so101_motion.files.trajectory_export import LeRobot
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.planner import Plan, Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
+from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.reach import STEPS
+from so101_motion.tasks.sweeps.sweep import Columns
+
+PROBLEMS = 100
+"""Problems of a shard. Chosen: a second or two of work, some hundred kilobytes."""
+
+NAMES = tuple(f"{joint}.pos" for joint in (*ARM_JOINTS, GRIPPER_JOINT))
+"""What the columns of ``action`` are called, as in LeRobot."""
+
+_LOOKS = {True: 2000, False: 500_000}
+"""After how many checkpoints a plan is given up, with the compiled library, which passes one every
+2048 configurations, and without, one each. Chosen: some seconds."""
+
+_NEVER = 1e6
+"""A time budget that no search uses up [s]."""
+
+_TRIES = 100_000
+"""After how many random configurations a scene is said to leave no room. Chosen."""
+
+SOLVED = ""
+"""What is said of a problem that has a motion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlansSweep:
+    """Plain data that says which motions are asked for.
+
+    Attributes:
+        count: How many problems.
+        seed: Of all that is random.
+        scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
+        velocity: Cap of the joints [rad/s].
+        acceleration: Likewise [rad/s^2].
+        jerk: Likewise [rad/s^3].
+        fps: Setpoints that are kept, a second.
+        payload: What the hand carries, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V]; None not to look at torques.
+    """
+
+    count: int
+    seed: int = 0
+    scenes: tuple[str, ...] = ('{"obstacles": []}',)
+    velocity: float = 3.0
+    acceleration: float = 10.0
+    jerk: float = 500.0
+    fps: int = 30
+    payload: float = 0.0
+    voltage: float | None = SERVO_VOLTAGES[0]
+
+    def __post_init__(self) -> None:
+        if not self.scenes:
+            raise ConfigError("scenes", self.scenes, "must be one scene at least")
+        for key, least, most in (("count", 1, 10**9), ("fps", 1, 100), ("seed", 0, 2**63)):
+            value = getattr(self, key)
+            if not least <= value <= most:
+                raise ConfigError(key, value, f"must be {least} to {most}")
+
+    kind = "plans"
+    unit = "plans"
+
+    @property
+    def items(self) -> int:
+        """How many problems there are."""
+        return self.count
+
+    @property
+    def shards(self) -> int:
+        """Into how many shards it is cut."""
+        return -(-self.count // PROBLEMS)
+
+    def facts(self) -> Mapping[str, object]:
+        """What is asked for, and the names of the joints."""
+        scenes = [json.loads(scene) for scene in self.scenes]
+        names = {"action_names": NAMES, "action_units": "degrees, gripper per cent"}
+        return {**asdict(self), "scenes": scenes, **names, "problems_of_a_shard": PROBLEMS}
+
+    def open(self) -> Callable[[int], Columns]:
+        """Load the arm."""
+        return _Source(self).shard
+
+
+class _Source:
+    """Draws problems and plans them, for one sweep. Belongs to one thread."""
+
+    def __init__(self, sweep: PlansSweep) -> None:
+        self._sweep, self._model = sweep, RobotModel.load()
+        self._limits = MotionLimits.uniform(
+            velocity=sweep.velocity, acceleration=sweep.acceleration, jerk=sweep.jerk
+        )
+        self._strength = None if sweep.voltage is None else Strength.of_servos(sweep.voltage)
+        self._payload: Payload | None = None
+        if sweep.payload > 0.0:
+            x, y, z = place_in_hand(self._model).tolist()
+            self._payload = Payload(mass=sweep.payload, com=(x, y, z))
+        self._scenes = [scene_from(json.loads(each), folder=None) for each in sweep.scenes]
+        self._looks = 0
+
+    def shard(self, number: int) -> Columns:
+        """The columns of a shard.
+
+        Of each of n problems: ``problem`` (its number), ``start``, ``goal`` (n, 5) [rad], ``why``
+        there is no motion (empty if there is one), ``duration`` [s], ``room``: beyond the margins,
+        how far all setpoints stay away from contact, in the steps of ``reach.STEPS`` [m], and
+        ``frames``, how many rows of ``action`` are its own. Of all motions, one after the other:
+        ``action`` (m, 6), named as in ``NAMES``; ``velocity`` (m, 5) [deg/s]; ``timestamp`` [s].
+        """
+        scene = self._scenes[number % len(self._scenes)]
+        planner = Planner(self._model, self._count)
+        collision = CollisionModel(self._model, scene)
+        held = carried(self._payload, scene.attached)
+        loaded = self._model if held is None else self._model.with_payload(held.mass, held.com)
+        first = number * PROBLEMS
+        problems = range(first, min(first + PROBLEMS, self._sweep.count))
+        made = []
+        for problem in problems:
+            random = np.random.default_rng((self._sweep.seed, problem))
+            start, goal = (self._drawn(random, collision, loaded) for _ in range(2))
+            made.append(self._planned(planner, collision, scene, problem, start, goal))
+        return {
+            "problem": np.arange(problems.start, problems.stop, dtype=np.int64),
+            **{name: np.array([getattr(each, name) for each in made]) for name in _OF_PROBLEM},
+            **{name: np.concatenate([getattr(each, name) for each in made]) for name in _OF_FRAMES},
+        }
+
+    def _drawn(
+        self, random: np.random.Generator, collision: CollisionModel, loaded: RobotModel
+    ) -> Array:
+        """A random configuration, free and bearable, shape (5,), [rad]."""
+        for _ in range(_TRIES):
+            q = random.uniform(self._model.lower, self._model.upper)
+            if not collision.is_free(q):
+                continue
+            if self._strength is None:
+                return q
+            if np.abs(loaded.holding_torques(q[None])).max() <= self._strength.holding:
+                return q
+        raise ConfigError("scene", None, "leaves the arm no room to stand in")
+
+    def _planned(
+        self,
+        planner: Planner,
+        collision: CollisionModel,
+        scene: Scene,
+        problem: int,
+        start: Array,
+        goal: Array,
+    ) -> _Motion:
+        request = PlanRequest(
+            q_start=start,
+            goal=JointGoal(q=goal),
+            limits=self._limits,
+            scene=scene,
+            payload=self._payload,
+            strength=self._strength,
+            seed=problem,
+            time_budget=_NEVER,
+        )
+        self._looks = _LOOKS[collision.batch is not None]
+        try:
+            plan = planner.plan(request)
+        except So101Error as error:
+            return _Motion.none(start, goal, type(error).__name__)
+        return self._resampled(plan, collision)
+
+    def _resampled(self, plan: Plan, collision: CollisionModel) -> _Motion:
+        trajectory = plan.trajectory
+        clear = [step for step in STEPS if not collision.touching(trajectory.q, extra=step).any()]
+        fps = self._sweep.fps
+        # The last one is at or after the end, where the arm rests.
+        t = np.arange(int(np.ceil(plan.duration * fps - 1e-9)) + 1) / fps
+        q, qd, _ = trajectory.at(np.minimum(t, plan.duration))
+        return _Motion(
+            start=plan.q_start,
+            goal=plan.q_goal,
+            why=SOLVED,
+            duration=plan.duration,
+            room=max(clear, default=0.0),
+            frames=len(t),
+            action=LeRobot().rows(q).astype(np.float32),
+            velocity=to_deg(qd).astype(np.float32),
+            timestamp=t.astype(np.float32),
+        )
+
+    def _count(self) -> None:
+        self._looks -= 1
+        if self._looks < 0:
+            raise NoPath("no path found within the looks that are allowed")
+
+
+class _Motion(NamedTuple):
+    """A problem and what came of it; see ``_Source.shard``."""
+
+    start: Array
+    goal: Array
+    why: str
+    duration: float
+    room: float
+    frames: int
+    action: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    timestamp: NDArray[np.float32]
+
+    @classmethod
+    def none(cls, start: Array, goal: Array, why: str) -> _Motion:
+        """A problem without a motion."""
+        action, velocity, timestamp = (np.zeros(shape, np.float32) for shape in ((0, 6), (0, 5), 0))
+        return cls(start, goal, why, np.nan, np.nan, 0, action, velocity, timestamp)
+
+
+_OF_FRAMES = ("action", "velocity", "timestamp")
+_OF_PROBLEM = tuple(name for name in _Motion._fields if name not in _OF_FRAMES)
+
+
+class Episode(NamedTuple):
+    """A motion of the data set.
+
+    Attributes:
+        problem: Its number.
+        action: Setpoints under the names ``NAMES``, shape (m, 6), [deg], the gripper [%].
+        velocity: Shape (m, 5), [deg/s].
+        timestamp: Shape (m,), [s].
+        room: Beyond the margins, how far all setpoints stay away from contact at least [m].
+    """
+
+    problem: int
+    action: NDArray[np.float32]
+    velocity: NDArray[np.float32]
+    timestamp: NDArray[np.float32]
+    room: float
+
+
+def episodes(folder: Path | str) -> Iterator[Episode]:
+    """The motions in the folder of a sweep of plans, as many as there are so far, one by one.
+
+    Raises:
+        ConfigError: It is no folder of such a sweep.
+    """
+    for shard in _shards(folder):
+        ends = np.cumsum(shard["frames"])
+        for k in np.flatnonzero(shard["frames"]):
+            rows = slice(ends[k] - shard["frames"][k], ends[k])
+            yield Episode(
+                problem=int(shard["problem"][k]),
+                action=shard["action"][rows],
+                velocity=shard["velocity"][rows],
+                timestamp=shard["timestamp"][rows],
+                room=float(shard["room"][k]),
+            )
+
+
+def plans_summary(folder: Path | str) -> dict[str, float]:
+    """Statistics of a sweep of plans: problems, solved, why not; durations [s]; room [m]; frames.
+
+    Raises:
+        ConfigError: It is no folder of such a sweep.
+    """
+    whys: Counter[str] = Counter()
+    durations, rooms, frames = [], [], 0
+    for shard in _shards(folder):
+        whys.update(shard["why"].tolist())
+        solved = shard["frames"] > 0
+        durations.append(shard["duration"][solved])
+        rooms.append(shard["room"][solved])
+        frames += int(shard["frames"].sum())
+    solved_count = whys.pop(SOLVED, 0)
+    figures: dict[str, float] = {
+        "problems": solved_count + whys.total(),
+        "solved": solved_count,
+        "frames": frames,
+        **{f"failed_{why}": count for why, count in sorted(whys.items())},
+    }
+    if solved_count:
+        duration, room = np.concatenate(durations), np.concatenate(rooms)
+        for name, share in (("min", 0.0), ("median", 0.5), ("max", 1.0)):
+            figures[f"duration_{name}_s"] = float(np.quantile(duration, share))
+        for step in STEPS:
+            figures[f"room_{round(step * 1e3)}_mm"] = int((room >= step).sum())
+    return figures
+
+
+def _shards(folder: Path | str) -> Iterator[dict[str, NDArray[Any]]]:
+    place = SweepFolder(Path(folder))
+    manifest: dict[str, Any] = place.manifest()
+    if manifest.get("kind") != "plans":
+        raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
+    for number in range(int(manifest["shards"])):
+        shard = place.read(number)
+        if shard is not None:
+            yield shard
