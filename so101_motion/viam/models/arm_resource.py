@@ -9,10 +9,11 @@ and is done in the event loop's thread, for the kinematic model belongs to one t
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import aclosing
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -155,12 +156,14 @@ class ArmResource(Configured, Arm):
 
     def _start_move(self, goal: Goal, search: Search) -> Motion:
         """Plan around what is around the arm then, and move."""
-        if not self.surroundings.is_asked():
-            return self._arm.start_move(goal, search=search)
-        loop = asyncio.get_running_loop()
-        return self._arm.start_planned(
-            lambda: asyncio.run_coroutine_threadsafe(self._planned(goal, search), loop)
-        )
+        planning: Callable[[], Future[Plan]] = partial(self._arm.start_plan, goal, search=search)
+        if self.surroundings.is_asked():
+            loop = asyncio.get_running_loop()
+
+            def planning() -> Future[Plan]:
+                return asyncio.run_coroutine_threadsafe(self._planned(goal, search), loop)
+
+        return self._arm.start_planned(planning)
 
     async def _planned(self, goal: Goal, search: Search) -> Plan:
         async def plan(scene: Scene) -> Plan:
