@@ -200,6 +200,30 @@ def plans(
     run(work, lambda folder: {name: round(v, 3) for name, v in plans_summary(folder).items()})
 
 
+@sweep.command()
+@click.argument("plans_folder", metavar="MOTIONS", type=click.Path(path_type=Path, exists=True))
+@click.option(
+    "--scene", "scene_file", type=IN_FILE, required=True, help="What stands around the arm now."
+)
+@_run_options
+def check(run: Callable[..., None], plans_folder: Path, scene_file: Path) -> None:
+    """Check the motions of so101 sweep plans against a changed scene.
+
+    Says how many are blocked, by what, and which.
+
+    \b
+    so101 sweep check motions --scene examples/table.json --out checked
+    """  # noqa: D301
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.tasks.sweeps import CheckSweep, check_summary, scene_text
+
+    def summary(folder: Path) -> dict[str, object]:
+        figures, blocked = check_summary(folder)
+        return {**figures, "numbers of those blocked": " ".join(map(str, blocked)) or "none"}
+
+    run(CheckSweep.of(plans_folder, scene_text(read_scene(scene_file))), summary)
+
+
 def _of_atlas(summary: dict[str, float]) -> dict[str, object]:
     facts: dict[str, object] = {
         "points within the joint limits": summary["within_limits"],

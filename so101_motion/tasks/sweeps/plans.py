@@ -274,16 +274,21 @@ def episodes(folder: Path | str) -> Iterator[Episode]:
         ConfigError: It is no folder of such a sweep.
     """
     for shard in _shards(folder):
-        ends = np.cumsum(shard["frames"])
-        for k in np.flatnonzero(shard["frames"]):
-            rows = slice(ends[k] - shard["frames"][k], ends[k])
-            yield Episode(
-                problem=int(shard["problem"][k]),
-                action=shard["action"][rows],
-                velocity=shard["velocity"][rows],
-                timestamp=shard["timestamp"][rows],
-                room=float(shard["room"][k]),
-            )
+        yield from episodes_of(shard)
+
+
+def episodes_of(shard: Mapping[str, NDArray[Any]]) -> Iterator[Episode]:
+    """The motions of one shard."""
+    ends = np.cumsum(shard["frames"])
+    for k in np.flatnonzero(shard["frames"]):
+        rows = slice(ends[k] - shard["frames"][k], ends[k])
+        yield Episode(
+            problem=int(shard["problem"][k]),
+            action=shard["action"][rows],
+            velocity=shard["velocity"][rows],
+            timestamp=shard["timestamp"][rows],
+            room=float(shard["room"][k]),
+        )
 
 
 def plans_summary(folder: Path | str) -> dict[str, float]:

@@ -4,10 +4,21 @@ import numpy as np
 import pytest
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.sweeps import Atlas, PlansSweep, episodes, plans_summary, run_sweep
+from so101_motion.tasks.sweeps import (
+    Atlas,
+    CheckSweep,
+    PlansSweep,
+    check_summary,
+    episodes,
+    plans_summary,
+    run_sweep,
+    scene_text,
+)
 from so101_motion.tasks.sweeps.plans import PROBLEMS
 
 FEW = PlansSweep(count=5, fps=50)
@@ -56,3 +67,26 @@ def test_a_shard_does_not_depend_on_what_was_planned_before():
 def test_it_is_no_atlas(folder):
     with pytest.raises(ConfigError, match="is a sweep of plans"):
         Atlas.read(folder)
+
+
+def test_motions_are_free_in_their_own_scene_and_some_blocked_by_a_new_box(folder, tmp_path):
+    own = CheckSweep.of(folder, scene_text(Scene()))
+    run_sweep(own, tmp_path / "own")
+    assert check_summary(tmp_path / "own") == ({"motions": 5, "blocked": 0}, [])
+    box = Obstacle(
+        name="new box",
+        shape=Box(size=np.array((0.2, 0.3, 0.3))),
+        T_base_obstacle=SE3.from_translation((0.3, 0.0, 0.15)),
+    )
+    scene = Scene(obstacles=(box,))
+    run_sweep(CheckSweep.of(folder, scene_text(scene)), tmp_path / "changed")
+    figures, blocked = check_summary(tmp_path / "changed")
+    collision = CollisionModel(RobotModel.load(), scene)
+    touching = [
+        each.problem
+        for each in episodes(folder)
+        if collision.touching(to_rad(each.action[:, :5].astype(float))).any()
+    ]
+    assert set(touching) <= set(blocked)
+    assert 0 < figures["blocked"] == len(blocked)
+    assert any("new box" in name for name in figures)

@@ -1,0 +1,133 @@
+"""Motions of a data set against a scene: which are blocked, where and by what.
+
+A motion is the straight joint lines through its setpoints, and the verdict on it is a proof. Shards
+are those of the data set, which every worker reads from its folder: on a cluster it must be one
+that all computers see.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.units import to_rad
+from so101_motion.files.scene_file import scene_from
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.plans import episodes_of
+from so101_motion.tasks.sweeps.sweep import Columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckSweep:
+    """Plain data that says which motions are checked against what; made by ``of``.
+
+    Attributes:
+        source: The folder of the motions.
+        source_sha256: What is in it.
+        shards: Into how many shards it is cut.
+        items: How many problems it holds.
+        scene: What is around the arm now, as the JSON text of a scene.
+    """
+
+    source: str
+    source_sha256: str
+    shards: int
+    items: int
+    scene: str
+
+    kind = "check"
+    unit = "motions"
+
+    @classmethod
+    def of(cls, folder: Path, scene: str) -> CheckSweep:
+        """The check of the motions in a folder.
+
+        Raises:
+            ConfigError: It is no folder of a sweep of plans, or of one that is not complete.
+        """
+        manifest: dict[str, Any] = SweepFolder(folder).manifest()
+        if manifest.get("kind") != "plans":
+            raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
+        if manifest.get("sha256") is None:
+            raise ConfigError("plans", str(folder), "is not complete; the same sweep goes on")
+        return cls(
+            source=str(folder.resolve()),
+            source_sha256=manifest["sha256"],
+            shards=manifest["shards"],
+            items=manifest["facts"]["count"],
+            scene=scene,
+        )
+
+    def facts(self) -> Mapping[str, object]:
+        """What is asked for; the data set is the same wherever its folder is."""
+        facts = {**asdict(self), "scene": json.loads(self.scene)}
+        del facts["source"]
+        return facts
+
+    def open(self) -> Callable[[int], Columns]:
+        """Load the arm and the scene."""
+        collision = CollisionModel(
+            RobotModel.load(), scene_from(json.loads(self.scene), folder=None)
+        )
+        return lambda number: self._checked(collision, number)
+
+    def _checked(self, collision: CollisionModel, number: int) -> Columns:
+        """The columns of a shard: ``problem``; where it is first blocked, ``time`` [s], not a
+        number if nowhere; ``first`` and ``second``, the bodies that are too close there.
+        """  # noqa: D205
+        shard = SweepFolder(Path(self.source)).read(number)
+        if shard is None:
+            raise ConfigError("plans", self.source, f"lacks shard {number}")
+        problems, times, pairs = [], [], []
+        for episode in episodes_of(shard):
+            q = to_rad(episode.action[:, :5].astype(np.float64))
+            blocked = collision.first_blocked(q)
+            problems.append(episode.problem)
+            if blocked is None:
+                times.append(np.nan)
+                pairs.append(("", ""))
+                continue
+            nearest = int(np.argmin(np.linalg.norm(q - blocked, axis=1)))
+            closest = collision.clearance(blocked)
+            times.append(float(episode.timestamp[nearest]))
+            pairs.append((closest.first, closest.second))
+        return {
+            "problem": np.array(problems, dtype=np.int64),
+            "time": np.array(times, dtype=np.float32),
+            "first": np.array([first for first, _ in pairs], dtype="U64"),
+            "second": np.array([second for _, second in pairs], dtype="U64"),
+        }
+
+
+def check_summary(folder: Path) -> tuple[dict[str, float], list[int]]:
+    """How many motions a check has looked at, how many are blocked, by what; and which those are.
+
+    Raises:
+        ConfigError: It is no folder of such a sweep.
+    """
+    place = SweepFolder(folder)
+    manifest: dict[str, Any] = place.manifest()
+    if manifest.get("kind") != "check":
+        raise ConfigError("check", str(folder), f"is a sweep of {manifest.get('kind')}")
+    motions, blocked, by = 0, list[int](), Counter[str]()
+    for number in range(int(manifest["shards"])):
+        shard = place.read(number)
+        if shard is None:
+            continue
+        motions += len(shard["problem"])
+        hit = ~np.isnan(shard["time"])
+        blocked += shard["problem"][hit].tolist()
+        by.update(
+            f"{a} and {b}" for a, b in zip(shard["first"][hit], shard["second"][hit], strict=True)
+        )
+    pairs = {f"blocked by {pair}": count for pair, count in by.most_common()}
+    return {"motions": motions, "blocked": len(blocked), **pairs}, blocked
