@@ -23,6 +23,7 @@ ARGUMENTS = {
     "palletising.py": ["--rows", "1", "--columns", "1", "--speed", "180"],
     "plot_trajectory.py": ["trajectory.png", "--xyz", "200", "-100", "150"],
     "leader_follower.py": [],
+    "reach_map.py": ["20"],
 }
 
 
@@ -85,6 +86,17 @@ def test_the_follower_follows(said):
     off = [float(x) for x in re.findall(r"follower (\S+) deg off", said("leader_follower.py"))]
     assert len(off) == 3
     assert max(off) <= 0.2
+
+
+@pytest.mark.slow
+def test_the_reach_is_drawn_as_far_left_as_right(said):
+    rows = said("reach_map.py").splitlines()[1:]
+    assert sum(len(row.strip(".")) > 10 for row in rows) > 5
+    left, right = (
+        sum(map(str.isdigit, "".join(row[part] for row in rows)))
+        for part in (slice(0, 18), slice(19, 37))
+    )
+    assert 0.8 * left < right < 1.25 * left
 
 
 def test_the_sample_machine_has_every_model_once():
