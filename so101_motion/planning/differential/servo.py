@@ -143,7 +143,7 @@ class Servo:
         load: Load | None = None,
         neighbours: Neighbours | None = None,
     ) -> None:
-        self.neighbours = neighbours
+        self.neighbours, self._arm_near = neighbours, ""
         self.q, self.qd = frozen_array(q_start, (5,)), np.zeros(5)
         self._before = self.q
         self._lead, self._lead_qd, self._braking_time = self.q, self.qd, 0.0
@@ -208,6 +208,8 @@ class Servo:
                 reasons.append(self._guard.words(each))
         if wanted.is_damped:
             reasons.append("the arm nearly straight, or over its own base")
+        if self._arm_near:
+            reasons.append(self._arm_near)
         return tuple(reasons)
 
     def _room(self, against: list[Near | Heavy], brake: Array) -> _Room:
@@ -245,6 +247,7 @@ class Servo:
 
     def _can_stop(self, qd: Array) -> bool:
         """Whether a step of the leader leaves a path to rest that is free and bearable."""
+        self._arm_near = ""
         lead = self._braking(self._lead + self._dt * qd, qd, self._time_to_brake(qd))
         if (lead[-1] < self._lower - SAME).any() or (lead[-1] > self._upper + SAME).any():
             return False
@@ -253,7 +256,10 @@ class Servo:
         path = np.concatenate((self.q[None], ahead[every - 1 : -1 : every], ahead[-1:]))
         if not self._guard.admits(path):
             return False
-        return self.neighbours is None or self.neighbours.admits(ahead, self._dt)
+        if self.neighbours is None or self.neighbours.admits(ahead, self._dt):
+            return True
+        self._arm_near = self.neighbours.against
+        return False
 
     def _braking(self, q: Array, qd: Array, time: float) -> Array:
         """Where a leader is, step by step, that brakes for ``time`` from ``q`` on, which is first.

@@ -1,7 +1,7 @@
 """Arms of one cell keep apart, whatever moves them: simulated joints on a clock the test drives."""
 
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 
 import numpy as np
@@ -12,6 +12,7 @@ from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, MotionError, So101Error
 from so101_motion.common.geometry import SE3
+from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
@@ -150,6 +151,42 @@ def test_an_unguarded_retarget_into_another_arm_is_stopped_and_names_it(pair_of)
     pair.finish(motion)
     with pytest.raises(MotionError, match="right's"):
         motion.result()
+
+
+@pytest.fixture
+def pair_in_the_way(pair_of):
+    """The right arm reaches to the middle; the left one is turned aside."""
+    left, right = np.radians([[80.0, -45.0, 45.0, 60.0, 0.0], [0.0, -70.0, 60.0, 60.0, 0.0]])
+    return pair_of(Facing(0), left, right)
+
+
+def test_a_jog_towards_another_arm_holds_before_it(pair_in_the_way, clock):
+    pair = pair_in_the_way
+    jog = in_time(clock, pair.left.open_jog)
+    begin = pair.left.T_base("tool").p
+    for _ in range(400):
+        with suppress(MotionError):
+            jog.twist((0.04, 0.03, 0.0))
+        pair.advance()
+    assert pair.left.T_base("tool").p[0] > begin[0] + 0.02, "as far as there is room"
+    said = str(jog.future.exception()) if jog.future.done() else str(jog.held_by)
+    assert "right's" in said
+
+
+def test_a_stream_into_another_arm_ends_before_it(pair_in_the_way, clock):
+    pair = pair_in_the_way
+    stream = in_time(clock, pair.left.open_stream)
+    q, share = pair.left.state.q_ref, np.linspace(0.0, 1.0, 301)
+    turn = np.radians(-80.0) * (10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
+    stream.push(
+        [
+            TimedPoint(t=0.02 * k, q=q + np.array([each, 0.0, 0.0, 0.0, 0.0]))
+            for k, each in enumerate(turn)
+        ]
+    )
+    pair.finish(stream)
+    with pytest.raises(MotionError, match="right's"):
+        stream.future.result()
 
 
 def test_a_plan_through_an_arm_that_stands_there_is_refused_with_its_name(pair_of):
