@@ -25,7 +25,15 @@ NEEDED = (
 
 NEEDED_BY_EXTRA = {
     "viewer": ("viser", "websockets"),
-    "dev": ("hypothesis", "manifold3d", "mcap_ros2", "playwright", "pytest", "qpsolvers"),
+    "dev": (
+        "hypothesis",
+        "manifold3d",
+        "mcap_ros2",
+        "playwright",
+        "pyarrow",
+        "pytest",
+        "qpsolvers",
+    ),
 }
 """What the extras of the installation add to that."""
 

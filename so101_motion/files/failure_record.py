@@ -72,7 +72,7 @@ class FailureRecorder:
         if not states:
             return
         now = datetime.now(UTC)
-        name = f"{now:%Y%m%dT%H%M%SZ}-{next(_numbers)}-{type(error).__name__}.json"
+        name = f"{now:%Y%m%dT%H%M%SZ}-{next(_numbers):04}-{type(error).__name__}.json"
         try:
             path = folder() / name
         except ConfigError:

@@ -139,8 +139,8 @@ def test_a_kit_as_new_gets_the_sensor_that_sets_it_up(table):
     table.arm(calibrated=False, ids=dict.fromkeys(range(1, 7), 1), q_start=APART)
     report = table.only()
     assert names(report) == ["so101-calibration-58CD"]
-    assert "ids 1, and several share an id" in report.sentence
-    assert "set the motors up" in report.sentence
+    assert "several new motors answer, all with the id 1" in report.sentence
+    assert "connect only one of them" in report.sentence
 
 
 def test_an_arm_with_a_servo_missing_is_not_suggested_as_an_arm(table):

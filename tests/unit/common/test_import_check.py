@@ -79,7 +79,8 @@ def test_a_defect_of_ours_is_not_explained_away():
 
 def test_everything_that_is_imported_is_tried():
     known = {name.partition(".")[0] for name in import_check.NEEDED} | set(sys.stdlib_module_names)
-    optional = {"mcap_ros2", "so101_motion", "so101_viewer", "so101_description", "scipy"}
+    optional = {"distributed", "mcap_ros2", "pyarrow", "scipy"}
+    optional |= {"so101_motion", "so101_viewer", "so101_description"}
     found = set()
     for path in (ROOT / "so101_motion").rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
