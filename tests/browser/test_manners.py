@@ -326,7 +326,7 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
         window.until(lambda: window.button("STOP").is_enabled())
         window.until(lambda: not window.page.locator("#so101-lost").is_visible())
         window.until(lambda: window.page.locator("#so101-state b").is_visible())
-        assert window.page.get_by_role("tab", name="Move").count() == 1
+        window.until(lambda: window.page.get_by_role("tab", name="Move").count() == 1)
     with serve(rig, port=port):  # another page
         window.until(lambda: window.says("this link has expired. Copy the new one"))
     window.leave()
