@@ -111,7 +111,7 @@ class PlanningProcess:
         try:
             self._line.send(Kind.REQUEST, packed(request, self._scenes))
         except OSError as error:
-            raise ChildDied(self._how()) from error
+            raise ChildDied(self.ending()) from error
         answer = self._converse(Kind.ANSWER)
         if isinstance(answer, BaseException):
             raise answer
@@ -133,6 +133,18 @@ class PlanningProcess:
         for each in (self._line, self._wake, self._woken):
             each.close()
 
+    def ending(self) -> str:
+        """How the child ended, in words; only after it has."""
+        try:
+            code = self._child.wait(self._hang_timeout)
+        except subprocess.TimeoutExpired:
+            return "closed its end of the line"
+        if code >= 0:
+            return f"ended with exit code {code}"
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+        memory = ", as the system does when memory runs out" if -code == signal.SIGKILL else ""
+        return f"was ended by {name}{memory}"
+
     def _converse(self, awaited: Kind) -> object:
         """Wait for the next message of a kind; returns its content."""
         try:
@@ -141,7 +153,7 @@ class PlanningProcess:
                 if kind is awaited:
                     return unpacked(parts, Scenes())
         except (EOFError, OSError) as error:
-            raise ChildDied(self._how()) from error
+            raise ChildDied(self.ending()) from error
 
     def _wait(self, for_writing: bool) -> None:
         """Wait for the child to take or to send something; meanwhile tell it to give up, if so."""
@@ -160,18 +172,6 @@ class PlanningProcess:
         silent = now - self._sign
         if silent > _SILENT or (silent > self._hang_timeout and _stands_still(self._child.pid)):
             raise ChildDied(f"showed no sign of life for {silent:.1f} s")
-
-    def _how(self) -> str:
-        """How the child ended, in words; only after it has."""
-        try:
-            code = self._child.wait(self._hang_timeout)
-        except subprocess.TimeoutExpired:
-            return "closed its end of the line"
-        if code >= 0:
-            return f"ended with exit code {code}"
-        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-        memory = ", as the system does when memory runs out" if -code == signal.SIGKILL else ""
-        return f"was ended by {name}{memory}"
 
 
 def _spawn(line: int) -> subprocess.Popen[bytes]:

@@ -236,7 +236,7 @@ class _Seat:
         """A child that lives, and whether it was started just now."""
         old = self._process
         if old is not None and old.pid is None:
-            self._replace_dead(old, ChildDied("ended while it had nothing to do"))
+            self._replace_dead(old, ChildDied(f"{old.ending()} while it had nothing to do"))
         with self._lock:
             if self._closed:
                 raise WorkerError(_CLOSED)
