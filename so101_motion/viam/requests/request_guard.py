@@ -11,8 +11,10 @@ gRPC can encode without delay.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from numbers import Real
 from typing import Any
 
+import viam.utils
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.struct_pb2 import Struct, Value
 from grpclib import GRPCError, Status
@@ -39,6 +41,17 @@ def guard(server: Server) -> None:
     inner = server._server  # the SDK has no door of its own for either
     inner._codec = LargeCodec()
     listen(inner, RecvRequest, _guarded)
+    convert_answers_fast()
+
+
+def convert_answers_fast() -> None:
+    """Have the SDK recognise the numbers of an answer by their class.
+
+    It asks a protocol of ``typing``, for which Python 3.11 looks at every method of that protocol
+    anew: 17 us a number on the event loop, 4 ms for the preview of a plan; with this, 3 us.
+    """
+    viam.utils.SupportsFloat = Real  # type: ignore[attr-defined]
+    viam.utils.SupportsBytes = bytes  # type: ignore[attr-defined]
 
 
 async def _guarded(event: RecvRequest) -> None:
