@@ -32,6 +32,9 @@ MOST_BODIES = 32
 MOST_POINTS = 512
 """More of them than the arm will ever have or hold are left to coal."""
 
+FEW = 64
+"""Up to so many waypoints are handed over in an array whose address is known."""
+
 FREE, TOUCHING = 0, 1
 _GO_ON, _TIME_IS_UP, _END = 0, 1, 2
 
@@ -78,8 +81,10 @@ class BatchCheck:
         self._ask = _Ask(weakly(self))
         self._one, self._one_verdict = np.zeros(6), np.zeros(1, dtype=np.uint8)
         self._at_one, self._at_one_verdict = pointer(self._one), pointer(self._one_verdict)
+        self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
+        self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
+        self._at_blocked = pointer(self._blocked)
         packed = _packed(model, bodies, floor_z or 0.0)
-        library.so101_new.restype = ctypes.c_void_p
         handle = library.so101_new(*(_argument(each) for each in packed), self._ask)
         if not handle:
             raise MemoryError("no memory for the bodies of a scene")
@@ -121,22 +126,27 @@ class BatchCheck:
         self, levels: Levels, reach: Array, points: Array, q_jaw: float
     ) -> Array | None:
         """As ``continuous_check.first_blocked``."""
-        points = np.ascontiguousarray(points, dtype=np.float64)
-        blocked = np.zeros(5)
+        count, at = len(points), self._at_points
+        if count <= FEW:
+            self._points[:count] = points
+        else:
+            points = np.ascontiguousarray(points, dtype=np.float64)
+            at = pointer(points)
+        self._reach[:] = reach
         verdict = self.library.so101_first_blocked(
             self.scene,
             levels.array,
             levels.count,
-            pointer(reach),
-            pointer(points),
-            len(points),
+            self._at_reach,
+            at,
+            count,
             ctypes.c_double(q_jaw),
-            pointer(blocked),
+            self._at_blocked,
         )
         self.raise_error()
         if verdict not in (FREE, TOUCHING):
             raise MemoryError("no memory for the check of a motion")
-        return blocked if verdict == TOUCHING else None
+        return self._blocked.copy() if verdict == TOUCHING else None
 
     def is_clear(
         self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float

@@ -59,6 +59,7 @@ def native() -> Native:
     try:
         library = ctypes.CDLL(str(file))
         lanes = int(library.so101_start(int(os.environ.get("SO101_LANES", "16"))))
+        library.so101_new.restype = library.so101_search_new.restype = ctypes.c_void_p
     except (OSError, AttributeError, ValueError) as error:
         return Native(None, 0, f"cannot be loaded: {error}")
     return Native(library, lanes, "")

@@ -8,18 +8,20 @@ library, another one without it.
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Sequence
-from functools import cached_property
-from itertools import pairwise
-from math import ceil, dist
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import BatchSampledCheck, pointer
 from so101_motion.planning.paths.rrt_connect import Deadline, Space, Tree
-from so101_motion.planning.paths.shorten import CUTS, PIECE
+
+ROOM = 256
+"""Waypoints of a path while it is shortened, at first; more are made room for."""
+
+SEEDS = 64
+"""So many different seeds; a search uses a few."""
 
 
 class CompiledSearch:
@@ -39,21 +41,23 @@ class CompiledSearch:
         checker: BatchSampledCheck,
         q_start: Array,
         goals: Sequence[Array],
-        random: np.random.Generator,
+        random: Seeds,
     ) -> None:
         self._space, self._checker, self._random = space, checker, random
         self._library = checker.batch.library
         self._roots = (1, len(goals))
-        at = [
-            np.ascontiguousarray(each, dtype=np.float64)
-            for each in (space.lower, space.upper, space.weights, q_start, goals)
-        ]
-        self._library.so101_search_new.restype = ctypes.c_void_p
-        handle = self._library.so101_search_new(*map(pointer, at), len(goals), seed_of(random))
+        self._search = ctypes.c_void_p()
+        given = (space.lower, space.upper, space.weights, q_start, *goals)
+        packed = np.concatenate(given, dtype=np.float64)
+        first: int = packed.ctypes.data
+        at = (ctypes.c_void_p(first + k * 5 * packed.itemsize) for k in range(5))
+        handle = self._library.so101_search_new(*at, len(goals), random.next())
         if not handle:
             raise MemoryError("no memory for a search")
         self._search = ctypes.c_void_p(handle)
-        weakref.finalize(self, self._library.so101_search_free, self._search)
+
+    def __del__(self) -> None:
+        self._library.so101_search_free(self._search)
 
     def run(self, deadline: Deadline, most: int | None = None) -> tuple[list[Array], int] | None:
         """Waypoints (5,) to a goal, and its index; None if not found in time or ``most`` rounds."""
@@ -86,7 +90,7 @@ class CompiledSearch:
         points, parents = np.empty((count, 5)), np.empty(count, dtype=np.int32)
         self._library.so101_search_tree(self._search, which, pointer(points), pointer(parents))
         roots = self._roots[which]
-        tree = Tree(list(points[:roots]), self._space, self._random)
+        tree = Tree(list(points[:roots]), self._space, self._random.generator)
         for q, parent in zip(points[roots:], parents[roots:].tolist(), strict=True):
             tree.add(q, parent)
         return tree
@@ -95,33 +99,57 @@ class CompiledSearch:
 def compiled_shortened(
     points: Sequence[Array],
     checker: BatchSampledCheck,
-    random: np.random.Generator,
+    random: Seeds,
     deadline: Deadline,
     *,
     only_skip: bool = False,
 ) -> list[Array]:
     """``shortened``, or only ``skipped``, compiled."""
     batch = checker.batch
-    given = np.array(points)
-    pieces = sum(ceil(dist(a, b) / PIECE) + 1 for a, b in pairwise(given))
-    out = np.empty((pieces + CUTS + 2, 5))
-    with batch.until(deadline.has_passed):
-        count = batch.library.so101_shorten(
-            batch.scene,
-            ctypes.byref(checker.checker),
-            pointer(given),
-            len(given),
-            pointer(out),
-            len(out),
-            seed_of(random),
-            int(only_skip),
-        )
-        batch.raise_error()
-    if count <= 0:
+    given, seed = np.array(points), random.next()
+    room, count = ROOM, 0
+    while count == 0:  # too little room for the pieces of so long a path
+        out = np.empty((room, 5))
+        with batch.until(deadline.has_passed):
+            count = batch.library.so101_shorten(
+                batch.scene,
+                ctypes.byref(checker.checker),
+                pointer(given),
+                len(given),
+                pointer(out),
+                room,
+                seed,
+                int(only_skip),
+            )
+            batch.raise_error()
+        room *= 4
+    if count < 0:
         raise MemoryError("no memory to shorten a path")
-    return [np.array(each) for each in out[:count]]
+    return list(out[:count])
 
 
-def seed_of(random: np.random.Generator) -> ctypes.c_uint64:
-    """A seed for the library."""
-    return ctypes.c_uint64(int(random.integers(2**63)))
+class Seeds:
+    """Seeds for the library, one after the other, the same for the same ``seed``."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed, self._values, self._used = seed, _seeds(seed), 0
+
+    def again(self) -> Seeds:
+        """The same seeds from the first one on."""
+        return Seeds(self._seed)
+
+    def next(self) -> ctypes.c_uint64:
+        """The next seed."""
+        self._used += 1
+        return ctypes.c_uint64(self._values[self._used % SEEDS - 1])
+
+    @cached_property
+    def generator(self) -> np.random.Generator:
+        """A source of random numbers, for what is not compiled."""
+        return np.random.default_rng(self._seed)
+
+
+@lru_cache(maxsize=16)
+def _seeds(seed: int) -> list[int]:
+    """Made once: numpy needs as long for a new source as the library for many a search."""
+    return [int(value) for value in np.random.default_rng(seed).integers(2**63, size=SEEDS)]

@@ -27,7 +27,7 @@ from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.planning.collision.batch_check import BatchSampledCheck
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.paths.compiled_search import CompiledSearch, compiled_shortened
+from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
 from so101_motion.planning.paths.rrt_connect import Deadline, LineChecker, Space, Tree, TreeSearch
 from so101_motion.planning.paths.shorten import shortened, skipped
 
@@ -82,7 +82,7 @@ class PathFinder:
     ) -> None:
         self._collision, self._q_jaw = collision, q_jaw
         self._space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
-        self._seed = seed
+        self._seeds = Seeds(seed)
 
     def find(self, q_start: Array, goals: Iterable[Array], time_budget: float) -> FreePath:
         """A free path to one of the goals, straight if there is such.
@@ -113,21 +113,19 @@ class PathFinder:
 
     def _around(self, q_start: Array, goals: Sequence[Array], deadline: Deadline) -> FreePath:
         """A path that is not straight."""
-        random = np.random.default_rng(self._seed)
+        random = self._seeds.again()
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         points, index = self._searched(look, q_start, goals, random, deadline)
         wide = self._collision.sampled_check(self._q_jaw, spacing=SPACING, extra=ROOM)
         if isinstance(wide, BatchSampledCheck):
             points = compiled_shortened(points, wide, random, deadline)
         else:
-            points = shortened(points, wide, random, deadline)
+            points = shortened(points, wide, random.generator, deadline)
         if not self._is_free(points):
             points = self._mended(points, random, deadline)
         return FreePath(waypoints=np.array(points), goal=index)
 
-    def _mended(
-        self, points: list[Array], random: np.random.Generator, deadline: Deadline
-    ) -> list[Array]:
+    def _mended(self, points: list[Array], random: Seeds, deadline: Deadline) -> list[Array]:
         """The path with detours in place of the edges that do not stand their proof."""
         # A corner in the middle of an edge that was only looked at may be too close itself.
         ends, inner = (points[0], points[-1]), points[1:-1]
@@ -140,9 +138,7 @@ class PathFinder:
                 proven += self._detour(a, b, random, deadline)[1:]
         return proven
 
-    def _detour(
-        self, a: Array, b: Array, random: np.random.Generator, deadline: Deadline
-    ) -> list[Array]:
+    def _detour(self, a: Array, b: Array, random: Seeds, deadline: Deadline) -> list[Array]:
         """Waypoints between two configurations near each other, every edge proven."""
         look = self._collision.sampled_check(self._q_jaw, spacing=SPACING)
         checker: LineChecker = (
@@ -163,7 +159,7 @@ class PathFinder:
         checker: LineChecker,
         q_start: Array,
         goals: Sequence[Array],
-        random: np.random.Generator,
+        random: Seeds,
         deadline: Deadline,
     ) -> tuple[list[Array], int]:
         search = _search(self._space, checker, q_start, goals, random)
@@ -218,10 +214,11 @@ def _search(
     checker: LineChecker,
     q_start: Array,
     goals: Sequence[Array],
-    random: np.random.Generator,
+    random: Seeds,
 ) -> TreeSearch | CompiledSearch:
-    kind = CompiledSearch if isinstance(checker, BatchSampledCheck) else TreeSearch
-    return kind(space, checker, q_start, goals, random)  # type: ignore[arg-type]  # as seen above
+    if isinstance(checker, BatchSampledCheck):
+        return CompiledSearch(space, checker, q_start, goals, random)
+    return TreeSearch(space, checker, q_start, goals, random.generator)
 
 
 class _ProvenCheck:
