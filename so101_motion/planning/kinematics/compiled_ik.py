@@ -44,25 +44,28 @@ class CompiledForms:
     def __init__(self, structure: ArmStructure, library: Any) -> None:
         self._structure = structure
         self._arms: dict[str, Any] = {}
+        self._addresses: dict[str, int] = {}
         self._goal = ctypes.create_string_buffer(_GOAL.size)
-        self._found = ctypes.create_string_buffer(_MOST * _FOUND.size)
+        self._found = memoryview(bytearray(_MOST * _FOUND.size))
         self._nearest = library.so101_ik_nearest
         self._nearest.argtypes = (ctypes.c_void_p,) * 3
-        self._at = ctypes.addressof(self._goal), ctypes.addressof(self._found)
+        found = ctypes.c_char.from_buffer(self._found)
+        self._at = ctypes.addressof(self._goal), ctypes.addressof(found)
 
     def nearest(self, task: Task, seed: Joints) -> list[Configuration]:
         """As ``ClosedForms.nearest``."""
-        arm = self._arms.get(task.frame)
+        arm = self._addresses.get(task.frame)
         if arm is None:
-            arm = self._arms[task.frame] = _packed(self._structure, task.frame)
+            packed = self._arms[task.frame] = _packed(self._structure, task.frame)
+            arm = self._addresses[task.frame] = ctypes.addressof(packed)
         metric = task.metric
         R = _NO_ROTATION if metric is GoalMetric.POSITION_ONLY else task.R_base_tool.ravel()
         _GOAL.pack_into(
             self._goal, 0, _METRICS[metric], *task.point, *R, task.angle_tolerance, *seed
         )
         count = self._nearest(arm, *self._at)
-        found = _FOUND.iter_unpack(self._found.raw[: count * _FOUND.size])
-        return [Configuration(each[:5], _BRANCHES[int(each[5])]) for each in found]
+        found = _FOUND.iter_unpack(self._found[: count * _FOUND.size])
+        return [Configuration((a, b, c, d, e), _BRANCHES[int(k)]) for a, b, c, d, e, k in found]
 
 
 def _packed(structure: ArmStructure, frame: str) -> Any:

@@ -16,7 +16,6 @@ evidence is the nearest reachable point (``workspace.py``) and what stops the ar
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import chain
 from math import dist
@@ -169,7 +168,7 @@ class IkSolver:
     def _next_best(self, task: Task, seed: Joints, best: IkSolution | None) -> IkSolution:
         """The answer when no configuration has arrived: one found by descent, or the evidence."""
         if best is None and task.metric is not GoalMetric.POSITION_ONLY:
-            at_point = replace(task, metric=GoalMetric.POSITION_ONLY)
+            at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
             configurations = self._source.nearest(at_point, seed)
             best = next(
                 (self._judged(task, configuration) for configuration in configurations), None
@@ -188,7 +187,7 @@ class IkSolver:
 
     def _at_edge(self, task: Task, seed: Joints) -> IkSolution:
         """What reaches the reachable point nearest to one that is out of reach."""
-        at_point = replace(task, metric=GoalMetric.POSITION_ONLY)
+        at_point = task._replace(metric=GoalMetric.POSITION_ONLY)
         ends = [minimise(self.model, at_point, q) for q in self._source.edge(task, seed)]
         q_best = min(ends, key=lambda q: self._away(task, q))
         branch = self._source.branch(q_best, task.frame)

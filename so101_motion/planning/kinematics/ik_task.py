@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, hypot, isfinite, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,8 +62,7 @@ class IkSolution:
             object.__setattr__(self, "q", frozen_array(self.q, (5,)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Task:
+class Task(NamedTuple):
     """A goal that has been checked, in the form that solvers want.
 
     Attributes:
@@ -121,17 +121,16 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
 
 def _check_rotation(rows: list[list[float]]) -> None:
     (a, b, c), (d, e, f), (g, h, i) = rows
-    off = max(
-        abs(a * a + b * b + c * c - 1.0),
-        abs(d * d + e * e + f * f - 1.0),
-        abs(g * g + h * h + i * i - 1.0),
-        abs(a * d + b * e + c * f),
-        abs(a * g + b * h + c * i),
-        abs(d * g + e * h + f * i),
-    )
-    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
-    # max() may pass over what is not a number; the determinant never does.
-    if not (off < _ROTATION_SLACK and determinant > 0.0):
+    slack = _ROTATION_SLACK
+    # Two unit vectors at right angles, and their cross product; what is not a number is refused.
+    if not (
+        -slack < a * a + b * b + c * c - 1.0 < slack
+        and -slack < d * d + e * e + f * f - 1.0 < slack
+        and -slack < a * d + b * e + c * f < slack
+        and -slack < b * f - c * e - g < slack
+        and -slack < c * d - a * f - h < slack
+        and -slack < a * e - b * d - i < slack
+    ):
         raise ConfigError(
             "T_base_tool", rows, "the rotation must be a right-handed orthonormal matrix (3, 3)"
         )
@@ -144,23 +143,21 @@ def check_seed(q_seed: ArrayLike) -> Joints:
         ConfigError: It is not five finite numbers.
     """
     q = np.asarray(q_seed, dtype=np.float64)
-    joints = q.ravel().tolist()
-    if q.shape != (5,) or not isfinite(sum(joints)):
-        raise ConfigError("q_seed", q_seed, "must be five finite joint angles [rad]")
-    return to_joints(q)
+    if q.shape == (5,):
+        joints = to_joints(q)
+        if isfinite(sum(joints)):
+            return joints
+    raise ConfigError("q_seed", q_seed, "must be five finite joint angles [rad]")
 
 
 def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolution:
     """Pull joint angles into the limits, if they are outside at all, and ask the model."""
-    inside, limit = [], None
-    for i, angle in enumerate(joints):
-        lower, upper = model.limits[i]
-        if angle - lower < AT_LIMIT:
-            angle, limit = max(angle, lower), limit or limit_name(i, -1.0)
-        elif upper - angle < AT_LIMIT:
-            angle, limit = min(angle, upper), limit or limit_name(i, 1.0)
-        inside.append(angle)
-    q = np.array(inside)
+    limit = None
+    for angle, (lower, upper) in zip(joints, model.limits, strict=True):
+        if not lower + AT_LIMIT <= angle <= upper - AT_LIMIT:
+            joints, limit = _pulled_inside(model, joints)
+            break
+    q = np.array(joints)
     q.setflags(write=False)
     x, y, z = model.rotation_and_position(q, task.frame)[1].tolist()
     goal_x, goal_y, goal_z = task.point
@@ -171,6 +168,18 @@ def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolut
         branch=branch,
         limit=limit,
     )
+
+
+def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | None]:
+    """Joint angles within the limits, and the first limit that one of them rests at."""
+    inside, limit = list(joints), None
+    for i, (lower, upper) in enumerate(model.limits):
+        if inside[i] - lower < AT_LIMIT:
+            inside[i], limit = max(inside[i], lower), limit or limit_name(i, -1.0)
+        elif upper - inside[i] < AT_LIMIT:
+            inside[i], limit = min(inside[i], upper), limit or limit_name(i, 1.0)
+    a, b, c, d, e = inside
+    return (a, b, c, d, e), limit
 
 
 def orientation_error(model: RobotModel, task: Task, q: Array) -> float:
