@@ -17,7 +17,7 @@ does for a moment. Nothing here knows how many arms there are.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
@@ -39,6 +39,7 @@ from so101_motion.planning.collision.apart import (
     first_meeting,
 )
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
+from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.goals import Goal, JointGoal
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ if TYPE_CHECKING:
     from so101_motion.control.executor import Executor
     from so101_motion.planning.request import Plan
     from so101_motion.planning.timing.trajectory import Trajectory
+
+ALL = "*"
+"""The name that stands for all arms."""
 
 LATER, LATEST = 0.1, 2.0
 """By how much a motion may begin later than it was planned [s], and at the most; chosen."""
@@ -91,36 +95,47 @@ class Cell:
         """The place of each arm, by its name."""
         return self._places
 
-    def add(self, name: str, rig: RigWithExecutor, T_cell_base: SE3) -> Place:
+    def add(
+        self,
+        name: str,
+        rig: RigWithExecutor,
+        T_cell_base: SE3,
+        *,
+        ignores: Collection[str] = (),
+    ) -> Place:
         """Let an arm keep off the others from now on, and them off it.
 
         Args:
             name: What messages call it.
-            rig: The arm with what moves it.
+            rig: The arm with what moves it; its clock shows the same time as those of the others.
             T_cell_base: Where its base stands.
+            ignores: Names of arms that it does not keep off; ``ALL`` for all of them.
 
         Raises:
             ConfigError: There is an arm of that name already.
         """
         if name in self._places:
             raise ConfigError("name", name, "is there twice; each arm needs its own name")
-        place = Place(self, name, rig, T_cell_base)
+        place = Place(self, name, rig, T_cell_base, frozenset(ignores))
+        rig.executor.ask(lambda control: control.keep_off(place)).result()
         self._places = {**self._places, name: place}
         rig.arm.take_place(place)
-        rig.executor.ask(lambda control: control.keep_off(place)).result()
         return place
 
     def remove(self, name: str, rig: RigWithExecutor) -> None:
         """Let an arm stand alone again; the others do not know it any more."""
-        rig.executor.ask(lambda control: control.keep_off(None)).result()
-        rig.arm.take_place(None)
         self._places = {key: each for key, each in self._places.items() if key != name}
+        rig.arm.take_place(None)
+        rig.executor.ask(lambda control: control.keep_off(None)).result()
 
-    def plan_together(self, goals: Mapping[str, Goal]) -> dict[str, Plan]:
+    def plan_together(
+        self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
+    ) -> dict[str, Plan]:
         """One motion for several arms, which they begin and end together; moves nothing.
 
         Args:
             goals: What is wanted of each, by its name. The other arms stay where they are.
+            scenes: What is around arms, by their names; their own scenes if not given.
 
         Raises:
             ConfigError: There is no such arm.
@@ -134,12 +149,17 @@ class Cell:
         for name, place in self._places.items():
             q = place.arm.state.q_ref
             goal = goals.get(name) or JointGoal(q=q)
-            request = replace(place.arm.request(goal), others=())
+            scene = (scenes or {}).get(name)
+            if scene is None:
+                scene = replace(place.arm.scene, attached=place.attached_to(place))
+            request = replace(place.arm.request(goal), others=(), scene=scene)
             team.append(TeamMember(name=name, T_cell_base=place.T_cell_base, request=request))
         worker = next(iter(self._places.values())).worker
         return worker.plan_together(TeamRequest(team=tuple(team))).result()
 
-    def start_together(self, goals: Mapping[str, Goal]) -> dict[str, Motion]:
+    def start_together(
+        self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
+    ) -> dict[str, Motion]:
         """Move several arms to goals in one motion, which they begin and end together.
 
         Blocks until all rest and the motion is planned; what moves is stopped first. Arguments and
@@ -149,7 +169,7 @@ class Cell:
             The motion of each arm of the cell, by its name.
         """
         self.stop()
-        plans = self.plan_together(goals)
+        plans = self.plan_together(goals, scenes=scenes)
         with self.entry:
             for name, plan in plans.items():
                 self._places[name].expect(plan.trajectory)
@@ -170,17 +190,30 @@ class Place:
         T_cell_base: Where its base stands.
         worker: Who plans for it.
         against: What stood against the setpoint that was not admitted last, in words.
+        held: What arms hold beside what their scenes say, by the arm's name, as this one knows it.
     """
 
-    def __init__(self, cell: Cell, name: str, rig: RigWithExecutor, T_cell_base: SE3) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        name: str,
+        rig: RigWithExecutor,
+        T_cell_base: SE3,
+        ignores: frozenset[str] = frozenset(),
+    ) -> None:
         self.name, self.arm, self.T_cell_base, self.against = name, rig.arm, T_cell_base, ""
-        self.worker = rig.planner
-        self._cell, self._now = cell, rig.clock.now
+        self.worker, self.held = rig.planner, dict[str, tuple[Attached, ...]]()
+        self._cell, self._now, self._ignores = cell, rig.clock.now, ignores
         self._expected: Trajectory | None = None  # that was proven together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
         self._gained: dict[str, float] = {}  # of arms that are too near, by name
         bodies_of()  # made before the control loop needs it
+
+    @property
+    def minded(self) -> frozenset[str]:
+        """The names of the arms that it keeps off."""
+        return frozenset(each.name for each in self._neighbours())
 
     # Planned motions
 
@@ -271,8 +304,12 @@ class Place:
             name=self.name,
             T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
             course=course,
-            attached=self.arm.scene.attached,
+            attached=other.attached_to(self),
         )
+
+    def attached_to(self, place: Place) -> tuple[Attached, ...]:
+        """What an arm holds as far as this one knows, itself included."""
+        return (*place.arm.scene.attached, *self.held.get(place.name, ()))
 
     def _meeting(self, course: Course, other: Place, now: float) -> Meeting | None:
         """Where a course would come too near to another arm's.
@@ -321,7 +358,7 @@ class Place:
 
     @property
     def _bodies(self) -> ArmBodies:
-        return bodies_of(self.arm.scene.attached)
+        return bodies_of(self.attached_to(self))
 
     @property
     def _q_jaw(self) -> float:
@@ -333,4 +370,7 @@ class Place:
         return Course(t=now, dt=dt, q=np.column_stack([q, np.full(len(q), self._q_jaw)]))
 
     def _neighbours(self) -> list[Place]:
-        return [each for each in self._cell.places.values() if each is not self]
+        if ALL in self._ignores:
+            return []
+        unminded = {self.name, *self._ignores}
+        return [each for key, each in self._cell.places.items() if key not in unminded]

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from harness.fake_parent import (
     SIMULATED_GRIPPER,
     running_module,
 )
-from viam.components.arm import JointPositions
+from viam.components.arm import JointPositions, MoveOptions
 from viam.components.generic.service import GenericRPCService
 from viam.proto.common import Pose, PoseInFrame
 from viam.resource.manager import ResourceManager
 from viam.services.worldstatestore.service import WorldStateStoreService
 
 from so101_motion.common.geometry import SE3
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion import convert
 
 T_ARM_LEFT = SE3.from_rpy((0.0, 0.0, -np.pi / 2.0), (0.2, 0.45, 0.0))
@@ -79,6 +81,26 @@ class Bench:
         x, y, z = xyz
         await self.arm.move_to_position(Pose(x=x, y=y, z=z, o_z=1))
 
+    @asynccontextmanager
+    async def left_under_way(self, *q_goal):
+        """While the left arm has begun a slow motion to some angles [deg]."""
+        slowly, goal = MoveOptions(max_vel_degs_per_sec=4.0), [JointPositions(values=q_goal)]
+        first = (await self.left_angles())[0]
+        going = asyncio.create_task(self.left.move_through_joint_positions(goal, slowly))
+        try:
+            for _ in range(1000):  # it is another process that moves
+                if going.done() or abs((await self.left_angles())[0] - first) > 1.0:
+                    break
+                await asyncio.sleep(0.02)
+            yield
+        finally:
+            await self.left.stop()
+            with pytest.raises(GRPCError, match="ended early by stop"):
+                await going
+
+    async def left_angles(self):
+        return (await self.left.get_joint_positions()).values
+
     async def both_refuse(self, *xyz, of):
         """Both ways to ask for it, and what they name."""
         x, y, z = xyz
@@ -111,11 +133,22 @@ async def test_the_machine_is_planned_around(process):
     # Through the other arm: its tool is no place for this one's.
     tool = convert.from_pose(await bench.left.get_end_position())
     met = T_ARM_LEFT @ tool
-    await bench.both_refuse(*(1000.0 * met.p), of="'left:")
+    await bench.both_refuse(*(1000.0 * met.p), of="left's ")
 
     # The other arm turns away, and the next plan knows.
     await bench.left.move_to_joint_positions(JointPositions(values=[100, 60, -60, 0, 0]))
     await bench.plan(*(1000.0 * met.p))
+
+    # While it moves it is still away, and the next plan knows where it will be.
+    goal = (0.0, -40.0, 40.0, 0.0, 0.0)
+    met = T_ARM_LEFT @ RobotModel.load().frame(np.radians(goal))
+    await bench.plan(*(1000.0 * met.p))
+    async with bench.left_under_way(*goal):
+        await bench.both_refuse(*(1000.0 * met.p), of="left's ")
+    allows = [{"frame1": "arm", "frame2": "left"}]
+    except_it = {"collisionSpecification": [{"allows": allows}]}
+    with pytest.raises(GRPCError, match="never gone through"):
+        await bench.plan(*(1000.0 * met.p), constraints=except_it)
 
     # Through a box that the configuration names: refused in it, and gone around.
     center, size = (220.0, 120.0, 150.0), (40.0, 40.0, 300.0)

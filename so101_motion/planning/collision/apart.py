@@ -110,8 +110,13 @@ def _model() -> RobotModel:
 
 @lru_cache(maxsize=32)
 def bodies_of(attached: tuple[Attached, ...] = ()) -> ArmBodies:
-    """The bodies of an SO-101 that holds ``attached``; made once."""
-    return ArmBodies(_model(), attached)
+    """The bodies of an SO-101 that holds ``attached``; made once for things that look alike."""
+    return _bodies_in(Scene(attached=attached, floor_z=None))
+
+
+@lru_cache(maxsize=32)
+def _bodies_in(scene: Scene) -> ArmBodies:
+    return ArmBodies(_model(), scene.attached)
 
 
 def first_meeting(

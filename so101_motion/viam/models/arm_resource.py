@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
@@ -23,7 +23,7 @@ from viam.services.motion import Motion as MotionService
 
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes
-from so101_motion.common.errors import SUPERSEDED, MotionError
+from so101_motion.common.errors import SUPERSEDED, MotionError, So101Error
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
@@ -58,6 +58,7 @@ from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
 from so101_motion.viam.requests.streaming import played
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
+from so101_motion.viam.surroundings.machine_cell import MachineCell
 from so101_motion.viam.surroundings.surroundings import Surroundings
 
 AT_START = to_rad(0.5)
@@ -80,6 +81,9 @@ class ArmResource(Configured, Arm):
     here: ClassVar[dict[str, ArmResource]] = {}
     """The arms of this process by name, for whoever names one: a gripper, a motion service."""
 
+    cell: ClassVar = MachineCell(here)
+    """In which they know each other's motions."""
+
     def __init__(self, name: str, rig: Rig, settings: ArmSettings) -> None:
         super().__init__(name)
         self.rig = rig
@@ -90,7 +94,9 @@ class ArmResource(Configured, Arm):
         self._retarget = arm.start_retarget if settings.guarded else arm.start_unguarded_retarget
         self._manual = ManualMode(rig.arm, self.logger)
         self._ignored = OptionWarnings(self.logger)
-        machine = MachineBodies(self.short_name, settings.ignored, self.here, GripperResource.here)
+        machine = MachineBodies(
+            self.short_name, settings.ignored, self.here, GripperResource.here, self.cell
+        )
         senses = sources(settings.senses, settings.dependencies, self.logger)
         self.surroundings = Surroundings(machine, senses, self.logger)
         self.paths = PathCommands(self)
@@ -303,8 +309,14 @@ class ArmResource(Configured, Arm):
     async def found(self) -> None:
         """Wait until the servos have been found, for a request that reads them."""
 
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Components of the machine that are not planned around."""
+        return self.settings.ignored
+
     async def ready(self) -> None:
-        """Let the arm hold again after a fault, for a request that moves it."""
+        """Let the arm hold again after a fault and know others, for a request that moves it."""
+        await self.surroundings.meet_others()
 
     async def ended(self, motion: Motion, by: str) -> None:
         """End a motion of this arm, and wait until it is over."""
@@ -419,4 +431,9 @@ class ArmResource(Configured, Arm):
         self._manual.forget()
         await self.paths.close()
         await self.surroundings.close()
-        await in_own_thread(self.rig.close)
+        await in_own_thread(self._leave)
+
+    def _leave(self) -> None:
+        with suppress(So101Error):  # also when nothing answers any more
+            self.cell.leave(self.short_name, self.rig)
+        self.rig.close()

@@ -123,6 +123,7 @@ class HardwareArm(ArmResource):
         """
         with grpc_statuses():
             await out_of_fault(self.rig)
+        await super().ready()
 
     # Requests
 

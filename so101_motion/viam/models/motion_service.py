@@ -251,6 +251,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             wanted.constraints, counts_turn=options.metric is GoalMetric.FULL_POSE
         )
         if wanted.constraints is not None:
+            _refuse_through(arm, wanted.constraints)
             for specification in wanted.constraints.collision_specification:
                 scene = await allowing(scene, specification, frames)
         T_tool_component = await frames.T_tool(wanted.component)
@@ -384,6 +385,23 @@ def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
     if asked.wants_line:
         return lines
     return [goal, *lines] if math.isinf(asked.line_share) else [*lines, goal]
+
+
+def _refuse_through(arm: Arm, constraints: Constraints) -> None:
+    """Refuse to except another arm whose motions are known.
+
+    Raises:
+        ConfigError: A pair of frames that may touch names one.
+    """
+    for specification in constraints.collision_specification:
+        for allow in specification.allows:
+            for name in (allow.frame1, allow.frame2):
+                if arm.place is not None and name.partition(":")[0] in arm.place.minded:
+                    reason = (
+                        "is an arm of this process, and never gone through; an arm that shall not"
+                        ' keep off it names it in its "ignore_components"'
+                    )
+                    raise ConfigError("collision_specification", name, reason)
 
 
 def _check_end(goal: PoseGoal, cloud: PoseCloud, T_base_reached: SE3) -> None:

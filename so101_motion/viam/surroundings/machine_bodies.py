@@ -3,7 +3,8 @@
 Everything with a frame counts: the geometry in its frame's configuration, and what it answers to
 ``GetGeometries``. Another arm of this process is where its joints are, with the hulls of its links;
 the arm's own links and grippers are known better than any answer says. What hangs from the arm's
-tool is held, everything else stands where it is at that moment.
+tool is held, everything else stands where it is at that moment; only arms that share a cell with
+this one, and what those hold, are left to the cell, which knows where they will be.
 
 The machine is asked anew for each plan. An answer that says what the last one said gives the same
 bodies, so that a planner need not build them again. Who has no geometries is asked again only when
@@ -22,26 +23,22 @@ from viam.errors import ResourceNotFoundError
 from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
 from viam.proto.robot import FrameSystemConfig
 
+from so101_motion.arm.cell import ALL
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
-from so101_motion.planning.collision.scene import (
-    Shape,
-    ShapeFile,
-)
+from so101_motion.planning.collision.scene import Attached, Shape, ShapeFile
 from so101_motion.viam.conversion import convert
 from so101_motion.viam.conversion.frames import machine_here
 from so101_motion.viam.conversion.geometries import from_geometry
 from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
+from so101_motion.viam.surroundings.machine_cell import MachineCell, held_by
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
 
 Answer = TypeVar("Answer")
 
 LONGEST_READ = 2.0
 """How long the machine may take to answer [s]. Chosen: a hundred times what it takes."""
-
-ALL = "*"
-"""The name that leaves out all components."""
 
 _ASK_AGAIN = 5.0
 """After how long those without geometries are asked again [s]; chosen."""
@@ -71,6 +68,7 @@ class MachineBodies:
         left_out: Components that do not count; ``ALL`` for none that does.
         arms: The arms of this process by name, as they come and go.
         grippers: The names of the grippers of this process.
+        cell: In which arms of this process know each other's motions; None if in none.
         patience: How long the machine may take to answer [s].
 
     Attributes:
@@ -83,10 +81,12 @@ class MachineBodies:
         left_out: Collection[str],
         arms: Mapping[str, NeighbourArm],
         grippers: Collection[str],
+        cell: MachineCell | None = None,
         *,
         patience: float = LONGEST_READ,
     ) -> None:
         self.without = ""
+        self._cell, self._mates = cell, frozenset[str]()
         self._patience = patience
         self._arm, self._left_out = arm, frozenset(left_out)
         self._arms, self._grippers = arms, grippers
@@ -99,7 +99,18 @@ class MachineBodies:
         self._changes = 0  # of the configuration, and of where the links of other arms are
         self._asked: tuple[object, ...] = ()
         self._bodies: tuple[Body, ...] = ()
+        self._held: dict[str, tuple[Attached, ...]] = {}  # by arms of the cell
         self._one_at_a_time = asyncio.Lock()
+
+    @property
+    def has_company(self) -> bool:
+        """Whether there may be other arms whose motions can be known."""
+        return self._cell is not None and len(self._arms) > 1 and self.is_asked
+
+    @property
+    def company(self) -> tuple[object, ...]:
+        """Equal when the same other arms are known, and stand and hold what they did."""
+        return (self._changes, self._mates, self._held)
 
     @property
     def is_asked(self) -> bool:
@@ -167,16 +178,31 @@ class MachineBodies:
         if given > MOST_THINGS:
             reason = f"the machine has {given} geometries, more than the {MOST_THINGS} planned with"
             raise SurroundingsUnknown(reason)
+        await self._meet(ends)
         links = {
             part.name: self._links_of(part.name)
             for part in counted
-            if part.name in self._arms and part.name != self._arm
+            if part.name in self._arms and part.name not in (self._arm, *self._mates)
         }
         asked = self._fingerprint(answers, ends)
         if asked != self._asked:
             bodies = await asyncio.to_thread(self._placed, counted, answers, ends, links)
-            self._asked, self._bodies = asked, bodies
+            self._asked = asked
+            self._bodies = tuple(each for each in bodies if each.holder not in self._mates)
+            self._held = held_by(bodies, {self._arm, *self._mates})
+        if self._cell is not None:
+            self._cell.know(self._arm, self._held)
         return self._view(self._bodies, self._tree, ends)
+
+    async def _meet(self, ends: Mapping[str, SE3]) -> None:
+        """Let the arms of this process that have frames know each other."""
+        if self._cell is not None:
+            here = self._arms.keys() & self._tree.parts.keys()
+            bases = {name: self._tree.T_world(f"{name}_origin", ends) for name in here}
+            mates = await asyncio.to_thread(self._cell.meet, self._arm, bases)
+            if mates != self._mates:
+                self._mates = mates
+                self._changes += 1
 
     def _fingerprint(
         self, answers: list[list[Geometry]], ends: Mapping[str, SE3]
@@ -184,7 +210,7 @@ class MachineBodies:
         """Equal when nothing has changed. Where this arm's own tool is changes no body."""
         messages = [each.SerializeToString(deterministic=True) for many in answers for each in many]
         places = [(each, T.p.tobytes(), T.R.tobytes()) for each, T in ends.items()]
-        others = [each for each in places if each[0] != self._arm]
+        others = [each for each in places if each[0] not in (self._arm, *self._mates)]
         return (self._changes, [len(many) for many in answers], messages, others)
 
     # Where components are
@@ -283,26 +309,28 @@ class MachineBodies:
         ends: Mapping[str, SE3],
         links: Mapping[str, Mapping[str, SE3]],
     ) -> tuple[Body, ...]:
-        tree = self._tree
-        T_base_world = tree.T_world(f"{self._arm}_origin", ends).inverse
-        T_tool_world = tree.T_world(self._arm, ends).inverse
+        tree, cell = self._tree, (self._arm, *self._mates)
         bodies: list[Body] = []
         for part, geometries in zip(parts, answers, strict=True):
-            held = tree.is_held(part.name, self._arm)
-            T_world_origin = tree.T_world(f"{part.name}_origin", ends)
-            T = (T_tool_world if held else T_base_world) @ T_world_origin
+            holder = next((each for each in cell if tree.is_held(part.name, each)), "")
+            fixed = {name: T for name, T in ends.items() if name != holder}
+            seen_from = holder or f"{self._arm}_origin"
+            T_seen_world = tree.T_world(seen_from, fixed).inverse
+            T = T_seen_world @ tree.T_world(f"{part.name}_origin", fixed)
             for i, geometry in enumerate(geometries):
                 shape, center = self._shape(part.name, i, geometry)
                 name = part.name
                 if geometry is not part.geometry:
                     name = _called(part.name, geometry.label, len(geometries))
                 bodies.append(
-                    Body(component=part.name, name=name, shape=shape, T=T @ center, held=held)
+                    Body(component=part.name, name=name, shape=shape, T=T @ center, holder=holder)
                 )
             for link, at in links.get(part.name, {}).items():
                 human, hull = link_hulls()[link]
                 name = f"{part.name}:{human}"
-                bodies.append(Body(component=part.name, name=name, shape=hull, T=T @ at, held=held))
+                bodies.append(
+                    Body(component=part.name, name=name, shape=hull, T=T @ at, holder=holder)
+                )
         return tuple(bodies)
 
     def _shape(self, name: str, i: int, geometry: Geometry) -> tuple[Shape | ShapeFile, SE3]:

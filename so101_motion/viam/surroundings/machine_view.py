@@ -42,15 +42,20 @@ class Body:
         component: The component it belongs to.
         name: What messages call it; more than one thing may have it.
         shape: Its form.
-        T: Where it is: in the base frame of the arm, of what is held in its tool frame.
-        held: Whether it moves with the tool.
+        T: Where it is: in the base frame of the arm, of what is held in its holder's tool frame.
+        holder: The arm with whose tool it moves; empty if it stands.
     """
 
     component: str
     name: str
     shape: Shape | ShapeFile
     T: SE3
-    held: bool
+    holder: str = ""
+
+    @property
+    def held(self) -> bool:
+        """Whether it moves with a tool."""
+        return bool(self.holder)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

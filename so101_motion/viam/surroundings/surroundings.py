@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Awaitable, Callable, Sequence
 from typing import Protocol, TypeVar
 
@@ -18,6 +19,9 @@ from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, scene_around
 
 T = TypeVar("T")
+
+_KNOWN_FOR = 5.0
+"""How long a led motion may go by where other arms stood [s]; chosen."""
 
 
 class Source(Protocol):
@@ -53,6 +57,7 @@ class Surroundings:
     ) -> None:
         self._machine, self._sources, self._logger = machine, tuple(sources), logger
         self._said = ""
+        self._seen: float | None = None  # when the machine was read last, for led motions
         self._built: tuple[Scene, tuple[Body, ...], Scene] | None = None
         self._last: dict[tuple[Source, ...], tuple[Scene, Scene]] = {}
 
@@ -81,6 +86,23 @@ class Surroundings:
         self._last[also] = (scene, now)
         return now
 
+    async def meet_others(self) -> None:
+        """Know the other arms of this process, before this one is moved without a plan.
+
+        Asks the machine only if there are others and it has not been asked for a while. If it does
+        not say, what was known counts, and that is logged.
+        """
+        now = time.monotonic()
+        if not self._machine.has_company or (
+            self._seen is not None and now - self._seen < _KNOWN_FOR
+        ):
+            return
+        self._seen = now
+        try:
+            await self._machine.read()
+        except SurroundingsUnknown as error:
+            self._logger.warning("other arms are minded as they were known: %s", error)
+
     async def _with_bodies(self, scene: Scene, bodies: tuple[Body, ...]) -> Scene:
         built = self._built
         if built is None or built[0] != scene or built[1] is not bodies:
@@ -107,13 +129,14 @@ class Surroundings:
         """
         if not self.is_asked(also):
             return await plan(scene)
-        guess, last = None, self._last.get(also)
+        guess, last, company = None, self._last.get(also), self._machine.company
         is_steady = all(source.is_steady for source in (*self._sources, *also))
         if last is not None and last[0] == scene and is_steady:
             guess = asyncio.ensure_future(plan(last[1]))
         try:
             now = await self.around(scene, also)
-            if guess is not None and last is not None and now == last[1]:
+            is_as_before = last is not None and now == last[1]
+            if guess is not None and is_as_before and company == self._machine.company:
                 return await guess
         finally:
             if guess is not None:

@@ -13,7 +13,8 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, MotionError, So101Error
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.collision.apart import GUARDED
+from so101_motion.planning.collision.apart import GUARDED, first_meeting
+from so101_motion.planning.collision.course import Course
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import open_simulated
@@ -101,23 +102,50 @@ def test_a_move_that_begins_while_another_arm_moves_arrives_without_coming_near(
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
 
 
+def comes_near(facing, q_left, path, room):
+    """Whether the right arm on its path would come near the left one that stands."""
+    left, right = (
+        (facing.bodies, course)
+        for course in (
+            Course.resting(q_left, 0.0),
+            Course(t=0.0, dt=0.01, q=np.column_stack([path, np.zeros(len(path))])),
+        )
+    )
+    met = first_meeting(left, right, T_LEFT_RIGHT, since=0.0, room=room, early=0.0)
+    return met is not None
+
+
 def test_an_arm_that_is_stopped_in_the_way_stops_the_other_and_says_so(pair_of):
     facing = Facing(23)
-    ended = []
-    for _ in range(3):
+    stopped = arrived = 0
+    for ticks in (40, 80, 120, 20, 60, 100, 140, 160, 180, 200):
+        if stopped and arrived:
+            break
         starts, goals = crossing_task(facing)
         pair = pair_of(facing, *starts)
-        first = pair.left.start_move(JointGoal(q=goals[0]))
-        while not pair.left.is_moving:
-            pair.advance()
-        second = pair.right.start_move(JointGoal(q=goals[1]))
-        for _ in range(40):
+        motions = []
+        for arm, q in zip((pair.left, pair.right), goals, strict=True):
+            motions.append(arm.start_move(JointGoal(q=q)))
+            while not arm.is_moving:
+                pair.advance(0.0)  # no time passes while it is planned
+        for _ in range(ticks):
             pair.advance()
         pair.left.start_stop()
-        pair.finish(first, second)
-        ended.append(second.future.exception())
-    for error in ended:
-        assert error is None or "left" in str(error)
+        while pair.left.is_moving:
+            pair.advance()
+        path, q_right = motions[1].plan.trajectory.q, pair.right.state.q_ref
+        left_over = path[np.argmin(np.abs(path - q_right).max(axis=1)) :]
+        pair.finish(*motions)
+        error, q_left = motions[1].future.exception(), pair.left.state.q_ref
+        if comes_near(facing, q_left, left_over, 0.5 * GUARDED):
+            assert isinstance(error, MotionError)
+            assert "left's" in str(error)
+            stopped += 1
+        elif not comes_near(facing, q_left, left_over, 3.0 * GUARDED):
+            assert error is None
+            arrived += 1
+    assert stopped
+    assert arrived
 
 
 def test_followings_that_are_led_into_each_other_hold_and_go_on_when_they_can(pair_of, clock):
