@@ -15,6 +15,7 @@ import numpy as np
 
 from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
+from so101_motion.cli.sweep_place import place
 from so101_motion.common.attributes import (
     ACCELERATION_RANGE_DEG,
     HEAVIEST,
@@ -224,6 +225,9 @@ def check(run: Callable[..., None], plans_folder: Path, scene_file: Path) -> Non
     run(CheckSweep.of(plans_folder, scene_text(read_scene(scene_file))), summary)
 
 
+sweep.add_command(place)
+
+
 def _of_atlas(summary: dict[str, float]) -> dict[str, object]:
     facts: dict[str, object] = {
         "points within the joint limits": summary["within_limits"],
@@ -241,24 +245,34 @@ def _of_atlas(summary: dict[str, float]) -> dict[str, object]:
 
 
 def _run(work: Sweep, out: Path, workers: int | None, dask: str | None) -> SweepResult:
-    from so101_motion.tasks.sweeps import default_workers, run_sweep
+    from so101_motion.tasks.sweeps import run_sweep
 
-    with _progress(work) as show:
-        try:
-            if dask is None:
-                count = default_workers() if workers is None else workers
-                return run_sweep(work, out, workers=count, on_progress=show)
-            from so101_motion.tasks.sweeps.cluster import dask_executor
-
-            with dask_executor(dask) as (executor, ahead):
-                return run_sweep(work, out, executor=executor, ahead=ahead, on_progress=show)
-        except KeyboardInterrupt:
-            aside(f"interrupted; what is done is kept in {out}, the same command goes on")
-            raise
+    with computers(workers, dask, out) as computed_by, show_progress(work) as show:
+        return run_sweep(work, out, on_progress=show, **computed_by)
 
 
 @contextmanager
-def _progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
+def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict[str, Any]]:
+    """Who computes, as arguments for ``run_sweep``; says where an interrupted sweep is kept."""
+    from so101_motion.tasks.sweeps import WorkerPool, default_workers
+
+    try:
+        if dask is None:
+            pool = WorkerPool(default_workers() if workers is None else workers)
+            with pool.opened():
+                yield {"workers": pool}
+            return
+        from so101_motion.tasks.sweeps.cluster import dask_executor
+
+        with dask_executor(dask) as (executor, ahead):
+            yield {"executor": executor, "ahead": ahead}
+    except KeyboardInterrupt:
+        aside(f"interrupted; what is done is kept in {out}, the same command goes on")
+        raise
+
+
+@contextmanager
+def show_progress(work: Sweep) -> Iterator[Callable[[Progress], None]]:
     """Show progress: a bar on a terminal, a line now and then elsewhere."""
     if not sys.stderr.isatty():
         yield _Lines(work.unit)

@@ -59,6 +59,10 @@ NEAR = 0.1
 """Obstacles that a link can never come nearer than this are not held against it [m]. Chosen: more
 than the widest clearance that a proof asks for."""
 
+SUNK = 0.001
+"""So deep the base may stand in what it is screwed to [m]. Chosen: a table that is given as a box
+has its top where the base plate has its underside."""
+
 _LOWERING = frozenset(LINKS[LINKS.index("upper arm") :])
 """The links that can move towards the floor."""
 
@@ -156,6 +160,26 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
         frozenset((held.name, other)) for held in scene.attached for other in held.may_touch
     }
     return gathered.bodies(allowed, scene.margin)
+
+
+def around_base(scene: Scene) -> str | None:
+    """The obstacle that the base stands in, deeper than ``SUNK``, by name; None if it is free.
+
+    Motions are not held against this, for no joint moves the base.
+    """
+    _, base = next(iter(_hulls().values()))
+    for obstacle in scene.obstacles:
+        form, T = read_shape(obstacle.shape), _placement(obstacle.T_base_obstacle)
+        if isinstance(form, PointCloud):
+            shape = octree(full_cubes(form, wanted), form.resolution)
+        else:
+            shape = standing_shape(form)
+        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        at = coal.Transform3s(T.rotation, T.translation + np.array([0.0, 0.0, -SUNK]))
+        coal.collide(base, coal.Transform3s(), shape, at, request, result)
+        if result.isCollision():
+            return obstacle.name
+    return None
 
 
 class _Gathered:

@@ -155,6 +155,12 @@ class RobotModel:
         narrow.lowerPositionLimit[:5], narrow.upperPositionLimit[:5] = lower, upper
         return RobotModel(narrow, self._extra, bounds="calibrated range")
 
+    def mounted(self, R_world_base: ArrayLike) -> RobotModel:
+        """This model with its base turned, shape (3, 3), z of the world being up; for torques."""
+        turned = self.pin_model.copy()
+        turned.gravity.linear = np.asarray(R_world_base).T @ self.pin_model.gravity.linear
+        return RobotModel(turned, self._extra, bounds=self._bounds)
+
     def frame(self, q: ArrayLike, name: str = "tool") -> SE3:
         """Where a frame is: ``T_base_<name>``.
 

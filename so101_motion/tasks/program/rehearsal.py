@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -81,6 +81,15 @@ class Rehearsal:
         return sum(plan.duration for plan in self.plans) + pauses
 
 
+class LegPlanner(Protocol):
+    """Whoever plans legs: an arm, or a planner without one."""
+
+    def plan(
+        self, goal: JointGoal | PathGoal, *, q_start: Array | None, q_jaw: float | None
+    ) -> Plan:
+        """Plan from joint angles, shape (5,), [rad], with the jaw at an angle [rad]."""
+
+
 def rehearse(arm: Arm, gripper: GripperLike | None, program: Program) -> Rehearsal:
     """Plan all of a program; moves nothing.
 
@@ -115,7 +124,7 @@ def rehearse(arm: Arm, gripper: GripperLike | None, program: Program) -> Rehears
 
 
 def plan_leg(
-    arm: Arm, program: Program, indices: range, q_start: Array, q_jaw: float
+    arm: LegPlanner, program: Program, indices: range, q_start: Array, q_jaw: float
 ) -> ProgramLeg:
     """Plan the path to a stop through the waypoints before it.
 
@@ -165,7 +174,12 @@ def error_about(error: E, about: str) -> E:
 
 
 def _planned(
-    arm: Arm, program: Program, index: int, goal: JointGoal | PathGoal, q_start: Array, q_jaw: float
+    arm: LegPlanner,
+    program: Program,
+    index: int,
+    goal: JointGoal | PathGoal,
+    q_start: Array,
+    q_jaw: float,
 ) -> Plan:
     try:
         return arm.plan(goal, q_start=q_start, q_jaw=q_jaw)

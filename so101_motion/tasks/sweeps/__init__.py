@@ -1,30 +1,59 @@
 """Sweeps: computations too large for one process, cut into shards that any executor computes.
 
 ``engine.py`` runs them, ``folder.py`` keeps them, ``sweep.py`` says what one is. What there is to
-compute: ``reach.py`` (where the arm can be, and how well; asked by ``atlas.py``)
-and ``plans.py`` (random motions as a data set), ``check.py`` (its
-motions against a changed scene).
+compute: ``reach.py`` (where the arm can be, and how well; asked by ``atlas.py``), ``plans.py``
+(random motions as a data set), ``check.py`` (its motions against a changed scene), and ``place.py``
+(bases for a task; ``placement.py`` finds the best).
 """
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
 from so101_motion.tasks.sweeps.check import CheckSweep, check_summary
-from so101_motion.tasks.sweeps.engine import Progress, SweepResult, default_workers, run_sweep
+from so101_motion.tasks.sweeps.engine import (
+    Progress,
+    SweepResult,
+    WorkerPool,
+    default_workers,
+    run_sweep,
+)
+from so101_motion.tasks.sweeps.mounting import Region
+from so101_motion.tasks.sweeps.place import PlaceSweep
+from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
+from so101_motion.tasks.sweeps.placement_files import write_placement
+from so101_motion.tasks.sweeps.placement_task import (
+    PlacementTask,
+    TaskPose,
+    read_task,
+    task_of,
+    task_text,
+)
 from so101_motion.tasks.sweeps.plans import Episode, PlansSweep, episodes, plans_summary
 from so101_motion.tasks.sweeps.reach import ReachSweep, scene_text
 
 __all__ = [
     "Atlas",
+    "Base",
     "CheckSweep",
     "Episode",
+    "PlaceSweep",
+    "Placement",
+    "PlacementTask",
     "PlansSweep",
     "Progress",
     "Reach",
     "ReachSweep",
+    "Region",
     "SweepResult",
+    "TaskPose",
+    "WorkerPool",
     "check_summary",
     "default_workers",
     "episodes",
+    "find_bases",
     "plans_summary",
+    "read_task",
     "run_sweep",
     "scene_text",
+    "task_of",
+    "task_text",
+    "write_placement",
 ]

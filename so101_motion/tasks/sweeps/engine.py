@@ -100,7 +100,7 @@ def run_sweep(
     sweep: Sweep,
     folder: Path,
     *,
-    workers: int | None = None,
+    workers: int | WorkerPool | None = None,
     executor: Executor | None = None,
     ahead: int | None = None,
     on_progress: Callable[[Progress], None] | None = None,
@@ -114,8 +114,9 @@ def run_sweep(
     Args:
         sweep: What to compute.
         folder: Where the shards go; a new folder, or that of the same sweep.
-        workers: So many processes of this computer. A script that asks for some has its own work
-            behind ``if __name__ == "__main__":``, because Python's processes read it again.
+        workers: So many processes of this computer, or an open pool of them. A script that asks
+            for some has its own work behind ``if __name__ == "__main__":``, because Python's
+            processes read it again.
         executor: Computes instead: any ``concurrent.futures.Executor``, for example
             ``dask.distributed.Client(...).get_executor()``. It stays open.
         ahead: How many shards are under way in it at a time.
@@ -141,7 +142,7 @@ def run_sweep(
                 digests[shard] = digest(columns)
         pool: _Computers
         if workers is not None:
-            pool = _Processes(workers)
+            pool = WorkerPool(workers) if isinstance(workers, int) else workers
         else:
             pool = _Given(executor or _Here(), ahead or (1 if executor is None else 32))
         run = _Run(sweep, place, digests, pool, on_progress, now)
@@ -321,24 +322,36 @@ class _Given(_Computers):
         return self._executor.submit(compute, sweep, shard)
 
 
-class _Processes(_Computers):
-    """A pool of this computer, replaced when one of its processes dies."""
+class WorkerPool(_Computers):
+    """Processes of this computer, which are replaced when one of them dies.
+
+    Args:
+        workers: How many.
+    """
 
     def __init__(self, workers: int) -> None:
         self._workers, self.ahead = workers, _AHEAD * workers
+        self._is_open = False
 
     @contextmanager
     def opened(self) -> Iterator[None]:
-        self._pool = self._new()
+        """Have them for a block, in which several sweeps may run; inside, this does nothing."""
+        if self._is_open:
+            yield
+            return
+        self._pool, self._is_open = self._new(), True
         try:
             yield
         finally:
+            self._is_open = False
             self._pool.shutdown(wait=True, cancel_futures=True)
 
     def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
+        """Have a shard computed."""
         return self._pool.submit(compute, sweep, shard)
 
     def replace(self, error: BrokenExecutor) -> None:
+        """Go on with new processes."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._new()
 

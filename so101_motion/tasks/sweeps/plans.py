@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.attributes import SERVO_VOLTAGES
-from so101_motion.common.errors import ConfigError, NoPath, So101Error
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg
@@ -35,6 +35,7 @@ from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan, Planner, PlanRequest
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
+from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
 from so101_motion.tasks.sweeps.folder import SweepFolder
 from so101_motion.tasks.sweeps.reach import STEPS
 from so101_motion.tasks.sweeps.sweep import Columns
@@ -45,12 +46,8 @@ PROBLEMS = 100
 NAMES = tuple(f"{joint}.pos" for joint in (*ARM_JOINTS, GRIPPER_JOINT))
 """What the columns of ``action`` are called, as in LeRobot."""
 
-_LOOKS = {True: 2000, False: 500_000}
-"""After how many checkpoints a plan is given up, with the compiled library, which passes one every
-2048 configurations, and without, one each. Chosen: some seconds."""
-
-_NEVER = 1e6
-"""A time budget that no search uses up [s]."""
+_LOOKS = 2000
+"""After how many checkpoints of the compiled library a plan is given up. Chosen: some seconds."""
 
 _TRIES = 100_000
 """After how many random configurations a scene is said to leave no room. Chosen."""
@@ -131,7 +128,7 @@ class _Source:
             x, y, z = place_in_hand(self._model).tolist()
             self._payload = Payload(mass=sweep.payload, com=(x, y, z))
         self._scenes = [scene_from(json.loads(each), folder=None) for each in sweep.scenes]
-        self._looks = 0
+        self._patience = CountedPatience(_LOOKS)
 
     def shard(self, number: int) -> Columns:
         """The columns of a shard.
@@ -143,7 +140,7 @@ class _Source:
         ``action`` (m, 6), named as in ``NAMES``; ``velocity`` (m, 5) [deg/s]; ``timestamp`` [s].
         """
         scene = self._scenes[number % len(self._scenes)]
-        planner = Planner(self._model, self._count)
+        planner = Planner(self._model, self._patience)
         collision = CollisionModel(self._model, scene)
         held = carried(self._payload, scene.attached)
         loaded = self._model if held is None else self._model.with_payload(held.mass, held.com)
@@ -191,9 +188,9 @@ class _Source:
             payload=self._payload,
             strength=self._strength,
             seed=problem,
-            time_budget=_NEVER,
+            time_budget=NEVER,
         )
-        self._looks = _LOOKS[collision.batch is not None]
+        self._patience.renew(compiled=collision.batch is not None)
         try:
             plan = planner.plan(request)
         except So101Error as error:
@@ -218,11 +215,6 @@ class _Source:
             velocity=to_deg(qd).astype(np.float32),
             timestamp=t.astype(np.float32),
         )
-
-    def _count(self) -> None:
-        self._looks -= 1
-        if self._looks < 0:
-            raise NoPath("no path found within the looks that are allowed")
 
 
 class _Motion(NamedTuple):

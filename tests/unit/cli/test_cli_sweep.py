@@ -31,3 +31,32 @@ def test_workers_and_dask_exclude_each_other(tmp_path):
     both = sweep("reach", "--out", str(tmp_path), "--workers", "1", "--dask", "tcp://x:1")
     assert both.exit_code == 2
     assert "not both" in both.output
+
+
+POSE = {"approach": [0, 0, -1], "approach_tolerance_deg": 15}
+POSES = [
+    {"name": name, "position_mm": [210, y, 60], **POSE}
+    for name, y in (("left", 40), ("right", -40))
+]
+SMALL = ("--x-mm", "-40:0", "--y-mm", "0", "--turn-deg", "0")
+
+
+@pytest.mark.slow
+def test_place_keeps_the_best_bases_with_their_programs(tmp_path):
+    task, out = tmp_path / "task.json", tmp_path / "placed"
+    task.write_text(json.dumps({"schema": "so101/task/1", "frame": "jaw_tip", "poses": POSES}))
+    asked = ("place", str(task), *SMALL, "--out", str(out), "--workers", "1")
+    done = sweep(*asked)
+    assert done.exit_code == 0, done.output
+    assert "2 of 2 bases reach every pose" in done.stderr
+    assert done.stdout.splitlines()[-1].startswith("sha256 ")
+    assert (out / "best" / "01.json").is_file()
+    assert (out / "map.svg").is_file()
+
+
+@pytest.mark.parametrize("given", ["a:b", "3:1", "1:2:3", "nan", "9e9"])
+def test_a_region_that_cannot_be_meant_is_refused(tmp_path, given):
+    (tmp_path / "task.json").write_text("{}")
+    wrong = sweep("place", str(tmp_path / "task.json"), "--x-mm", given, "--out", str(tmp_path))
+    assert wrong.exit_code == 2
+    assert "--x-mm" in wrong.output

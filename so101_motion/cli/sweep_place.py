@@ -1,0 +1,230 @@
+"""``so101 sweep place``: where to screw the base, for a task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from so101_motion.cli.param_types import IN_FILE, Finite
+from so101_motion.cli.shared import CHECK_FAILED, aside, json_option, print_json
+from so101_motion.common.attributes import (
+    ACCELERATION_RANGE_DEG,
+    HEAVIEST,
+    SERVO_VOLTAGES,
+    SPEED_RANGE_DEG,
+)
+from so101_motion.common.units import to_m, to_rad
+
+if TYPE_CHECKING:
+    from so101_motion.tasks.sweeps import Progress
+    from so101_motion.tasks.sweeps.place import PlaceSweep
+    from so101_motion.tasks.sweeps.placement import Placement
+
+_FARTHEST_MM = 5000.0
+
+
+class FromTo(click.ParamType[tuple[float, float]]):
+    """A number, or two with a colon between: from, to."""
+
+    name = "FROM:TO"
+
+    def __init__(self, most: float) -> None:
+        self._most = most
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, float]:
+        """Both ends, the smaller one first."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, _, high = str(value).partition(":")
+            ends = float(low), float(high or low)
+        except ValueError:
+            self.fail(f"{value!r} is not FROM:TO, such as -200:200", param, ctx)
+        if not (ends[0] <= ends[1] and max(map(abs, ends)) <= self._most):
+            self.fail(
+                f"{value!r} must be two numbers within {self._most:g}, the smaller one first",
+                param, ctx,
+            )  # fmt: skip
+        return ends
+
+
+@click.command()
+@click.argument("task_file", metavar="TASK", type=IN_FILE)
+@click.option(
+    "--x-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True,
+    help="Where the base may be in the cell.",
+)  # fmt: skip
+@click.option(
+    "--y-mm", type=FromTo(_FARTHEST_MM), default="-300:300", show_default=True, help="Likewise."
+)
+@click.option(
+    "--z-mm", type=FromTo(_FARTHEST_MM), default="0", show_default=True,
+    help="Likewise; 0 is on the table.",
+)  # fmt: skip
+@click.option(
+    "--turn-deg", type=FromTo(360.0), default="-180:180", show_default=True,
+    help="How it may be turned.",
+)  # fmt: skip
+@click.option(
+    "--mount", type=click.Choice(["table", "wall", "upside-down"]), default="table",
+    show_default=True, help="What it is screwed to.",
+)  # fmt: skip
+@click.option(
+    "--facing-deg", type=Finite(-360.0, 360.0), default=0.0, show_default=True,
+    help="Where a wall faces; 0 is along x.",
+)  # fmt: skip
+@click.option(
+    "--spacing-mm", type=Finite(4.0, 1000.0), default=40.0, show_default=True,
+    help="Between the bases that are tried first; the best are moved by an eighth of it.",
+)  # fmt: skip
+@click.option(
+    "--turn-step-deg", type=Finite(1.0, 180.0), default=30.0, show_default=True, help="Likewise."
+)
+@click.option(
+    "--by", type=click.Choice(["time", "clearance", "torque", "robust"]), default="time",
+    show_default=True, help="What is wanted most; the time decides between equals.",
+)  # fmt: skip
+@click.option("--scene", "scene_file", type=IN_FILE, help="What stands in the cell.")
+@click.option(
+    "--tolerance-deg", type=Finite(0.1, 90.0), default=10.0, show_default=True,
+    help="How far the tool's approach may be off at a program's waypoints.",
+)  # fmt: skip
+@click.option(
+    "--speed", type=Finite(*SPEED_RANGE_DEG), default=170.0, show_default=True, metavar="DEG/S",
+    help="Joint speed cap.",
+)  # fmt: skip
+@click.option(
+    "--acceleration", type=Finite(*ACCELERATION_RANGE_DEG), default=430.0, show_default=True,
+    metavar="DEG/S2", help="Joint acceleration cap.",
+)  # fmt: skip
+@click.option(
+    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
+)
+@click.option(
+    "--servo-voltage", type=click.Choice([f"{each:g}" for each in SERVO_VOLTAGES]),
+    default=f"{SERVO_VOLTAGES[0]:g}", show_default=True, help="The servos' rated voltage.",
+)  # fmt: skip
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), required=True,
+    help="Folder of the result.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(1, 256), help="So many processes.")
+@click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786.")
+@json_option
+def place(
+    task_file: Path,
+    x_mm: tuple[float, float],
+    y_mm: tuple[float, float],
+    z_mm: tuple[float, float],
+    turn_deg: tuple[float, float],
+    mount: str,
+    facing_deg: float,
+    spacing_mm: float,
+    turn_step_deg: float,
+    by: str,
+    scene_file: Path | None,
+    tolerance_deg: float,
+    speed: float,
+    acceleration: float,
+    payload_g: float,
+    servo_voltage: str,
+    out: Path,
+    workers: int | None,
+    dask: str | None,
+    as_json: bool,
+) -> None:
+    """Find where to screw the base, so that TASK is done best.
+
+    TASK is a program taught on an arm at the cell's origin, or a file of poses with tolerances.
+    Every pose must be reached free of contact, and the whole cycle planned. The ten best places
+    are kept with their programs, and a map of all.
+
+    \b
+    so101 sweep place wave.json --x-mm -200:200 --y-mm -200:200 --out placed
+    so101 sweep place task.json --mount wall --x-mm 0 --z-mm 100:400 --out on-the-wall
+    """  # noqa: D301
+    from so101_motion.cli.sweep import computers, show_progress
+    from so101_motion.files.scene_file import read_scene
+    from so101_motion.planning.collision.scene import Scene
+    from so101_motion.tasks.sweeps import scene_text
+    from so101_motion.tasks.sweeps.mounting import Region
+    from so101_motion.tasks.sweeps.place import PlaceSweep
+    from so101_motion.tasks.sweeps.placement import find_bases
+    from so101_motion.tasks.sweeps.placement_files import write_placement
+    from so101_motion.tasks.sweeps.placement_task import read_task, task_text
+
+    if workers is not None and dask is not None:
+        raise click.UsageError("--workers or --dask, not both")
+    task = read_task(task_file, approach_tolerance=to_rad(tolerance_deg))
+    region = Region(
+        x=_each(to_m, x_mm), y=_each(to_m, y_mm), z=_each(to_m, z_mm), turn=_each(to_rad, turn_deg),
+        mount=mount, facing=to_rad(facing_deg), spacing=to_m(spacing_mm),
+        turn_step=to_rad(turn_step_deg),
+    )  # fmt: skip
+    sweep = PlaceSweep(
+        task=task_text(task),
+        region=region,
+        by=by,
+        scene=scene_text(Scene() if scene_file is None else read_scene(scene_file)),
+        velocity=to_rad(speed),
+        acceleration=to_rad(acceleration),
+        payload=1e-3 * payload_g,
+        voltage=float(servo_voltage),
+    )
+    with computers(workers, dask, out) as computed_by, ExitStack() as bar:
+
+        def step(work: PlaceSweep) -> Callable[[Progress], None]:
+            bar.close()
+            return bar.enter_context(show_progress(work))
+
+        placement = find_bases(sweep, out, on_step=step, **computed_by)
+    write_placement(placement, sweep, out)
+    _print(placement, out, as_json=as_json)
+    if placement.failed:
+        raise SystemExit(CHECK_FAILED)
+
+
+def _each(convert: Callable[[float], float], ends: tuple[float, float]) -> tuple[float, float]:
+    return convert(ends[0]), convert(ends[1])
+
+
+def _print(placement: Placement, out: Path, *, as_json: bool) -> None:
+    from so101_motion.tasks.sweeps.placement_files import in_figures
+
+    rows = [in_figures(base) for base in placement.best]
+    if as_json:
+        print_json(
+            "sweep-place",
+            {
+                "out": str(out),
+                "screened": len(placement.screened),
+                "planned": placement.planned,
+                "failed": placement.failed,
+                "best": rows,
+                "sha256": placement.sha256,
+            },
+        )
+        return
+    click.echo(
+        "      x     y     z [mm]  turn [deg]  time [s]  clearance [mm]  torque left  robust"
+    )
+    for number, row in enumerate(rows, 1):
+        click.echo(
+            f"{number:2}{row['x_mm']:5.0f}{row['y_mm']:6.0f}{row['z_mm']:6.0f}"
+            f"{row['turn_deg']:17.1f}{row['time_s']:10.2f}{row['clearance_mm']:16.1f}"
+            f"{row['torque_left_percent']:11.0f} %{row['robust_percent']:6.0f} %"
+        )
+    able = sum(each.missed == -1 for each in placement.screened)
+    aside(
+        f"{able} of {len(placement.screened)} bases reach every pose; {placement.planned} planned;"
+        f" programs and scenes in {out / 'best'}, map in {out / 'map.svg'}"
+    )
+    for where, why in placement.failed.items():
+        aside(f"{where} failed: {why}")
+    click.echo(f"sha256 {placement.sha256}")

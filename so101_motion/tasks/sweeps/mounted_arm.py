@@ -1,0 +1,379 @@
+"""An arm at a base: the configurations it has for a task's poses, and the fastest way through them.
+
+*Choice.* All configurations at each pose that keep the tolerances, the joint limits, clear of
+everything and within what servos may hold.
+
+*Bound.* No motion takes less time than that of the joint that turns furthest, so the cheapest way
+around with such times takes less than any plan.
+
+*Plan.* The legs of the cheapest way are planned, and the durations that they really take put in the
+place of the bounds; then the way that is now the cheapest, until that is one planned throughout.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from functools import lru_cache, partial
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.bodies import around_base
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.goals import JointGoal, PathGoal
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+from so101_motion.planning.planner import Plan, Planner, PlanRequest
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
+from so101_motion.tasks.program.rehearsal import PASSING, plan_leg
+from so101_motion.tasks.sweeps.cheapest_cycle import cheapest, least_time
+from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
+from so101_motion.tasks.sweeps.placement_task import PlacementTask
+from so101_motion.tasks.sweeps.pose_configurations import PoseConfigurations
+from so101_motion.tasks.sweeps.reach import STEPS
+
+CRITERIA = ("time", "clearance", "torque", "robust")
+"""What bases can be compared by."""
+
+_LOOKS = 100
+"""After how many checkpoints a leg is given up. Chosen: some tenths of a second."""
+
+_ROUNDS = 12
+"""So often the cheapest way from a base is planned. Chosen: three are enough for most."""
+
+_TORQUE_STEP = 0.05
+"""Configurations that leave less torque than the best possible by up to this share are as good, if
+bases are compared by torque. Chosen."""
+
+_LOOKED_AT = 10
+"""Clearance along a motion is measured at each tenth setpoint."""
+
+_FAR = 1.0
+"""Stands for more clearance than is looked for [m]."""
+
+_Leg = tuple[int, int, int]
+"""The pose where a leg begins, and the configurations at both its ends."""
+
+
+class MountedCaps(NamedTuple):
+    """How fast the arm may be, and what it bears.
+
+    Attributes:
+        velocity: Cap of the joints [rad/s].
+        acceleration: Likewise [rad/s^2].
+        jerk: Likewise [rad/s^3].
+        payload: What the hand carries, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V].
+    """
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    payload: float
+    voltage: float
+
+
+class Choice(NamedTuple):
+    """The configurations at the poses of a task from one base, one array a pose.
+
+    Attributes:
+        q: Shapes (n_k, 5), [rad].
+        level: How much clearance each has, in steps, shapes (n_k,), [m].
+        left: The share of torque that is left, shapes (n_k,).
+    """
+
+    q: list[Array]
+    level: list[Array]
+    left: list[Array]
+
+    def bounds(self) -> tuple[float, float]:
+        """The most clearance [m] and the largest share of torque that any way can keep."""
+        level = min(float(each.max()) for each in self.level)
+        wider = [step for step in STEPS if step > level]
+        return min(wider, default=_FAR), min(float(each.max()) for each in self.left)
+
+    def narrowed(self, by: str) -> Choice:
+        """Without what would spoil the figure that is wanted most."""
+        if by not in ("clearance", "torque"):
+            return self
+        column, slack = (self.level, 0.0) if by == "clearance" else (self.left, _TORQUE_STEP)
+        least = min(float(each.max()) for each in column) - slack
+        kept = [each >= least for each in column]
+        return Choice(*([each[good] for each, good in zip(of, kept, strict=True)] for of in self))
+
+
+class Cycle(NamedTuple):
+    """A planned way through all poses.
+
+    Attributes:
+        time: Pauses included [s].
+        q: The joint angles at each pose, shape (n, 5), [rad].
+        motions: The plans in order, each with the jaw's angle [rad].
+    """
+
+    time: float
+    q: Array
+    motions: list[tuple[Plan, float]]
+
+
+class MountedArm:
+    """An arm with a task. Belongs to one thread.
+
+    Args:
+        task: Its poses.
+        caps: What the arm may do.
+        R_world_base: How its base is turned, for torques, shape (3, 3).
+        attached: What it holds.
+        by: What is wanted most, one of ``CRITERIA``.
+
+    Attributes:
+        model: The arm as it is mounted, without a load.
+    """
+
+    def __init__(
+        self,
+        task: PlacementTask,
+        caps: MountedCaps,
+        *,
+        R_world_base: Array,
+        attached: tuple[Attached, ...],
+        by: str,
+    ) -> None:
+        self._task, self._caps, self._by = task, caps, by
+        self.model = RobotModel.load().mounted(R_world_base)
+        self._payload = None
+        if caps.payload > 0.0:
+            x, y, z = place_in_hand(self.model).tolist()
+            self._payload = Payload(mass=caps.payload, com=(x, y, z))
+        held = carried(self._payload, attached)
+        loaded = self.model
+        self._loaded = loaded if held is None else loaded.with_payload(held.mass, held.com)
+        self._strength = Strength.of_servos(caps.voltage)
+        self._ways = PoseConfigurations(self.model, task.frame)
+        self._around = lru_cache(maxsize=4)(partial(CollisionModel, self.model))
+        self._closed = task.rounds != 1
+        self._pauses = sum(pose.pause for pose in task.poses)
+        self._jaws = _jaws(task)
+
+    def choice(self, T_cell_base: SE3, scene: Scene) -> tuple[Choice | None, int]:
+        """What there is to choose from at a base, else the pose without (``Screened.missed``).
+
+        Args:
+            T_cell_base: The base.
+            scene: What is around it, seen from there.
+        """
+        found, missed = self._free(T_cell_base, scene)
+        if missed != -1:
+            return None, missed
+        collision, choice = self._around(scene), Choice([], [], [])
+        for k, (q, left) in enumerate(found):
+            level = np.zeros(len(q))
+            for step in STEPS:
+                near = collision.touching(q, self._jaws[k], extra=step)
+                level = np.where(near, level, step)
+            choice.q.append(q)
+            choice.level.append(level)
+            choice.left.append(left)
+        return choice.narrowed(self._by), -1
+
+    def reaches(self, T_cell_base: SE3, scene: Scene) -> bool:
+        """Whether every pose can be had from a base; arguments as for ``choice``."""
+        return self._free(T_cell_base, scene)[1] == -1
+
+    def _free(self, T_cell_base: SE3, scene: Scene) -> tuple[list[tuple[Array, Array]], int]:
+        """The free configurations at each pose, with the share of torque that is left."""
+        T_base_cell = T_cell_base.inverse
+        found = []
+        for k, pose in enumerate(self._task.poses):  # most bases fail here, before a body is made
+            q = self._ways.at(pose, T_base_cell)
+            if len(q) == 0:
+                return [], k
+            held = np.abs(self._loaded.holding_torques(q)).max(axis=1)
+            found.append((q, 1.0 - held / self._strength.holding))
+        if around_base(scene) is not None:
+            return [], -2
+        collision = self._around(scene)
+        free = []
+        for k, (q, left) in enumerate(found):
+            good = left >= 0.0
+            for jaw in {self._jaws[k - 1], self._jaws[k]}:
+                good &= np.logical_not(collision.touching(q, jaw))
+            if not good.any():
+                return [], k
+            free.append((q[good], left[good]))
+        return free, -1
+
+    def least_time(self, choice: Choice) -> float:
+        """What any way around takes at least [s]."""
+        return self._cheapest(choice, {})[0]
+
+    def planned(self, choice: Choice, scene: Scene) -> Cycle | str:
+        """The fastest way around that is found, or why there is none."""
+        legs = _Legs(self, scene)
+        known: dict[_Leg, float] = {}
+        best: Cycle | None = None
+        why = "NoPath"
+        for _ in range(_ROUNDS):
+            bound, options = self._cheapest(choice, known)
+            if bound == math.inf or (best is not None and bound >= best.time - 1e-9):
+                break
+            try:
+                made = self._along(choice, options, legs, known)
+            except PlanningError as error:
+                why = type(error).__name__
+            else:
+                best = made if best is None or made.time < best.time else best
+        return best or why
+
+    def figures(self, cycle: Cycle, scene: Scene) -> tuple[float, float]:
+        """Clearance beyond the margins [m] and share of torque left, over whole motions."""
+        collision, room, left = self._around(scene), math.inf, math.inf
+        for plan, jaw in cycle.motions:
+            q = plan.trajectory.q
+            looked = q[np.unique([*range(0, len(q), _LOOKED_AT), len(q) - 1])]
+            room = min(room, *(collision.clearance(each, jaw).room for each in looked))
+            held = float(np.abs(self._loaded.holding_torques(looked)).max())
+            left = min(left, 1.0 - held / self._strength.holding)
+        return room, left
+
+    def request(
+        self, scene: Scene, goal: JointGoal | PathGoal, q_start: Array, q_jaw: float
+    ) -> PlanRequest:
+        """A leg as a request."""
+        caps = self._caps
+        return PlanRequest(
+            q_start=q_start,
+            goal=goal,
+            limits=MotionLimits.uniform(
+                velocity=caps.velocity, acceleration=caps.acceleration, jerk=caps.jerk
+            ),
+            q_jaw=q_jaw,
+            scene=scene,
+            payload=self._payload,
+            strength=self._strength,
+            time_budget=NEVER,
+        )
+
+    def _along(
+        self, choice: Choice, options: list[int], legs: _Legs, known: dict[_Leg, float]
+    ) -> Cycle:
+        """Plan the legs through one configuration at each pose, and note what they take."""
+        n = len(options)
+        q = np.array([of[option] for of, option in zip(choice.q, options, strict=True)])
+        time, motions = self._pauses, list[tuple[Plan, float]]()
+        for indices in self._stretches():
+            through = [(indices[0] - 1) % n, *indices]
+            begin, end = through[-2], through[-1]
+            # What a stretch takes beyond its other legs is put down to the last of them.
+            other = sum(
+                float(self._passing(np.abs(q[a] - q[b]).max())) for a, b in pairwise(through[:-1])
+            )
+            leg = begin, options[begin], options[end]
+            known[leg] = math.inf
+            jaw = self._jaws[through[0]]
+            plan = legs.plan(self._task, q, indices, jaw)
+            duration = 0.0 if plan is None else plan.duration
+            known[leg] = duration - other
+            time += duration
+            motions += [] if plan is None else [(plan, jaw)]
+        return Cycle(time, q, motions)
+
+    def _cheapest(self, choice: Choice, known: Mapping[_Leg, float]) -> tuple[float, list[int]]:
+        """The cheapest way around, with pauses, and its configuration at each pose."""
+        poses, n, caps = self._task.poses, len(choice.q), self._caps
+        costs = []
+        for k in range(n if self._closed else n - 1):
+            after = (k + 1) % n
+            off = np.abs(choice.q[k][:, None] - choice.q[after][None]).max(axis=2)
+            if poses[k].passes or poses[after].passes:
+                costs.append(self._passing(off))
+            else:
+                costs.append(least_time(off, caps.velocity, caps.acceleration, caps.jerk))
+        for (k, first, second), duration in known.items():
+            costs[k][first, second] = max(duration, float(costs[k][first, second]))
+        time, options = cheapest(costs, closed=self._closed)
+        return time + self._pauses, options
+
+    def _passing(self, off: Array) -> Array:
+        """What a leg with a pose that is passed takes at least, for joint angles apart [rad]."""
+        return np.maximum(off - 2.0 * PASSING, 0.0) / self._caps.velocity
+
+    def _stretches(self) -> Iterator[range]:
+        """The poses of each motion; the pose before them is where it begins."""
+        for indices in self._task.program(np.zeros((len(self._task.poses), 5))).stretches():
+            if indices[0] > 0 or self._closed:
+                yield indices
+            elif len(indices) > 1:
+                yield indices[1:]
+
+
+class _Legs:
+    """Plans legs from one base, each once."""
+
+    def __init__(self, arm: MountedArm, scene: Scene) -> None:
+        self._planner = _SceneLegs(arm, scene)
+        self._made: dict[bytes, Plan | PlanningError | None] = {}
+
+    def plan(self, task: PlacementTask, q: Array, indices: range, q_jaw: float) -> Plan | None:
+        """The motion through some poses, from the one before them; None if there is nothing to do.
+
+        Args:
+            task: The poses.
+            q: The joint angles at each, shape (n, 5), [rad].
+            indices: Those of the leg.
+            q_jaw: The jaw's angle on the way [rad].
+
+        Raises:
+            PlanningError: There is none.
+        """
+        q_start = q[(indices[0] - 1) % len(q)]
+        key = np.array([indices[0], q_jaw, *q_start, *q[indices].ravel()]).tobytes()
+        if key not in self._made:
+            try:
+                leg = plan_leg(self._planner, task.program(q), indices, q_start, q_jaw)
+                self._made[key] = leg.plan
+            except PlanningError as error:
+                self._made[key] = error
+        made = self._made[key]
+        if isinstance(made, PlanningError):
+            raise made
+        return made
+
+
+class _SceneLegs:
+    """What ``plan_leg`` plans with: a planner in one scene."""
+
+    def __init__(self, arm: MountedArm, scene: Scene) -> None:
+        self._arm, self._scene = arm, scene
+        self._patience = CountedPatience(_LOOKS)
+        # A fresh one: its looks are counted in batches that go on from plan to plan.
+        self._planner = Planner(arm.model, self._patience)
+
+    def plan(
+        self, goal: JointGoal | PathGoal, *, q_start: Array | None, q_jaw: float | None
+    ) -> Plan:
+        """Plan from joint angles, shape (5,), [rad]."""
+        assert q_start is not None
+        assert q_jaw is not None
+        self._patience.renew(compiled=native().library is not None)
+        return self._planner.plan(self._arm.request(self._scene, goal, q_start, q_jaw))
+
+
+def _jaws(task: PlacementTask) -> list[float]:
+    """The jaw's angle after each pose [rad]; a jaw that is never told stays closed."""
+    told = [pose.aperture for pose in task.poses]
+    given = [each for each in told if each is not None]
+    # Of a task that goes around, the last that was told; of another, nothing is known before.
+    aperture = (given[-1] if task.rounds != 1 else 0.0) if given else 0.0
+    jaws = []
+    for each in told:
+        aperture = aperture if each is None else each
+        jaws.append(JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED))
+    return jaws

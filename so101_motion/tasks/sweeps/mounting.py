@@ -1,0 +1,177 @@
+"""Where a base may be screwed down, and what the cell looks like from there.
+
+Bases lie on a lattice: x, y, z and the turn about the base's own z axis. A search begins with every
+eighth step of it (``COARSE``) and ends with single steps. The cell's frame is that of
+``placement_task.py``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array, rot_x, rot_y, rot_z
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
+
+COARSE = 8
+"""So many steps of the lattice are one of the first round. A power of two."""
+
+TABLE = "table"
+"""What messages call the table of an arm that does not stand on it."""
+
+MOUNTS = ("table", "wall", "upside-down")
+"""How a base may be mounted: standing, on a wall, hanging from above."""
+
+JITTER, JITTER_TURN = 0.005, math.radians(2.0)
+"""How far off a base may be screwed down in practice [m], [rad]."""
+
+_MOST = 100_000
+"""More bases than that in the first round are refused. Chosen: some minutes' work."""
+
+_TABLE_SIZE = np.array([3.0, 3.0, 0.05])
+
+Cell = tuple[int, int, int, int]
+"""A base's place on the lattice: steps along x, y, z and of the turn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """What a base may do: plain data.
+
+    Attributes:
+        x: From, to, in the cell [m].
+        y: Likewise.
+        z: Likewise; 0 is on the table.
+        turn: From, to, about the base's own z axis [rad]; 0 faces along the cell's x axis.
+        mount: One of ``MOUNTS``.
+        facing: Where a wall's normal points, counted from x towards y [rad].
+        spacing: Between the bases of the first round [m].
+        turn_step: Likewise [rad].
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    z: tuple[float, float] = (0.0, 0.0)
+    turn: tuple[float, float] = (-math.pi, math.pi)
+    mount: str = "table"
+    facing: float = 0.0
+    spacing: float = 0.04
+    turn_step: float = math.radians(30.0)
+
+    def __post_init__(self) -> None:
+        for key in ("x", "y", "z", "turn"):
+            low, high = getattr(self, key)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise ConfigError(key, [low, high], "must be two numbers, the smaller one first")
+        if self.mount not in MOUNTS:
+            raise ConfigError("mount", self.mount, f"must be {', '.join(MOUNTS[:-1])} or hanging")
+        for key, least, most in (("spacing", 0.004, 1.0), ("turn_step", 0.01, math.pi)):
+            if not least <= getattr(self, key) <= most:
+                raise ConfigError(key, getattr(self, key), f"must be {least:g} to {most:.3g}")
+        if math.prod(self._counts()) > _MOST:
+            raise ConfigError(
+                "spacing", self.spacing,
+                f"makes more than {_MOST} bases; take a wider one, or a smaller region",
+            )  # fmt: skip
+
+    def cells(self) -> Iterator[Cell]:
+        """The bases of the first round."""
+        for x, y, z, turn in itertools.product(*(range(count) for count in self._counts())):
+            yield COARSE * x, COARSE * y, COARSE * z, COARSE * turn
+
+    def around(self, cell: Cell, step: int) -> Iterator[Cell]:
+        """The bases of the region next to one, ``step`` steps away along some of the axes."""
+        counts = self._counts()
+        ways = [(0,) if count == 1 else (-step, 0, step) for count in counts]
+        for offsets in itertools.product(*ways):
+            moved = [at + by for at, by in zip(cell, offsets, strict=True)]
+            if self._whole_turn:
+                moved[3] %= COARSE * counts[3]
+            last = (COARSE * (count - 1) for count in counts[:3])
+            inside = all(0 <= at <= end for at, end in zip(moved, last, strict=False))
+            turns = self._whole_turn or 0 <= moved[3] <= COARSE * (counts[3] - 1)
+            if inside and turns and tuple(moved) != cell:
+                yield moved[0], moved[1], moved[2], moved[3]
+
+    def are_apart(self, cell: Cell, other: Cell) -> bool:
+        """Whether two bases are more than a step of the first round apart, along any axis."""
+        off = [abs(a - b) for a, b in zip(cell, other, strict=True)]
+        if self._whole_turn:
+            off[3] = min(off[3], COARSE * self._counts()[3] - off[3])
+        return max(off) > COARSE
+
+    def place(self, cell: Cell) -> tuple[float, float, float, float]:
+        """Where a base of the lattice is, x, y, z [m], and its turn [rad]."""
+        ends = (self.x, self.y, self.z, self.turn)
+        steps = (self.spacing,) * 3 + (self.turn_step,)
+        x, y, z, turn = (
+            (low if self._whole_turn and axis == 3 else 0.5 * (low + high - (count - 1) * step))
+            + at * step / COARSE
+            for axis, ((low, high), count, step, at) in enumerate(
+                zip(ends, self._counts(), steps, cell, strict=True)
+            )
+        )
+        return x, y, z, math.remainder(turn, 2.0 * math.pi)
+
+    def base(self, cell: Cell) -> SE3:
+        """``T_cell_base`` of a base of the lattice."""
+        *p, turn = self.place(cell)
+        return SE3(self._R_mount @ rot_z(turn), np.array(p))
+
+    def jittered(self, T_cell_base: SE3) -> Iterator[SE3]:
+        """A base as it may come out: 5 mm off along both axes of its plate, and 2 degrees."""
+        for x, y, turn in itertools.product((-1.0, 1.0), repeat=3):
+            off = np.array([x * JITTER, y * JITTER, 0.0])
+            yield T_cell_base @ SE3(rot_z(turn * JITTER_TURN), off)
+
+    def seen_from(self, scene: Scene, T_cell_base: SE3) -> Scene:
+        """The scene of the cell as an arm at a base sees it.
+
+        A standing arm may stand on something that is not looked at; an arm on a wall or overhead
+        has that as its floor, and the table as an obstacle.
+        """
+        T_base_cell = T_cell_base.inverse
+        obstacles = [
+            replace(each, T_base_obstacle=T_base_cell @ each.T_base_obstacle)
+            for each in scene.obstacles
+        ]
+        if self.mount == "table":
+            floor_z = scene.floor_z
+            if floor_z is not None:
+                floor_z -= float(T_cell_base.p[2])
+            return replace(scene, obstacles=tuple(obstacles), floor_z=floor_z)
+        if scene.floor_z is not None:
+            x, y, _ = T_cell_base.p.tolist()
+            middle = SE3.from_translation((x, y, scene.floor_z - 0.5 * float(_TABLE_SIZE[2])))
+            table = Box(size=_TABLE_SIZE)
+            obstacles.append(
+                Obstacle(name=TABLE, shape=table, T_base_obstacle=T_base_cell @ middle)
+            )
+        return replace(scene, obstacles=tuple(obstacles), floor_z=FLOOR_Z)
+
+    @property
+    def _whole_turn(self) -> bool:
+        return self.turn[1] - self.turn[0] >= 2.0 * math.pi - 1e-6
+
+    @property
+    def _R_mount(self) -> Array:
+        if self.mount == "upside-down":
+            return rot_x(math.pi)
+        if self.mount == "wall":  # z along the normal, x up
+            return rot_z(self.facing) @ rot_y(0.5 * math.pi) @ rot_z(math.pi)
+        return np.eye(3)
+
+    def _counts(self) -> tuple[int, int, int, int]:
+        def along(ends: tuple[float, float], step: float) -> int:
+            return int((ends[1] - ends[0]) / step + 1e-9) + 1
+
+        turns = along(self.turn, self.turn_step)
+        if self._whole_turn:
+            turns = max(1, round(2.0 * math.pi / self.turn_step))
+        x, y, z = (along(ends, self.spacing) for ends in (self.x, self.y, self.z))
+        return x, y, z, turns

@@ -1,0 +1,131 @@
+"""What a search for bases leaves behind: a table, a map, and a program with its scene for each."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+from so101_motion.common.units import to_deg, to_mm
+from so101_motion.files import atomic
+from so101_motion.files.scene_file import scene_from, write_scene
+from so101_motion.tasks.program.files import write as write_program
+from so101_motion.tasks.sweeps.place import PlaceSweep
+from so101_motion.tasks.sweeps.placement import Base, Placement
+from so101_motion.tasks.sweeps.placement_task import PlacementTask, task_from
+
+_PIXELS_PER_M = 800.0
+_BORDER = 60.0
+_GOOD, _BAD, _NONE = (43, 138, 62), (255, 236, 153), "#e9ecef"
+
+
+def write_placement(placement: Placement, sweep: PlaceSweep, folder: Path) -> None:
+    """Write ``placement.json``, ``map.svg``, and the ten best into ``best/``.
+
+    ``best/01.json`` is the program for an arm at the best base, ``best/01-scene.json`` what is
+    around it, both seen from there.
+
+    Raises:
+        ConfigError: A file cannot be written.
+    """
+    task = task_from(json.loads(sweep.task))
+    scene = scene_from(json.loads(sweep.scene), folder=None)
+    best = folder / "best"
+    best.mkdir(exist_ok=True)
+    for number, base in enumerate(placement.best, 1):
+        write_program(task.program(base.q), best / f"{number:02d}.json")
+        seen = sweep.region.seen_from(scene, sweep.region.base(base.cell))
+        write_scene(seen, best / f"{number:02d}-scene.json")
+    rows = [in_figures(base) for base in placement.best]
+    table = json.dumps({"by": sweep.by, "sha256": placement.sha256, "best": rows}, indent=1)
+    atomic.write(folder / "placement.json", (table + "\n").encode())
+    atomic.write(folder / "map.svg", placement_map(placement, sweep, task).encode())
+
+
+def in_figures(base: Base) -> dict[str, float]:
+    """A base as people read it: millimetres, degrees, seconds, per cent."""
+    return {
+        "x_mm": round(to_mm(base.x), 1),
+        "y_mm": round(to_mm(base.y), 1),
+        "z_mm": round(to_mm(base.z), 1),
+        "turn_deg": round(to_deg(base.turn), 2),
+        "time_s": round(base.time, 3),
+        "clearance_mm": round(to_mm(base.clearance), 1),
+        "torque_left_percent": round(100.0 * base.torque_left, 1),
+        "robust_percent": round(100.0 * base.robust, 1),
+    }
+
+
+def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) -> str:
+    """The first round and the best bases as a picture, SVG.
+
+    Seen from above, x to the right; of bases on a wall from the side. Each field
+    is the best that its bases promise, whatever their turns: the greener the faster. Circles with a
+    number are the best bases, their strokes where they face; dots are the poses.
+    """
+    places = {each.cell: sweep.region.place(each.cell) for each in placement.screened}
+    across, up = _axes(sweep)
+    bound: dict[tuple[float, float], float] = {}
+    for each in placement.screened:
+        at = places[each.cell][across], places[each.cell][up]
+        bound[at] = min(bound.get(at, math.inf), each.time)
+    left = min(x for x, _ in bound)
+    top = max(y for _, y in bound)
+    right, bottom = max(x for x, _ in bound), min(y for _, y in bound)
+    for pose in task.poses:
+        left, right = min(left, pose.p[across]), max(right, pose.p[across])
+        bottom, top = min(bottom, pose.p[up]), max(top, pose.p[up])
+
+    def pixels(x: float, y: float) -> tuple[float, float]:
+        return (x - left) * _PIXELS_PER_M + _BORDER, (top - y) * _PIXELS_PER_M + _BORDER
+
+    width, height = pixels(right, bottom)
+    edge = sweep.region.spacing * _PIXELS_PER_M
+    finite = [time for time in bound.values() if time < math.inf]
+    fastest, slowest = min(finite), max(finite)
+    parts = []
+    for (x, y), time in bound.items():
+        px, py = pixels(x, y)
+        fill = _NONE if time == math.inf else _colour((time - fastest) / (slowest - fastest + 1e-9))
+        parts.append(
+            f'<rect x="{px - edge / 2:.1f}" y="{py - edge / 2:.1f}" width="{edge:.1f}"'
+            f' height="{edge:.1f}" fill="{fill}" stroke="white"/>'
+        )
+    for pose in task.poses:
+        px, py = pixels(pose.p[across], pose.p[up])
+        parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="4" fill="#1c7ed6"/>')
+    for number, base in reversed([*enumerate(placement.best, 1)]):
+        place = sweep.region.place(base.cell)
+        px, py = pixels(place[across], place[up])
+        ahead = sweep.region.base(base.cell).R[:, 0]
+        dx, dy = 24.0 * ahead[across], -24.0 * ahead[up]
+        parts.append(
+            f'<path d="M{px:.1f} {py:.1f}l{dx:.1f} {dy:.1f}" stroke="#c92a2a" stroke-width="3"/>'
+            f'<circle cx="{px:.1f}" cy="{py:.1f}" r="9" fill="#c92a2a"/>'
+            f'<text x="{px:.1f}" y="{py + 4:.1f}" fill="white" text-anchor="middle"'
+            f' font-size="11">{number}</text>'
+        )
+    parts.append(
+        f'<text x="{_BORDER:.0f}" y="{height + _BORDER - 12:.0f}" font-size="14">green'
+        f" {fastest:.2f} s, yellow {slowest:.2f} s, grey: out of reach or blocked;"
+        f" {'xyz'[across]} to the right, {'xyz'[up]} up</text>"
+    )
+    size = f'width="{max(width + _BORDER, 560):.0f}" height="{height + _BORDER:.0f}"'
+    inner = "\n".join(parts)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif">\n'
+        f'<rect width="100%" height="100%" fill="white"/>\n{inner}\n</svg>\n'
+    )
+
+
+def _axes(sweep: PlaceSweep) -> tuple[int, int]:
+    """The two of x, y, z to be drawn, across and up."""
+    region = sweep.region
+    if region.mount != "wall":
+        return 0, 1
+    return (1 if region.x[0] == region.x[1] else 0), 2
+
+
+def _colour(share: float) -> str:
+    r, g, b = (round(a + share * (z - a)) for a, z in zip(_GOOD, _BAD, strict=True))
+    return f"#{r:02x}{g:02x}{b:02x}"

@@ -1,0 +1,252 @@
+"""The task that a base is looked for: poses of the tool in the cell, in order, with tolerances.
+
+A file looks like this, in the frame of the cell: millimetres, z up, z = 0 where the base frame of
+an arm that stands on the table has it. It is the base frame of an arm at the origin, so a program
+that was taught on such an arm is a task as it is::
+
+    {
+     "schema": "so101/task/1",
+     "rounds": "endless",
+     "frame": "jaw_tip",
+     "poses": [
+      {"name": "over the tray", "position_mm": [200, 80, 120], "approach": [0, 0, -1],
+       "approach_tolerance_deg": 10, "pass": true},
+      {"name": "at the tray", "position_mm": [200, 80, 60], "rpy_deg": [180, 0, 0],
+       "roll_tolerance_deg": 5, "aperture_percent": 0, "pause_s": 0.3},
+      {"name": "drop", "position_mm": [150, -150, 80]}
+     ]
+    }
+
+The position, of the ``frame`` ``"tool"`` or ``"jaw_tip"``, is kept exactly. ``approach`` is where
+the tool's z axis points, ``rpy_deg`` how the tool is turned; without ``roll_tolerance_deg`` it may
+be turned about its approach as it likes, and without both only the point counts.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from so101_motion.common.attributes import Attributes
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3, Array, frame_along, frozen_array
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+from so101_motion.files import user_storage
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.tasks.program import Program, Waypoint
+from so101_motion.tasks.program.files import SCHEMA as PROGRAM_SCHEMA
+from so101_motion.tasks.program.files import read as read_program
+from so101_motion.tasks.program.program import LONGEST_PAUSE
+
+SCHEMA = "so101/task/1"
+
+APPROACH_TOLERANCE = to_rad(10.0)
+"""How far the tool's approach may be off unless somebody says otherwise [rad]. Chosen."""
+
+FRAMES = ("tool", "jaw_tip")
+"""What can be brought to a task's points."""
+
+_ENDLESS = "endless"
+_KNOWN = (
+    "name",
+    "position_mm",
+    "approach",
+    "rpy_deg",
+    "approach_tolerance_deg",
+    "roll_tolerance_deg",
+    "aperture_percent",
+    "pause_s",
+    "pass",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TaskPose:
+    """A pose of the tool in the cell.
+
+    Attributes:
+        name: What messages call it.
+        p: Where the task's frame is, shape (3,), [m].
+        R: How the tool is turned, shape (3, 3); None if only the point counts.
+        approach_tolerance: How far its z axis may be off [rad].
+        roll_tolerance: How far it may be turned about that axis [rad]; None for as it likes.
+        aperture: As of a program's waypoint.
+        pause: Likewise [s].
+        passes: Likewise.
+    """
+
+    name: str
+    p: Array
+    R: Array | None = None
+    approach_tolerance: float = APPROACH_TOLERANCE
+    roll_tolerance: float | None = None
+    aperture: float | None = None
+    pause: float = 0.0
+    passes: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "p", frozen_array(self.p, (3,)))
+        if not np.all(np.isfinite(self.p)):
+            raise ConfigError(self.name, self.p.tolist(), "must be a point [m]")
+        if self.R is not None:
+            object.__setattr__(self, "R", frozen_array(self.R, (3, 3)))
+        self.waypoint(np.zeros(5))  # refuses what no waypoint can be
+
+    def waypoint(self, q: Array) -> Waypoint:
+        """It as a program's waypoint, from joint angles, shape (5,), [rad]."""
+        return Waypoint(
+            name=self.name, q=q, aperture=self.aperture, pause=self.pause, passes=self.passes
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PlacementTask:
+    """Poses in the order in which they are visited.
+
+    Attributes:
+        poses: At least two.
+        rounds: As of a program. Unless it is 1 the way back to the first pose counts as well.
+        frame: What is brought to the points: ``"tool"`` or ``"jaw_tip"``.
+    """
+
+    poses: tuple[TaskPose, ...]
+    rounds: int | None = None
+    frame: str = "tool"
+
+    def __post_init__(self) -> None:
+        if len(self.poses) < 2:
+            raise ConfigError("poses", len(self.poses), "must be two at least")
+        self.program(np.zeros((len(self.poses), 5)))  # refuses what no program can be
+
+    def program(self, q: Array) -> Program:
+        """It as a program, from the joint angles at each pose, shape (n, 5), [rad]."""
+        waypoints = (pose.waypoint(each) for pose, each in zip(self.poses, q, strict=True))
+        return Program(waypoints=tuple(waypoints), rounds=self.rounds)
+
+
+def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
+    """Read the task in a file, or the program in a file as a task.
+
+    Args:
+        path: A file as above, or that of a program.
+        approach_tolerance: For the waypoints of a program [rad].
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    try:
+        written = json.loads(path.read_bytes()).get("schema")
+    except (OSError, ValueError, AttributeError, RecursionError):
+        written = None  # the reader below says what is wrong
+    if written == PROGRAM_SCHEMA:
+        return task_of(read_program(path), approach_tolerance=approach_tolerance)
+    return task_from(user_storage.read(path, schema=SCHEMA))
+
+
+def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE) -> PlacementTask:
+    """A program that was taught on an arm at the origin, as a task for an arm anywhere.
+
+    The tool comes to the points of the waypoints again with its approach as it was, within
+    ``approach_tolerance`` [rad], turned about it as it likes.
+    """
+    model = RobotModel.load()
+    poses = []
+    for each in program.waypoints:
+        T = model.frame(each.q)
+        poses.append(
+            TaskPose(
+                name=each.name, p=T.p, R=T.R, approach_tolerance=approach_tolerance,
+                aperture=each.aperture, pause=each.pause, passes=each.passes,
+            )
+        )  # fmt: skip
+    return PlacementTask(poses=tuple(poses), rounds=program.rounds)
+
+
+def task_from(content: Mapping[str, object]) -> PlacementTask:
+    """Make a task from the parsed JSON of a file.
+
+    Raises:
+        ConfigError: Something in it cannot be meant.
+    """
+    given = Attributes(content, ("schema", "rounds", "frame", "poses"), kind="entry of a task")
+    poses, rounds = content.get("poses"), content.get("rounds", _ENDLESS)
+    if not isinstance(poses, list):
+        raise ConfigError("poses", poses, "must be a list of poses")
+    if rounds != _ENDLESS and (isinstance(rounds, bool) or not isinstance(rounds, int)):
+        raise ConfigError("rounds", rounds, f'must be a whole number, or "{_ENDLESS}"')
+    return PlacementTask(
+        poses=tuple(_pose(number, each) for number, each in enumerate(poses, 1)),
+        rounds=rounds if isinstance(rounds, int) else None,
+        frame=given.choice("frame", FRAMES),
+    )
+
+
+def task_text(task: PlacementTask) -> str:
+    """A task as plain text, for a sweep; ``task_from`` reads it, parsed."""
+    poses = []
+    for each in task.poses:
+        entry: dict[str, object] = {"name": each.name, "position_mm": to_mm(each.p).tolist()}
+        if each.R is not None:
+            entry["rpy_deg"] = to_deg(SE3(each.R, each.p).rpy).tolist()
+            entry["approach_tolerance_deg"] = to_deg(each.approach_tolerance)
+        if each.roll_tolerance is not None:
+            entry["roll_tolerance_deg"] = to_deg(each.roll_tolerance)
+        if each.aperture is not None:
+            entry["aperture_percent"] = 100.0 * each.aperture
+        poses.append({**entry, "pause_s": each.pause, "pass": each.passes})
+    rounds = _ENDLESS if task.rounds is None else task.rounds
+    whole = {"schema": SCHEMA, "rounds": rounds, "frame": task.frame, "poses": poses}
+    return json.dumps(whole, sort_keys=True)
+
+
+def _pose(number: int, content: object) -> TaskPose:
+    what = f"pose {number}"
+    if not isinstance(content, Mapping):
+        raise ConfigError(what, content, 'must be {"name": ..., "position_mm": [x, y, z]}')
+    try:
+        given = Attributes(content, _KNOWN, kind="entry of a pose")
+        R = _rotation(given)
+        roll = given.number("roll_tolerance_deg", 180.0, lower=0.0, upper=180.0, unit="deg")
+        if given.given("roll_tolerance_deg") and not given.given("rpy_deg"):
+            raise ConfigError("roll_tolerance_deg", roll, "needs rpy_deg, which says what it is of")
+        approach = given.number(
+            "approach_tolerance_deg", to_deg(APPROACH_TOLERANCE), lower=0.1, upper=90.0, unit="deg"
+        )
+        aperture = given.number("aperture_percent", 0.0, lower=0.0, upper=100.0, unit="%")
+        return TaskPose(
+            name=user_storage.checked_name(content.get("name", what), what="pose"),
+            p=to_m(_three(given, "position_mm", 10_000.0)),
+            R=R,
+            approach_tolerance=to_rad(approach),
+            roll_tolerance=to_rad(roll) if given.given("roll_tolerance_deg") else None,
+            aperture=aperture / 100.0 if given.given("aperture_percent") else None,
+            pause=given.number("pause_s", 0.0, lower=0.0, upper=LONGEST_PAUSE, unit="s"),
+            passes=given.flag("pass", False),
+        )
+    except ConfigError as error:
+        raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None
+
+
+def _rotation(given: Attributes) -> Array | None:
+    if given.given("approach") and given.given("rpy_deg"):
+        raise ConfigError("approach", None, "and rpy_deg say the same; leave one out")
+    if given.given("rpy_deg"):
+        return SE3.from_rpy(to_rad(_three(given, "rpy_deg", 360.0))).R
+    if not given.given("approach"):
+        return None
+    axis = _three(given, "approach", 1e6)
+    if math.hypot(*axis.tolist()) < 1e-6:
+        raise ConfigError("approach", axis.tolist(), "must be a direction, such as [0, 0, -1]")
+    return frame_along(axis)
+
+
+def _three(given: Attributes, key: str, most: float) -> Array:
+    numbers = given.numbers(key, count=3, lower=-most, upper=most)
+    if len(numbers) != 3:
+        raise ConfigError(key, list(numbers), "must be three numbers")
+    return np.array(numbers)
