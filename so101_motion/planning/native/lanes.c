@@ -155,7 +155,7 @@ static inline void body_furthest(const Scene *s, const Body *b, const Frame *f, 
 /* Planes that separate one body from obstacles: everything of the body lies at n.x >= low. */
 typedef struct {
     V n[PLANES][3], low[PLANES], needed[PLANES]; /* needed: the square of the margin times |n| */
-    int next;
+    int next, known;
 } Planes;
 
 /* Moves v to the point nearest to the origin of the triangle of v and two other points. Rounding and
@@ -219,8 +219,14 @@ static I iterate(const Scene *s, const Body *a, const Frame *fa, const Body *b, 
         V along = dot(v, w);
         I far = need & (along > 0.0f) & (along * along > least * length);
         if (planes && bits(far)) {
-            int k = planes->next;
+            const int k = planes->next;
+            const int is_new = planes->known == k;
             float kept = margin - (shape ? (float)shape->radius : 0.0f) + slack;
+            if (is_new) {
+                planes->known++;
+                for (int c = 0; c < 3; c++) planes->n[k][c] = all(0.0f);
+                planes->low[k] = planes->needed[k] = all(0.0f);
+            }
             for (int c = 0; c < 3; c++) planes->n[k][c] = pick(far, v[c], planes->n[k][c]);
             planes->low[k] = pick(far, dot(v, low), planes->low[k]);
             planes->needed[k] = pick(far, length * (kept * kept), planes->needed[k]);
@@ -232,7 +238,7 @@ static I iterate(const Scene *s, const Body *a, const Frame *fa, const Body *b, 
         if (round) approach(v, w, before);
         else v[0] = w[0], v[1] = w[1], v[2] = w[2];
     }
-    if (planes) planes->next = (planes->next + 1) % PLANES;
+    if (planes && planes->known > planes->next) planes->next = (planes->next + 1) % PLANES;
     return need;
 }
 
@@ -269,7 +275,7 @@ static inline I apart(const Extent *e, const Planes *planes, const float *middle
         V reach = e->size[c][0] * half[0] + e->size[c][1] * half[1] + e->size[c][2] * half[2];
         far |= magnitude(dot(d, e->own[c])) > reach + e->length[c];
     }
-    for (int k = 0; k < PLANES; k++) {
+    for (int k = 0; k < planes->known; k++) {
         const V *n = planes->n[k];
         V high = n[0] * middle[0] + n[1] * middle[1] + n[2] * middle[2] +
                  magnitude(n[0]) * half[0] + magnitude(n[1]) * half[1] + magnitude(n[2]) * half[2];
@@ -321,7 +327,8 @@ static void against_obstacles(const Scene *s, int index, const Frame *f, const V
     const Body *b = &s->body[index];
     const float wide = margin + (float)b->radius;
     Extent e;
-    Planes planes = {0};
+    Planes planes;
+    planes.next = planes.known = 0;
     extent_of(b, f, wide + SLACK, &e);
     int stack[128], top = 0;
     stack[top++] = 0;
@@ -384,7 +391,8 @@ int NAME(const Scene *s, const double *q, int n, const double *margin, int stop,
         }
         Frame frame[JOINTS + 1];
         V centre[MOST_BODIES][3];
-        Open open = {.count = 0, .lost = odd};
+        Open open; /* large, so only what is read is written */
+        open.count = 0, open.lost = odd;
         place(s, angle, frame);
         for (int k = 0; k < s->bodies; k++)
             moved(&frame[s->body[k].joint], s->body[k].centre, centre[k]);
