@@ -85,6 +85,7 @@ class GoalCompensation:
         self._qdd: Sequence[float] | None = None
         self._foreseen = [0.0] * 6  # what share of the lag is made up for
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
+        self._lags = [0.0] * 6  # how far joints would stay behind, were nothing done [rad]
         self._t_goals = 0.0
 
     def found(self, i: int, servo: ServoCondition) -> None:
@@ -166,6 +167,7 @@ class GoalCompensation:
         dt, self._t_goals = min(now - self._t_goals, _RECENT), now
         if self._qd is None:
             self._setpoint_qd = [0.0] * 6
+            self._lags, self.trim.lags = [0.0] * 6, [0.0] * 6
         else:
             qdd = self._qdd or (0.0,) * 5
             for i, qd in enumerate(self._qd):
@@ -186,6 +188,8 @@ class GoalCompensation:
 
     def _lead(self, i: int, qd: float, qdd: float, dt: float) -> float:
         """What makes up for the lag of joint ``i`` at this speed and acceleration [rad]."""
+        self._lags[i] += qd * dt - min(dt / (DELAY + self.trim.models[i].lag), 1.0) * self._lags[i]
+        self.trim.lags[i] = (1.0 - self._foreseen[i]) * self._lags[i]
         if not (qd or qdd or self._setpoint_qd[i]):
             return 0.0
         model = self.trim.models[i]
