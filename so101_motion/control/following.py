@@ -331,7 +331,7 @@ class Following(LedMotion):
     def _brake(self) -> None:
         """Go on as the last setpoint has left room for."""
         self.now = self._braked
-        self._braked, _ = self._to_rest(self.now)
+        self._braked, _ = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
 
     def _lead(self, aim: _Aim) -> None:
         """Go on towards a target, or brake where that must not be."""

@@ -65,17 +65,20 @@ def test_a_check_says_what_the_distances_of_all_pairs_say(seed, q_jaw, margin, h
             assert collision.is_free(q, q_jaw) == (room > 0.0)
 
 
-@given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]))
+@given(seed=seeds, q_jaw=jaws, within=st.sampled_from([0.01, 0.05, 0.1]), compiled=st.booleans())
 @settings(max_examples=40)
-def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within):
+def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw, within, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=True))
+    collision = CollisionModel(MODEL, random_scene(rng, held=True), compiled=compiled)
     for _ in range(8):
         q = random_configuration(rng)
         distances = collision.distances(q, q_jaw)
         near = collision.nearest(q, q_jaw, within=within)
         expected = {collision.pairs[k] for k in np.flatnonzero(distances < within - 2e-6)}
         found = {(each.first, each.second) for each in near}
+        for each in near:
+            assert collision.pairs[each.pair] == (each.first, each.second)
+            assert abs(each.distance - distances[each.pair]) < 2e-6
         assert expected <= found
         assert [each.distance for each in near] == sorted(each.distance for each in near)
         for each in near:
@@ -85,11 +88,11 @@ def test_near_pairs_are_all_that_are_near_with_points_that_far_apart(seed, q_jaw
                 assert np.allclose(apart, each.distance * each.normal, atol=1e-6)
 
 
-@given(seed=seeds, q_jaw=jaws)
+@given(seed=seeds, q_jaw=jaws, compiled=st.booleans())
 @settings(max_examples=40)
-def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw):
+def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw, compiled):
     rng = np.random.default_rng(seed)
-    collision = CollisionModel(MODEL, random_scene(rng, held=True))
+    collision = CollisionModel(MODEL, random_scene(rng, held=True), compiled=compiled)
     h = 1e-4
     for _ in range(5):
         q = random_configuration(rng)
@@ -99,7 +102,7 @@ def test_the_gradient_of_a_distance_is_what_the_joints_do_to_it(seed, q_jaw):
             for sign in (1.0, -1.0)
         )
         for each in collision.nearest(q, q_jaw, within=0.1):
-            k = collision.pairs.index((each.first, each.second))
+            k = each.pair
             right, left = (ahead[:, k] - here[k]) / h, (here[k] - behind[:, k]) / h
             # Where the nearest point jumps from an edge to the next there is no one gradient.
             if each.distance > 1e-3 and np.abs(right - left).max() < 5e-3:

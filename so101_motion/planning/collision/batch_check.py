@@ -35,6 +35,9 @@ MOST_POINTS = 512
 FEW = 64
 """Up to so many waypoints are handed over in an array whose address is known."""
 
+NEAR_ROW = 16
+"""As in ``native.h``."""
+
 FREE, TOUCHING = 0, 1
 _GO_ON, _TIME_IS_UP, _END = 0, 1, 2
 
@@ -84,7 +87,9 @@ class BatchCheck:
         self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
         self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
         self._at_blocked = pointer(self._blocked)
-        packed = _packed(model, bodies, floor_z or 0.0)
+        packed, self._pair_of = _packed(model, bodies, floor_z or 0.0)
+        self._near = np.zeros((max(1, len(bodies.pairs)), NEAR_ROW))
+        self._at_near = pointer(self._near)
         handle = library.so101_new(*(_argument(each) for each in packed), self._ask)
         if not handle:
             raise MemoryError("no memory for the bodies of a scene")
@@ -121,6 +126,23 @@ class BatchCheck:
         )
         self.raise_error()
         return np.asarray(verdicts == TOUCHING)
+
+    def near(self, q: Array, q_jaw: float, within: float) -> tuple[list[int], Array] | None:
+        """The pairs of bodies within a distance [m] of each other; None if coal has to say.
+
+        Returns:
+            Which they are, and a row for each: its number, the distance, the point of the first,
+            that of the second, the normal, the gradient; shape (n, 16). Overwritten by the next.
+        """
+        self._one[:5] = q
+        self._one[5] = q_jaw
+        n = self.library.so101_nearest(
+            self.scene, self._at_one, ctypes.c_double(within), len(self._near), self._at_near
+        )
+        if n < 0:
+            return None
+        rows = self._near[:n]
+        return [self._pair_of[k] for k in rows[:, 0].astype(int).tolist()], rows
 
     def first_blocked(
         self, levels: Levels, reach: Array, points: Array, q_jaw: float
@@ -307,8 +329,8 @@ def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck
     return BatchCheck(model, bodies, floor_z)
 
 
-def _packed(model: Any, bodies: Bodies, floor_z: float) -> list[Any]:
-    """The arguments of ``so101_new``, in its order."""
+def _packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[int, int]]:
+    """The arguments of ``so101_new``, in its order; which pair each number of the library is."""
     objects = list(bodies.geometry.geometryObjects)
     names = [each.name for each in objects]
     movers = [
@@ -318,25 +340,33 @@ def _packed(model: Any, bodies: Bodies, floor_z: float) -> list[Any]:
     hulls = [_hull(objects[i]) for i in movers]
     pairs, with_floor = [], 0
     masks = dict.fromkeys(bodies.standing, 0)
-    for pair in bodies.geometry.collisionPairs:
+    own, standing_pairs = list[int](), list[tuple[int, int]]()  # pairs; numbers after those of own
+    for k, pair in enumerate(bodies.geometry.collisionPairs):
         a, b = int(pair.first), int(pair.second)
         if names[b] == FLOOR:
             with_floor |= 1 << place[a]
+            standing_pairs.append((place[a], k))
         elif b in masks:
             masks[b] |= 1 << place[a]
+            row = 1 + list(masks).index(b)
+            standing_pairs.append((row * len(movers) + place[a], k))
         else:
             is_own = names[a] in LINKS and names[b] in LINKS
             pairs.append((place[a], place[b], 0 if is_own else 1))
+            own.append(k)
+    pair_of = dict(enumerate(own)) | {len(own) + number: k for number, k in standing_pairs}
     shapes: list[tuple[Array, float]] = []
     at, shape, mask = [np.zeros((0, 3))], [np.zeros(0, int)], [np.zeros(0, int)]
-    for i, standing in bodies.standing.items():
+    obstacle = [np.zeros(0, int)]
+    for o, (i, standing) in enumerate(bodies.standing.items()):
         T = objects[i].placement
         forms, places = _pieces(standing, np.array(T.rotation), np.array(T.translation))
         at.append(places)
         shape.append(len(shapes) + np.arange(len(places)) % len(forms))
         mask.append(np.full(len(places), masks[i]))
+        obstacle.append(np.full(len(places), o))
         shapes += forms
-    return [
+    arguments = [
         _offsets(model),
         len(movers),
         np.array([objects[i].parentJoint for i in movers], np.int32),
@@ -355,7 +385,10 @@ def _packed(model: Any, bodies: Bodies, floor_z: float) -> list[Any]:
         np.concatenate(at),
         np.concatenate(shape).astype(np.int32),
         np.concatenate(mask).astype(np.uint32),
+        np.concatenate(obstacle).astype(np.int32),
+        len(masks),
     ]
+    return arguments, pair_of
 
 
 def _argument(value: Any) -> Any:

@@ -85,6 +85,7 @@ class Near(NamedTuple):
         normal: Along which they are apart, from the first to the second, unit, shape (3,).
         gradient: What each joint adds to the distance, shape (5,), [m/rad].
         margin: How far they must stay apart [m].
+        pair: Their place in ``CollisionModel.pairs``.
     """
 
     distance: float
@@ -95,6 +96,7 @@ class Near(NamedTuple):
     normal: Array
     gradient: Array
     margin: float
+    pair: int
 
 
 class CollisionModel:
@@ -187,12 +189,17 @@ class CollisionModel:
 
     def lacking(self, q: ArrayLike, q_jaw: float, margins: Array) -> Array:
         """How much each pair lacks of a margin, both of shape (len(pairs),), [m]; 0 of most."""
+        self.checkpoint()
+        lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
+        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
+        if near is not None:
+            pairs, rows = near
+            lack[pairs] = np.maximum(margins[pairs] - rows[:, 1], 0.0)
+            return lack
         self._q[:5] = q
         self._q[5] = q_jaw
-        self.checkpoint()
-        lack = np.zeros(len(self.pairs))
         # The others are further apart than the widest margin, and so lack nothing.
-        for k in self._near_pairs(float(margins.max(initial=0.0)))(self._q):
+        for k in self._near_pairs(widest)(self._q):
             distance = pin.computeDistance(self._bodies, self._distances, k).min_distance
             lack[k] = max(margins[k] - distance, 0.0)
         return lack
@@ -228,6 +235,9 @@ class CollisionModel:
         """
         if not 0.0 < within <= NEAR:
             raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
+        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within)
+        if near is not None:
+            return self._listed(*near)
         self._q[:5] = q
         self._q[5] = q_jaw
         found: list[tuple[float, int, Any]] = []
@@ -237,6 +247,18 @@ class CollisionModel:
                 found.append((result.min_distance, k, result))
         found.sort(key=lambda each: each[:2])
         return self._described(found) if found else []
+
+    def _listed(self, pairs: list[int], rows: Array) -> list[Near]:
+        """What the library has found, the nearest first."""
+        rows, found = rows.copy(), list[Near]()
+        for i in np.argsort(rows[:, 1]).tolist():
+            k, row = pairs[i], rows[i]
+            (first, second), margin = self.pairs[k], float(self.margins[k])
+            p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
+            found.append(
+                Near(float(row[1]), first, second, p_first, p_second, normal, gradient, margin, k)
+            )
+        return found
 
     def _described(self, found: list[tuple[float, int, Any]]) -> list[Near]:
         """Distances, pairs by index and coal's results, as they leave this door."""
@@ -254,7 +276,9 @@ class CollisionModel:
         gradient -= _rates(J, moved_by[:, 0], p_first, normal)
         margins = self.margins[pairs].tolist()
         return [
-            Near(distance, *self.pairs[k], p_first[i], p_second[i], normal[i], gradient[i], margin)
+            Near(
+                distance, *self.pairs[k], p_first[i], p_second[i], normal[i], gradient[i], margin, k
+            )
             for i, ((distance, k, _), margin) in enumerate(zip(found, margins, strict=True))
         ]
 

@@ -230,6 +230,27 @@ class RobotModel:
             found[k] = pin.computeGeneralizedGravity(self._arm, self._data, configuration)
         return found
 
+    def holding_torque_rates(self) -> Array:
+        """How much the torque of each joint changes at most with each angle, (5, 5), [N m/rad].
+
+        A turn moves what hangs on its joint, and what bears on both joints hangs on the outer one:
+        at most the weight of each mass times its distance from that. A joint that turns about the
+        vertical neither bears weight nor changes what others bear.
+        """
+        model, moments = self._arm, np.zeros(5)
+        for joint in range(1, 6):
+            away = 0.0
+            for k in range(joint, 6):
+                away += float(np.linalg.norm(model.jointPlacements[k].translation)) * (k > joint)
+                mass = model.inertias[k]
+                moments[joint - 1] += mass.mass * (away + float(np.linalg.norm(mass.lever)))
+        outer = np.maximum.outer(np.arange(5), np.arange(5))
+        rates = np.asarray(np.linalg.norm(model.gravity.linear) * moments[outer])
+        axis = model.jointPlacements[1].rotation[:, 2]
+        if np.allclose(np.cross(axis, model.gravity.linear), 0.0):
+            rates[0] = rates[:, 0] = 0.0
+        return rates
+
     def check_gripper_frame(self, name: str) -> None:
         """Refuse a frame that is not fixed to the gripper.
 

@@ -93,8 +93,9 @@ static int weights(double (*w)[3], const int *corner, int n, double *out) {
     return 1;
 }
 
-/* The point of a simplex nearest to the origin; keeps the corners that carry it. */
-static int nearest(double (*w)[3], int n, double *v) {
+/* The point of a simplex nearest to the origin; keeps the corners that carry it, with as many of
+ * `a`, and says what share each has in it. */
+static int nearest(double (*w)[3], double (*a)[3], int n, double *v, double *shares) {
     double least = INFINITY;
     int kept = 1;
     for (int set = 1; set < 1 << n; set++) {
@@ -109,16 +110,20 @@ static int nearest(double (*w)[3], int n, double *v) {
             least = dot(at, at);
             kept = set;
             memcpy(v, at, sizeof at);
+            memcpy(shares, share, sizeof share);
         }
     }
     int m = 0;
     for (int i = 0; i < n; i++)
-        if (kept >> i & 1) memmove(w[m++], w[i], sizeof w[i]);
+        if (kept >> i & 1) {
+            memmove(a[m], a[i], sizeof a[i]);
+            memmove(w[m++], w[i], sizeof w[i]);
+        }
     return m;
 }
 
 static int verdict(const Hull *a, const Hull *b, double margin, const double *towards) {
-    double w[4][3], v[3], pa[3], pb[3], last = INFINITY;
+    double w[4][3], on_a[4][3], share[4], v[3], pa[3], pb[3], last = INFINITY;
     furthest(a, towards, -1.0, pa);
     furthest(b, towards, 1.0, pb);
     for (int c = 0; c < 3; c++) v[c] = w[0][c] = pa[c] - pb[c];
@@ -134,7 +139,7 @@ static int verdict(const Hull *a, const Hull *b, double margin, const double *to
         if (low > margin + BAND) return FREE;
         if (!(length - low > 1e-10) || !(length < last)) return UNKNOWN;
         last = length;
-        n = nearest(w, n + 1, v);
+        n = nearest(w, on_a, n + 1, v, share);
     }
     return UNKNOWN;
 }
@@ -144,30 +149,64 @@ static Hull hull_of(const Scene *s, const Pose *pose, int body) {
     return (Hull){s->points + 3 * b->first, b->count, pose[b->joint].R, pose[b->joint].p};
 }
 
+static Hull hull_of_piece(const Scene *s, int piece) {
+    const Piece *o = &s->piece[piece];
+    const Shape *shape = &s->shape[o->shape];
+    return (Hull){s->shape_points + 3 * shape->first, shape->count, 0, o->at};
+}
+
 #define TENTH 1e-4 /* [m] */
+#define EXACT 1e-8 /* [m] */
+
+/* Ends as soon as they are known to be more than `enough` apart, or how far is known to `exact`. */
+static Closest closest(const Hull *first, const Hull *second, double enough, double exact) {
+    double w[4][3], a[4][3], share[4] = {1.0}, v[3], pa[3], pb[3], last = INFINITY;
+    Closest found = {0};
+    for (int c = 0; c < 3; c++) v[c] = first->p[c] - second->p[c];
+    furthest(first, v, -1.0, a[0]);
+    furthest(second, v, 1.0, pb);
+    for (int c = 0; c < 3; c++) v[c] = w[0][c] = a[0][c] - pb[c];
+    int n = 1;
+    for (int round = 0; round < ROUNDS && n < 4; round++) {
+        found.length = sqrt(dot(v, v));
+        if (!(found.length > 1e-9) || !(found.length < last)) break;
+        furthest(first, v, -1.0, pa);
+        furthest(second, v, 1.0, pb);
+        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c], a[n][c] = pa[c];
+        found.low = fmax(found.low, dot(v, w[n]) / found.length);
+        if (found.low > enough || !(found.length - found.low > exact)) break;
+        last = found.length;
+        n = nearest(w, a, n + 1, v, share);
+    }
+    if (n == 4) found.length = 0.0;
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < n; i++) found.first[c] += share[i] * a[i][c];
+        found.second[c] = found.first[c] - v[c];
+    }
+    return found;
+}
 
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double enough) {
     const Hull first = hull_of(a, at_a, body_a), second = hull_of(b, at_b, body_b);
     const double radii = a->body[body_a].radius + b->body[body_b].radius;
-    double w[4][3], v[3], pa[3], pb[3], low = 0.0, last = INFINITY;
-    for (int c = 0; c < 3; c++) v[c] = first.p[c] - second.p[c];
-    furthest(&first, v, -1.0, pa);
-    furthest(&second, v, 1.0, pb);
-    for (int c = 0; c < 3; c++) v[c] = w[0][c] = pa[c] - pb[c];
-    int n = 1;
-    for (int round = 0; round < ROUNDS && n < 4; round++) {
-        const double length = sqrt(dot(v, v));
-        if (!(length > 1e-9) || !(length < last)) break;
-        furthest(&first, v, -1.0, pa);
-        furthest(&second, v, 1.0, pb);
-        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c];
-        low = fmax(low, dot(v, w[n]) / length);
-        if (low - radii > enough || !(length - low > TENTH)) break;
-        last = length;
-        n = nearest(w, n + 1, v);
-    }
-    return low - radii;
+    return closest(&first, &second, enough + radii, TENTH).low - radii;
+}
+
+Closest so101_closest_pair(const Scene *s, const Pose *pose, int pair, double enough) {
+    const Hull a = hull_of(s, pose, s->pair[pair].first), b = hull_of(s, pose, s->pair[pair].second);
+    return closest(&a, &b, enough, EXACT);
+}
+
+Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piece, double enough) {
+    const Hull a = hull_of(s, pose, body), b = hull_of_piece(s, piece);
+    return closest(&a, &b, enough, EXACT);
+}
+
+void so101_lowest(const Scene *s, const Pose *pose, int body, double *at) {
+    const Hull a = hull_of(s, pose, body);
+    const double up[3] = {0.0, 0.0, 1.0};
+    furthest(&a, up, -1.0, at);
 }
 
 int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin,
@@ -180,18 +219,14 @@ int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin,
 
 int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, double margin,
                       const double *v) {
-    const Piece *o = &s->piece[piece];
-    const Shape *shape = &s->shape[o->shape];
-    const Hull a = hull_of(s, pose, body);
-    const Hull b = {s->shape_points + 3 * shape->first, shape->count, 0, o->at};
-    return verdict(&a, &b, margin + s->body[body].radius + shape->radius, v);
+    const Hull a = hull_of(s, pose, body), b = hull_of_piece(s, piece);
+    const double radii = s->body[body].radius + s->shape[s->piece[piece].shape].radius;
+    return verdict(&a, &b, margin + radii, v);
 }
 
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin) {
-    const Hull a = hull_of(s, pose, body);
-    const double up[3] = {0.0, 0.0, 1.0};
     double at[3];
-    furthest(&a, up, -1.0, at);
+    so101_lowest(s, pose, body, at);
     const double room = at[2] - s->floor_z - s->body[body].radius - margin;
     return room > BAND ? FREE : room < -BAND ? TOUCHING : UNKNOWN;
 }

@@ -13,6 +13,7 @@
 #define JOINTS 6
 #define MOST_BODIES 32  /* bits of a mask */
 #define MOST_POINTS 512 /* of one body */
+#define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
 
@@ -47,6 +48,7 @@ typedef struct {
 typedef struct {
     double at[3]; /* the shape's origin */
     int shape;
+    int object;    /* the obstacle it is part of */
     uint32_t mask; /* which bodies are held against it */
 } Piece;
 
@@ -54,6 +56,7 @@ typedef struct {
 typedef struct {
     float middle[3], half[3];
     int first, count;
+    int object; /* that all of them are part of; -1 if they are of several */
     uint32_t mask;
 } Node;
 
@@ -75,6 +78,8 @@ typedef struct {
     float *shape_points_f;
     Piece *piece;
     Node *node;
+    int objects;
+    double *nearest; /* room for what nearest.c finds, a row for each object */
     Ask ask;
     int late, stopped; /* what ask(-1) has said */
     long looked_at, next_ask;
@@ -102,6 +107,16 @@ int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin)
 /* How far apart two bodies are at least [m]: exact to TENTH, unless they are more than `enough`. */
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double enough);
+
+/* How far apart two bodies are without their radii, at least and as found [m], and where they are
+ * nearest; `low` alone counts if that is more than `enough`. A length of 0 is not to be trusted. */
+typedef struct {
+    double low, length, first[3], second[3];
+} Closest;
+
+Closest so101_closest_pair(const Scene *s, const Pose *pose, int pair, double enough);
+Closest so101_closest_piece(const Scene *s, const Pose *pose, int body, int piece, double enough);
+void so101_lowest(const Scene *s, const Pose *pose, int body, double *at); /* its lowest point */
 
 /* Checks n configurations. With `stop`, ends soon after the first that touches. Returns whether
  * one was found to touch. One for each width of vectors; so101_lanes is the widest usable. */

@@ -51,7 +51,8 @@ int so101_start(int most) {
 void so101_free(Scene *s) {
     if (!s) return;
     free(s->points), free(s->points_f), free(s->pair), free(s->shape), free(s->shape_points);
-    free(s->shape_points_f), free(s->piece), free(s->node), free(s);
+    free(s->shape_points_f), free(s->piece), free(s->node);
+    free(s->nearest), free(s);
 }
 
 /* A box in single precision that holds the one between low and high. */
@@ -137,11 +138,12 @@ static void divide(Piece *p, int n, int k, int axis) {
 static void plant(Scene *s, int index, int first, int count) {
     Node *node = &s->node[index];
     double low[3], high[3], least[3], most[3];
-    node->mask = 0;
+    node->mask = 0, node->object = s->piece[first].object;
     for (int c = 0; c < 3; c++) low[c] = least[c] = INFINITY, high[c] = most[c] = -INFINITY;
     for (int i = first; i < first + count; i++) {
         const Shape *f = &s->shape[s->piece[i].shape];
         node->mask |= s->piece[i].mask;
+        if (s->piece[i].object != node->object) node->object = -1;
         for (int c = 0; c < 3; c++) {
             const double at = s->piece[i].at[c], middle = at + f->middle[c];
             low[c] = fmin(low[c], middle - f->half[c]);
@@ -170,7 +172,8 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
                  const double *points, const double *radius, int pairs, const int *pair,
                  uint32_t with_floor, double floor_z, int shapes, const int *shape_first,
                  const double *shape_points, const double *shape_radius, int pieces,
-                 const double *at, const int *shape, const uint32_t *mask, Ask ask) {
+                 const double *at, const int *shape, const uint32_t *mask, const int *object,
+                 int objects, Ask ask) {
     Scene *s = calloc(1, sizeof *s);
     double *largest = calloc((size_t)shapes + 1, sizeof *largest);
     if (!s || !largest || bodies > MOST_BODIES) goto failed;
@@ -185,8 +188,10 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
     s->shape_points_f = in_single(shape_points, 3 * shape_first[shapes]);
     s->piece = calloc((size_t)pieces + 1, sizeof *s->piece);
     s->node = calloc(2 * (size_t)pieces + 1, sizeof *s->node);
+    s->objects = objects;
+    s->nearest = calloc((size_t)objects + 1, NEAR_ROW * sizeof *s->nearest);
     if (!s->points || !s->points_f || !s->pair || !s->shape || !s->shape_points ||
-        !s->shape_points_f || !s->piece || !s->node)
+        !s->shape_points_f || !s->piece || !s->node || !s->nearest)
         goto failed;
     for (int k = 0; k < bodies; k++) {
         s->body[k].joint = joint[k], s->body[k].first = first[k];
@@ -195,7 +200,7 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
     }
     for (int i = 0; i < pieces; i++) {
         memcpy(s->piece[i].at, at + 3 * i, 3 * sizeof *at);
-        s->piece[i].shape = shape[i], s->piece[i].mask = mask[i];
+        s->piece[i].shape = shape[i], s->piece[i].mask = mask[i], s->piece[i].object = object[i];
         for (int c = 0; c < 3; c++)
             largest[shape[i]] = fmax(largest[shape[i]], fabs(at[3 * i + c]));
     }

@@ -18,13 +18,15 @@ server: lengths are checked here, waypoints never set.
 from __future__ import annotations
 
 import math
+import threading
+from functools import cache
 
 import numpy as np
 import ruckig
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import PlanningError
-from so101_motion.common.geometry import Array, is_finite
+from so101_motion.common.geometry import Array
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.time_scaling import shortest_slowdown, shortest_speedup
 from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
@@ -35,6 +37,9 @@ SAME_POSITION = 1e-9
 LESS_JERK = 1.0 - 1e-9
 """Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
 below what can be told from the caps."""
+
+
+_kept = threading.local()
 
 
 def point_to_point(
@@ -254,7 +259,8 @@ def _vectors(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[Array]
     vectors = []
     for name, value in given.items():
         vector = np.asarray(value, dtype=np.float64)
-        if vector.shape != limits.velocity.shape or not is_finite(vector):
+        # Five numbers at a time, in every control cycle: numpy takes ten times as long for that.
+        if vector.shape != limits.velocity.shape or not all(map(math.isfinite, vector.tolist())):
             raise ValueError(f"{name} must be {len(limits.velocity)} finite numbers, got {value!r}")
         vectors.append(vector)
     return vectors
@@ -295,12 +301,19 @@ def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
     n = request.degrees_of_freedom
     found = ruckig.Trajectory(n)
     try:
-        result = ruckig.Ruckig(n).calculate(request, found)
+        result = _of_this_thread(n).calculate(request, found)
     except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself
         raise PlanningError(f"no motion from this state under these limits: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")
     return found
+
+
+def _of_this_thread(n: int) -> ruckig.Ruckig:
+    """Ruckig for n joints, kept from call to call: making it takes longer than asking it."""
+    if not hasattr(_kept, "by_joints"):
+        _kept.by_joints = cache(ruckig.Ruckig)
+    return _kept.by_joints(n)
 
 
 def _setpoint(found: ruckig.Trajectory, t: float) -> Setpoint:

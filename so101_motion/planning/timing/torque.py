@@ -194,7 +194,9 @@ class Load:
         self._model, self._strength, self._payload = model, strength, payload
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
         self._newest: tuple[Trajectory, Array] | None = None
-        there = np.abs(model.holding_torques(q_start[None]))[0]
+        self._known = q_start, model.holding_torques(q_start[None])[0]
+        self._rates = model.holding_torque_rates()
+        there = np.abs(self._known[1])
         self._holding = np.maximum(strength.holding, there)
         too_much = np.where(there > strength.holding, there, 0.0)
         self._moving = np.maximum(strength.moving, MOVING / HOLDING * too_much)
@@ -232,7 +234,10 @@ class Load:
 
     def heavy(self, q: Array) -> list[Heavy]:
         """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
+        if self._is_surely_within(NEARLY, q):
+            return []
         torques = self._model.holding_torques(q[None])[0]
+        self._known = q, torques
         left = 1.0 - np.abs(torques) / self._strength.holding
         heavy = np.flatnonzero(left < 1.0 - NEARLY)
         if len(heavy) == 0:
@@ -246,9 +251,18 @@ class Load:
 
         No joint that bears too much where the path begins may come to bear more on it.
         """
+        if self._is_surely_within(1.0, path):
+            return True
         borne = np.abs(self._model.holding_torques(path))
+        self._known = path[0], borne[0]
         allowed = np.maximum((1.0 + _TOLERANCE) * self._strength.holding, borne[0])
         return bool((borne <= allowed).all())
+
+    def _is_surely_within(self, share: float, q: Array) -> bool:
+        """Whether less is borne at ``q``, (5,) or (m, 5) [rad], going by what is known nearby."""
+        there, borne = self._known
+        change = np.abs(q - there).reshape(-1, 5).max(axis=0) @ self._rates
+        return bool((np.abs(borne) + change < share * self._strength.holding).all())
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that asks too much of a servo.

@@ -3,6 +3,7 @@ import pytest
 
 from so101_motion.common.errors import ConfigError, Overloaded
 from so101_motion.common.geometry import SE3
+from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.collision.scene import Attached, Scene, Sphere
 from so101_motion.planning.goals import JointGoal, LineGoal, PathGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -12,7 +13,14 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.online import point_to_point
 from so101_motion.planning.timing.path_geometry import blended_path
 from so101_motion.planning.timing.retime import retime
-from so101_motion.planning.timing.torque import Load, Payload, Strength, carried, slowed
+from so101_motion.planning.timing.torque import (
+    NEARLY,
+    Load,
+    Payload,
+    Strength,
+    carried,
+    slowed,
+)
 
 MODEL = RobotModel.load()
 PLANNER = Planner(MODEL)
@@ -59,6 +67,33 @@ def shares(trajectory, mass: float, strength: Strength = WEAK) -> np.ndarray:
 def test_the_torques_of_the_stretched_arm_are_those_computed_elsewhere(mass, lift, elbow, wrist):
     torques = np.abs(loaded(mass).holding_torques(STRETCHED[None])[0])
     assert torques == pytest.approx([0.0, lift, elbow, wrist, 0.0], abs=2e-3)
+
+
+def test_holding_torques_change_no_faster_than_is_said() -> None:
+    rng, model = np.random.default_rng(1), loaded(0.25)
+    here = rng.uniform(MODEL.lower, MODEL.upper, (300, 5))
+    there = here + rng.uniform(-0.3, 0.3, (300, 5)) * rng.integers(0, 2, (300, 5))
+    change = np.abs(model.holding_torques(here) - model.holding_torques(there))
+    most = np.abs(here - there) @ model.holding_torque_rates()
+    assert np.all(change <= most + 1e-9)
+    assert (change[:, 1] / most[:, 1].clip(1e-9)).max() > 0.8, "a bound that says something"
+
+
+def test_what_is_known_nearby_never_hides_a_load() -> None:
+    rng, led, model, heavy, refused = np.random.default_rng(2), load(0.15), loaded(0.15), 0, 0
+    for k in range(400):
+        out = 0.5 - 0.5 * np.cos(0.05 * k)  # stretched out and folded, again and again
+        q = FOLDED + out * (STRETCHED - FOLDED) + rng.uniform(-0.02, 0.02, 5)
+        torques = np.abs(model.holding_torques(q[None])[0])
+        near = {i for i in range(5) if torques[i] > NEARLY * WEAK.holding}
+        assert {ARM_JOINTS.index(each.joint) for each in led.heavy(q)} == near
+        path = q + np.linspace(0.0, 1.0, 6)[:, None] * rng.uniform(-0.3, 0.3, 5)
+        borne = np.abs(model.holding_torques(path))
+        fits = np.all(borne <= np.maximum(1.001 * WEAK.holding, borne[0]))
+        assert led.admits(path) == fits
+        heavy, refused = heavy + bool(near), refused + (not fits)
+    assert 20 < heavy < 380
+    assert 20 < refused < 380
 
 
 def test_torque_is_gravity_and_inertia() -> None:

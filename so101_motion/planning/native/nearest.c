@@ -1,0 +1,160 @@
+/* Which pairs of bodies are near each other, where, and how the joints bring them nearer.
+ *
+ * Every pair is one of bodies that joints move, or of one of them and the floor or an obstacle. Of an
+ * obstacle's pieces the nearest counts; they are looked for in the tree, the nearer branch first, and
+ * what is surely further than the nearest until now is left out.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "native.h"
+
+#define TRUSTED 1e-6 /* [m]: bodies that are nearer than this, or not known so well, are coal's */
+#define DEEP 64
+
+typedef struct {
+    const Scene *scene;
+    Pose pose[JOINTS + 1];
+    double within;
+    int unknown;
+} Look;
+
+static double dot(const double *a, const double *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* How fast a point [m/rad] goes along a direction with each joint that moves it. */
+static void add_rates(const Look *l, int joint, const double *p, const double *n, double sign,
+                      double *gradient) {
+    for (int j = 1; j <= joint && j < JOINTS; j++) {
+        const double *R = l->pose[j].R, *o = l->pose[j].p;
+        const double z[3] = {R[2], R[5], R[8]}, r[3] = {p[0] - o[0], p[1] - o[1], p[2] - o[2]};
+        const double moved[3] = {z[1] * r[2] - z[2] * r[1], z[2] * r[0] - z[0] * r[2],
+                                 z[0] * r[1] - z[1] * r[0]};
+        gradient[j - 1] += sign * dot(n, moved);
+    }
+}
+
+/* A row: which pair, distance, the two points, the normal from the first to the second, gradient. */
+static void write(const Look *l, double *row, int id, double distance, const double *first,
+                  const double *second, const double *normal, int joint_a, int joint_b) {
+    row[0] = id, row[1] = distance;
+    memcpy(row + 2, first, 3 * sizeof *row);
+    memcpy(row + 5, second, 3 * sizeof *row);
+    memcpy(row + 8, normal, 3 * sizeof *row);
+    memset(row + 11, 0, 5 * sizeof *row);
+    add_rates(l, joint_b, second, normal, 1.0, row + 11);
+    add_rates(l, joint_a, first, normal, -1.0, row + 11);
+}
+
+/* Whether two bodies are within reach of each other; if they are, their row. */
+static int is_near(Look *l, const Closest *c, double within, double ra, double rb, int id,
+                   int joint_a, int joint_b, double *row) {
+    if (c->low - ra - rb > within) return 0;
+    if (!(c->length > TRUSTED) || !(c->length - c->low < TRUSTED)) {
+        l->unknown = 1;
+        return 0;
+    }
+    const double distance = c->length - ra - rb;
+    if (distance > within) return 0;
+    double normal[3], first[3], second[3];
+    for (int i = 0; i < 3; i++) {
+        normal[i] = (c->second[i] - c->first[i]) / c->length;
+        first[i] = c->first[i] + ra * normal[i];
+        second[i] = c->second[i] - rb * normal[i];
+    }
+    write(l, row, id, distance, first, second, normal, joint_a, joint_b);
+    return 1;
+}
+
+static void centre_of(const Look *l, int body, double *out) {
+    const Body *b = &l->scene->body[body];
+    const Pose *pose = &l->pose[b->joint];
+    for (int r = 0; r < 3; r++) {
+        const double *R = pose->R + 3 * r;
+        out[r] = pose->p[r] + R[0] * b->centre[0] + R[1] * b->centre[1] + R[2] * b->centre[2];
+    }
+}
+
+static double away(const Node *node, const double *centre) {
+    double square = 0.0;
+    for (int c = 0; c < 3; c++) {
+        const double off = fmax(fabs(centre[c] - node->middle[c]) - node->half[c], 0.0);
+        square += off * off;
+    }
+    return sqrt(square);
+}
+
+/* The rows of the obstacles near a body, in the scene's own room. */
+static void look_around(Look *l, int body, const double *centre) {
+    const Scene *s = l->scene;
+    const Body *b = &s->body[body];
+    const int from = s->pairs + s->bodies;
+    for (int o = 0; o < s->objects; o++) s->nearest[NEAR_ROW * o + 1] = INFINITY;
+    int stack[2 * DEEP], n = 0;
+    if (s->nodes) stack[n++] = 0;
+    while (n) {
+        const Node *node = &s->node[stack[--n]];
+        double enough = l->within;
+        if (node->object >= 0) enough = fmin(enough, s->nearest[NEAR_ROW * node->object + 1]);
+        if (!(node->mask >> body & 1) || away(node, centre) - b->ball - b->radius > enough) continue;
+        if (!node->count) {
+            const int left = node->first;
+            const int right_first = away(&s->node[left], centre) < away(&s->node[left + 1], centre);
+            stack[n++] = left + right_first;
+            stack[n++] = left + !right_first;
+            continue;
+        }
+        for (int i = node->first; i < node->first + node->count; i++) {
+            const Piece *piece = &s->piece[i];
+            if (!(piece->mask >> body & 1)) continue;
+            double *row = s->nearest + NEAR_ROW * piece->object;
+            const double least = fmin(l->within, row[1]), radius = s->shape[piece->shape].radius;
+            const Closest c =
+                so101_closest_piece(s, l->pose, body, i, least + b->radius + radius);
+            is_near(l, &c, least, b->radius, radius, from + piece->object * s->bodies + body,
+                    b->joint, 0, row);
+        }
+    }
+}
+
+/* Writes a row of each pair within `within` [m] at a configuration, `most` at most; returns how many
+ * there are, or -1 if coal has to say. Pairs are counted on: of movers, with the floor by body, with
+ * each obstacle by body. */
+int so101_nearest(const Scene *s, const double *q, double within, int most, double *out) {
+    Look l = {.scene = s, .within = within};
+    double centre[MOST_BODIES][3];
+    int n = 0;
+    so101_poses(s, q, l.pose);
+    for (int i = 0; i < s->bodies; i++) centre_of(&l, i, centre[i]);
+    for (int k = 0; k < s->pairs && n < most; k++) {
+        const int i = s->pair[k].first, j = s->pair[k].second;
+        const Body *a = &s->body[i], *b = &s->body[j];
+        const double enough = within + a->radius + b->radius, reach = enough + a->ball + b->ball;
+        double square = 0.0;
+        for (int c = 0; c < 3; c++) square += pow(centre[i][c] - centre[j][c], 2.0);
+        if (square > reach * reach) continue;
+        const Closest c = so101_closest_pair(s, l.pose, k, enough);
+        n += is_near(&l, &c, within, a->radius, b->radius, k, a->joint, b->joint, out + NEAR_ROW * n);
+    }
+    for (int i = 0; i < s->bodies && n < most; i++) {
+        const Body *b = &s->body[i];
+        if (!(s->with_floor >> i & 1)) continue;
+        if (centre[i][2] - b->ball - b->radius - s->floor_z > within) continue;
+        const double down[3] = {0.0, 0.0, -1.0};
+        double low[3];
+        so101_lowest(s, l.pose, i, low);
+        low[2] -= b->radius;
+        const double floor[3] = {low[0], low[1], s->floor_z};
+        if (low[2] - s->floor_z <= within)
+            write(&l, out + NEAR_ROW * n++, s->pairs + i, low[2] - s->floor_z, low, floor, down,
+                  b->joint, 0);
+    }
+    for (int i = 0; i < s->bodies && s->nodes; i++) {
+        look_around(&l, i, centre[i]);
+        for (int o = 0; o < s->objects && n < most; o++)
+            if (s->nearest[NEAR_ROW * o + 1] < INFINITY)
+                memcpy(out + NEAR_ROW * n++, s->nearest + NEAR_ROW * o, NEAR_ROW * sizeof *out);
+    }
+    return l.unknown ? -1 : n;
+}
