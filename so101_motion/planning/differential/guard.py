@@ -192,25 +192,22 @@ def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, 
     """
     gram: list[list[float]] = (G @ G.T).tolist()
     wanted: list[float] = (least - G @ step).tolist()  # what each row lacks, were nothing done
-    active, pulls = list[int](), list[float]()
+    active, lack, x = list[int](), wanted, step
     for _ in range(_ROUNDS):
-        lack = [
-            wanted[k] - sum(pull * row[i] for pull, i in zip(pulls, active, strict=True))
-            for k, row in enumerate(gram)
-        ]
         worst = max(range(len(lack)), key=lack.__getitem__)
         if lack[worst] <= _ROUNDING or worst in active:
-            return step + pulls @ G[active] if active else step, active
+            return x, active
         active.append(worst)
         while True:
-            found = _solved([[*(gram[i][j] for j in active), wanted[i]] for i in active])
-            if found is None:
+            pulls = _solved([[*(gram[i][j] for j in active), wanted[i]] for i in active])
+            if pulls is None:
                 return None, active
-            pulls = found
             weakest = min(range(len(pulls)), key=pulls.__getitem__)
             if pulls[weakest] >= 0.0:
                 break
             del active[weakest]
+        x = step + pulls @ G[active]
+        lack = (least - G @ x).tolist()
     return None, active
 
 

@@ -194,9 +194,9 @@ class Load:
         self._model, self._strength, self._payload = model, strength, payload
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
         self._newest: tuple[Trajectory, Array] | None = None
-        self._known = q_start, model.holding_torques(q_start[None])[0]
+        there = np.abs(model.holding_torques(q_start[None]))[0]
+        self._known = q_start, there
         self._rates = model.holding_torque_rates()
-        there = np.abs(self._known[1])
         self._holding = np.maximum(strength.holding, there)
         too_much = np.where(there > strength.holding, there, 0.0)
         self._moving = np.maximum(strength.moving, MOVING / HOLDING * too_much)
@@ -237,7 +237,7 @@ class Load:
         if self._is_surely_within(NEARLY, q):
             return []
         torques = self._model.holding_torques(q[None])[0]
-        self._known = q, torques
+        self._known = q, np.abs(torques)
         left = 1.0 - np.abs(torques) / self._strength.holding
         heavy = np.flatnonzero(left < 1.0 - NEARLY)
         if len(heavy) == 0:
@@ -260,9 +260,10 @@ class Load:
 
     def _is_surely_within(self, share: float, q: Array) -> bool:
         """Whether less is borne at ``q``, (5,) or (m, 5) [rad], going by what is known nearby."""
-        there, borne = self._known
-        change = np.abs(q - there).reshape(-1, 5).max(axis=0) @ self._rates
-        return bool((np.abs(borne) + change < share * self._strength.holding).all())
+        there, borne = self._known  # [rad], [N m] without signs
+        away = np.abs(q - there)
+        change = (away if away.ndim == 1 else away.max(axis=0)) @ self._rates
+        return bool((change < share * self._strength.holding - borne).all())
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that asks too much of a servo.
