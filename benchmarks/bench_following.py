@@ -12,7 +12,8 @@ and hostile places that keep the arm near the table and itself. Processor time o
 from ``aim`` until a goal that has taken it up is written to the driver. The targets come at random
 moments of the control cycle.
 
-``--targets`` says how many hostile targets, ``--seconds`` how long the last part takes.
+``--targets`` says how many hostile targets, ``--seconds`` how long the last part takes; ``--cost``
+prints what the guard costs and writes nothing.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
+from so101_motion.arm.led_motions import GUARDED_STOP
 from so101_motion.common.clock import MonotonicClock
 from so101_motion.common.geometry import Array
 from so101_motion.control.executor import Channel, Executor
@@ -95,10 +97,11 @@ def costing() -> list[dict[str, Any]]:
 
 def _timed(model: RobotModel, way: Array, *, guarded: bool) -> Array:
     load = Load.of(model, Strength.of_servos(7.4), READY, None)
-    guard = Guard(CollisionModel(model), lambda: 0.3, load, acceleration=HARD_STOP.acceleration)
+    guard = Guard(CollisionModel(model), lambda: 0.3, load, acceleration=GUARDED_STOP.acceleration)
     led = Following(
         q_start=READY, lower=model.lower, upper=model.upper, limits=Pace().full,
-        stop_limits=HARD_STOP, dt=TICK, guard=guard if guarded else None,
+        stop_limits=GUARDED_STOP if guarded else HARD_STOP, dt=TICK,
+        guard=guard if guarded else None,
     )  # fmt: skip
     times = []
     for k, q in enumerate(way):
@@ -164,7 +167,12 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--cost", action="store_true", help="what the guard costs, nothing else")
     asked = parser.parse_args()
+    if asked.cost:
+        for row in costing():
+            print(row)
+        return
     rows = [responding(asked.seconds), *costing()]
     rows += [hostile(asked.targets, asked.seed, fast=fast) for fast in (False, True)]
     _common.write("bench_following", [*rows, BARS])

@@ -125,7 +125,7 @@ class LedMotions:
                     CollisionModel(model, now.scene),
                     lambda: executor.state.q_jaw_ref,
                     now.load(model, executor.state.q_ref),
-                    acceleration=executor.stop_limits(Channel.ARM).acceleration,
+                    acceleration=GUARDED_STOP.acceleration,
                 )
                 self._made = now, guard
             return self._made[1]
