@@ -352,7 +352,8 @@ class Following(LedMotion):
             led, after, path = self._inside(_landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        if self._guard is not None and not self._guard.admits(np.vstack([self.now.q, path])):
+        path = np.concatenate((self.now.q[None], path))
+        if self._guard is not None and not self._guard.admits(path):
             self._held = self._held or ("too little room to brake",)
             return self._brake()
         if not self._keeps_off(led):
