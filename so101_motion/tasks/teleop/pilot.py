@@ -22,9 +22,9 @@ from so101_motion.tasks.teleop.gate import Gate, Phase
 from so101_motion.tasks.teleop.mirror import Mirror
 from so101_motion.tasks.teleop.predictor import LONGEST, SLOW, Predictor
 
-HORIZON = 0.048
+HORIZON = 0.066
 """How far ahead of now the leader is aimed at [s]: what a servo of the follower is behind, but for
-some 20 ms, because what is foretold further ahead overshoots more at every turn. By trial."""
+some 10 ms, because what is foretold further ahead overshoots more at every turn. By trial."""
 
 LOST_AFTER = 0.05
 """After how long without an answer from all joints of the leader the follower holds [s]. With the
