@@ -3,33 +3,27 @@
 The same bodies, pairs and margins as coal has, packed once for each scene. The library proves most
 configurations free or touching by bounds on the distances (``native/lanes.c``); what is within a
 few micrometres of a margin it hands back, and coal's verdict counts. So the verdicts are coal's.
-
-Bodies are convex: the points of a hull and a radius by which it is widened. A mesh that stands is
-its triangles, a cloud its cubes; all of them are leaves of one tree.
 """
 
 from __future__ import annotations
 
 import ctypes
-import itertools
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint
-from so101_motion.planning.collision.bodies import Bodies, Cubes, Hull, Standing
+from so101_motion.planning.collision.bodies import Bodies
 from so101_motion.planning.collision.continuous_check import Level, Touches
-from so101_motion.planning.collision.scene import FLOOR, LINKS, Box, Capsule, Mesh, Sphere
+from so101_motion.planning.collision.packed_bodies import packed, points_of
 from so101_motion.planning.native.library import native
 
 MOST_BODIES = 32
-MOST_POINTS = 512
 """More of them than the arm will ever have or hold are left to coal."""
 
 FEW = 64
@@ -40,8 +34,6 @@ NEAR_ROW = 16
 
 FREE, TOUCHING = 0, 1
 _GO_ON, _TIME_IS_UP, _END = 0, 1, 2
-
-_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 _Ask = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.c_int)
 
@@ -87,10 +79,10 @@ class BatchCheck:
         self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
         self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
         self._at_blocked = pointer(self._blocked)
-        packed, self._pair_of = _packed(model, bodies, floor_z or 0.0)
+        arguments, self._pair_of = packed(model, bodies, floor_z or 0.0)
         self._near = np.zeros((max(1, len(bodies.pairs)), NEAR_ROW))
         self._at_near = pointer(self._near)
-        handle = library.so101_new(*(_argument(each) for each in packed), self._ask)
+        handle = library.so101_new(*(_argument(each) for each in arguments), self._ask)
         if not handle:
             raise MemoryError("no memory for the bodies of a scene")
         self.scene = ctypes.c_void_p(handle)
@@ -324,71 +316,9 @@ def batch_check(model: Any, bodies: Bodies, floor_z: float | None) -> BatchCheck
     if native().library is None:
         return None
     movers = [each for each in bodies.geometry.geometryObjects if each.parentJoint > 0]
-    if len(movers) >= MOST_BODIES or any(_points(each.geometry) is None for each in movers):
+    if len(movers) >= MOST_BODIES or any(points_of(each.geometry) is None for each in movers):
         return None
     return BatchCheck(model, bodies, floor_z)
-
-
-def _packed(model: Any, bodies: Bodies, floor_z: float) -> tuple[list[Any], dict[int, int]]:
-    """The arguments of ``so101_new``, in its order; which pair each number of the library is."""
-    objects = list(bodies.geometry.geometryObjects)
-    names = [each.name for each in objects]
-    movers = [
-        i for i, each in enumerate(objects) if i not in bodies.standing and each.name != FLOOR
-    ]
-    place = {i: k for k, i in enumerate(movers)}
-    hulls = [_hull(objects[i]) for i in movers]
-    pairs, with_floor = [], 0
-    masks = dict.fromkeys(bodies.standing, 0)
-    own, standing_pairs = list[int](), list[tuple[int, int]]()  # pairs; numbers after those of own
-    for k, pair in enumerate(bodies.geometry.collisionPairs):
-        a, b = int(pair.first), int(pair.second)
-        if names[b] == FLOOR:
-            with_floor |= 1 << place[a]
-            standing_pairs.append((place[a], k))
-        elif b in masks:
-            masks[b] |= 1 << place[a]
-            row = 1 + list(masks).index(b)
-            standing_pairs.append((row * len(movers) + place[a], k))
-        else:
-            is_own = names[a] in LINKS and names[b] in LINKS
-            pairs.append((place[a], place[b], 0 if is_own else 1))
-            own.append(k)
-    pair_of = dict(enumerate(own)) | {len(own) + number: k for number, k in standing_pairs}
-    shapes: list[tuple[Array, float]] = []
-    at, shape, mask = [np.zeros((0, 3))], [np.zeros(0, int)], [np.zeros(0, int)]
-    obstacle = [np.zeros(0, int)]
-    for o, (i, standing) in enumerate(bodies.standing.items()):
-        T = objects[i].placement
-        forms, places = _pieces(standing, np.array(T.rotation), np.array(T.translation))
-        at.append(places)
-        shape.append(len(shapes) + np.arange(len(places)) % len(forms))
-        mask.append(np.full(len(places), masks[i]))
-        obstacle.append(np.full(len(places), o))
-        shapes += forms
-    arguments = [
-        _offsets(model),
-        len(movers),
-        np.array([objects[i].parentJoint for i in movers], np.int32),
-        _starts([points for points, _ in hulls]),
-        np.concatenate([points for points, _ in hulls]),
-        np.array([radius for _, radius in hulls]),
-        len(pairs),
-        np.array(pairs, np.int32).reshape(-1, 3),
-        ctypes.c_uint32(with_floor),
-        floor_z,
-        len(shapes),
-        _starts([points for points, _ in shapes]),
-        np.concatenate([np.zeros((0, 3)), *(points for points, _ in shapes)]),
-        np.array([radius for _, radius in shapes]),
-        sum(map(len, at)),
-        np.concatenate(at),
-        np.concatenate(shape).astype(np.int32),
-        np.concatenate(mask).astype(np.uint32),
-        np.concatenate(obstacle).astype(np.int32),
-        len(masks),
-    ]
-    return arguments, pair_of
 
 
 def _argument(value: Any) -> Any:
@@ -396,64 +326,3 @@ def _argument(value: Any) -> Any:
         assert value.flags.c_contiguous
         return pointer(value)
     return ctypes.c_double(value) if isinstance(value, float) else value
-
-
-def _offsets(model: Any) -> Array:
-    """Where each joint is in the one before: rotation by rows, then place, shape (6, 12)."""
-    placements = [model.jointPlacements[joint] for joint in range(1, 7)]
-    rows = [np.concatenate((np.array(T.rotation).ravel(), T.translation)) for T in placements]
-    return np.ascontiguousarray(rows)
-
-
-def _starts(points: Sequence[Array]) -> NDArray[np.int32]:
-    return np.cumsum([0, *(len(each) for each in points)]).astype(np.int32)
-
-
-def _points(shape: Any) -> tuple[Array, float] | None:
-    """The points of one of coal's convex shapes and the radius around them; None of others."""
-    radius = float(shape.getSweptSphereRadius())
-    if isinstance(shape, coal.Box):
-        return 2.0 * _CORNERS * np.array(shape.halfSide), radius
-    if isinstance(shape, coal.Sphere):
-        return np.zeros((1, 3)), radius + float(shape.radius)
-    if isinstance(shape, coal.Capsule):
-        ends = np.outer((-1.0, 1.0), (0.0, 0.0, shape.halfLength))
-        return ends, radius + float(shape.radius)
-    if isinstance(shape, coal.ConvexBase) and len(shape.points()) <= MOST_POINTS:
-        return np.array(shape.points()), radius
-    return None
-
-
-def _hull(body: Any) -> tuple[Array, float]:
-    """The points of a body in its joint's frame, shape (n, 3), and the radius around them [m]."""
-    found = _points(body.geometry)
-    assert found is not None
-    points, radius = found
-    T = body.placement
-    return np.ascontiguousarray(points @ np.array(T.rotation).T + np.array(T.translation)), radius
-
-
-def _pieces(standing: Standing, R: Array, p: Array) -> tuple[list[tuple[Array, float]], Array]:
-    """The convex forms of an obstacle, turned as it stands, and their places, shape (n, 3), [m].
-
-    One form stands at all places, or one at each.
-    """
-    if isinstance(standing, Cubes):
-        return [(standing.edge * _CORNERS @ R.T, 0.0)], standing.middles @ R.T + p
-    if isinstance(standing, Mesh):
-        corners = standing.vertices[standing.triangles] @ R.T
-        middles = corners.mean(axis=1)
-        return [(each, 0.0) for each in corners - middles[:, None]], middles + p
-    if isinstance(standing, Hull):
-        middle = standing.points.mean(axis=0)
-        return [((standing.points - middle) @ R.T, standing.radius)], (R @ middle + p)[None]
-    return [_rounded_form(standing, R)], p[None]
-
-
-def _rounded_form(standing: Box | Sphere | Capsule, R: Array) -> tuple[Array, float]:
-    if isinstance(standing, Box):
-        return _CORNERS * standing.size @ R.T, 0.0
-    if isinstance(standing, Sphere):
-        return np.zeros((1, 3)), standing.radius
-    ends = np.outer((-1.0, 1.0), R[:, 2]) * (0.5 * standing.length - standing.radius)
-    return ends, standing.radius
