@@ -18,8 +18,6 @@ server: lengths are checked here, waypoints never set.
 from __future__ import annotations
 
 import math
-import threading
-from functools import cache
 
 import numpy as np
 import ruckig
@@ -37,9 +35,6 @@ SAME_POSITION = 1e-9
 LESS_JERK = 1.0 - 1e-9
 """Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
 below what can be told from the caps."""
-
-
-_kept = threading.local()
 
 
 def point_to_point(
@@ -301,19 +296,12 @@ def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
     n = request.degrees_of_freedom
     found = ruckig.Trajectory(n)
     try:
-        result = _of_this_thread(n).calculate(request, found)
+        result = ruckig.Ruckig(n).calculate(request, found)
     except (ruckig.RuckigError, ValueError) as error:  # some of its results it cannot name itself
         raise PlanningError(f"no motion from this state under these limits: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")
     return found
-
-
-def _of_this_thread(n: int) -> ruckig.Ruckig:
-    """Ruckig for n joints, kept from call to call: making it takes longer than asking it."""
-    if not hasattr(_kept, "by_joints"):
-        _kept.by_joints = cache(ruckig.Ruckig)
-    return _kept.by_joints(n)
 
 
 def _setpoint(found: ruckig.Trajectory, t: float) -> Setpoint:
