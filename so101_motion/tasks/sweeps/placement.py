@@ -29,6 +29,7 @@ from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.tasks.sweeps.engine import Progress, SweepResult, WorkerPool, run_sweep
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.mounted_arm import GAIN
 from so101_motion.tasks.sweeps.mounting import COARSE, Cell
 from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
 from so101_motion.tasks.sweeps.placement_task import PlacementTask, task_from
@@ -39,14 +40,15 @@ BEST = 10
 _BATCH = 48
 """So many bases are planned before the bounds are looked at again. Chosen: a few seconds' work."""
 
-_MOST = 20
+_MOST = 8
 """So many batches the first round has at the most. Chosen."""
 
 _MOVES = 3
 """So often a place moves at the same distance to its neighbours. Chosen."""
 
-_OF_A_PLACE = 4
-"""So many neighbours of a place are planned before their bounds are looked at again. Chosen."""
+_OF_A_PLACE, _CLOSER = 4, 2
+"""So many neighbours of a place are planned before their bounds are looked at again, and so often.
+Chosen."""
 
 
 class Base(NamedTuple):
@@ -146,6 +148,7 @@ class _Search:
         self._screened: dict[Cell, Screened] = {}
         self._placed: dict[Cell, Placed] = {}
         self._failed: dict[str, str] = {}
+        self._ratio = math.inf  # the least time of a plan, by its bound
         self._digest = hashlib.sha256()
 
     def go(self) -> Placement:
@@ -196,7 +199,7 @@ class _Search:
         """Move some middles to the best of what is ``step`` around them; those that moved."""
         around = {k: list(self._sweep.region.around(middles[k], step)) for k in which}
         self._screen(_without_repeats(cell for cells in around.values() for cell in cells))
-        while True:
+        for _ in range(_CLOSER):
             promising = []
             for k, cells in around.items():
                 best = self._key(self._ranked([middles[k], *cells])[0])
@@ -233,6 +236,8 @@ class _Search:
             nothing = np.full((1, 5), np.nan)
             lost = Placed(cell, math.inf, -math.inf, -math.inf, 0.0, "failed", nothing)
             self._placed.setdefault(cell, lost)
+        ratios = (self._placed[cell].time / self._screened[cell].time for cell in cells)
+        self._ratio = min(self._ratio, *ratios)
 
     def _rows(self, step: PlaceSweep) -> Iterator[list[Any]]:
         """Run a step; its rows as plain values, but for arrays."""
@@ -278,7 +283,10 @@ class _Search:
 
     def _bound(self, cell: Cell) -> Key:
         it = self._screened[cell]
-        return _first(self._sweep.by, it.time, it.clearance, it.torque_left, 1.0)
+        # A base that cannot gain more than GAIN is not worth planning, nor one that would have to
+        # come nearer to its bound than any has: where poses are passed, bounds are far off.
+        time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
+        return _first(self._sweep.by, time, it.clearance, it.torque_left, 1.0)
 
     def _base(self, cell: Cell) -> Base:
         it, (x, y, z, turn) = self._placed[cell], self._sweep.region.place(cell)
