@@ -247,10 +247,14 @@ typedef struct {
     V middle[3], half[3]; /* along the base's axes, margin included */
     V own[3][3], size[3][3]; /* the body's axes, and their magnitudes */
     float length[3];      /* half the box along them, margin included */
+    V spine[3], along[3]; /* where the body's line begins, and to its end */
 } Extent;
 
 static void extent_of(const Body *b, const Frame *f, float margin, Extent *e) {
     moved(f, b->box_centre, e->middle);
+    moved(f, b->spine[0], e->spine);
+    moved(f, b->spine[1], e->along);
+    for (int c = 0; c < 3; c++) e->along[c] -= e->spine[c];
     for (int r = 0; r < 3; r++) {
         e->half[r] = all(margin);
         for (int c = 0; c < 3; c++) {
@@ -283,6 +287,25 @@ static inline I apart(const Extent *e, const Planes *planes, const float *middle
         far |= (gap > 0.0f) & (gap * gap > planes->needed[k]);
     }
     return far;
+}
+
+/* Lanes in which the body's line passes through a box. The point that shows it is looked at itself,
+ * so divisions by nothing do no harm. */
+static inline I pierced(const Extent *e, const float *middle, const float *core) {
+    V enter = all(0.0f), leave = all(1.0f), from[3];
+    for (int c = 0; c < 3; c++) {
+        from[c] = e->spine[c] - middle[c];
+        const V scale = 1.0f / e->along[c];
+        const V one = (-core[c] - from[c]) * scale, other = (core[c] - from[c]) * scale;
+        const I forward = one < other;
+        const V in = pick(forward, one, other), out = pick(forward, other, one);
+        enter = pick(in > enter, in, enter);
+        leave = pick(out < leave, out, leave);
+    }
+    const V part = 0.5f * (enter + leave);
+    I inside = (part >= 0.0f) & (part <= 1.0f);
+    for (int c = 0; c < 3; c++) inside &= magnitude(from[c] + part * e->along[c]) < core[c];
+    return inside;
 }
 
 /* What the vectors could not settle. */
@@ -356,6 +379,12 @@ static void against_obstacles(const Scene *s, int index, const Frame *f, const V
             }
             need = alive & ~*hit;
             need &= ~apart(&e, &planes, middle, shape->half, need);
+            if (shape->core[0] > 0.0f && wide > SLACK) {
+                const I through = need & pierced(&e, middle, shape->core);
+                *hit |= through;
+                if (stop && bits(through)) return;
+                need &= ~through;
+            }
             if (!bits(need)) continue;
             V v[3];
             for (int c = 0; c < 3; c++) {

@@ -29,6 +29,7 @@ typedef struct {
     double radius;
     float centre[3], ball;         /* a ball around a point inside the hull that holds the points */
     float box_centre[3], box_half[3]; /* a box that holds the points, along the joint's axes */
+    float spine[2][3];                /* a line inside the hull, from end to end */
 } Body;
 
 typedef struct {
@@ -43,6 +44,7 @@ typedef struct {
     float reach; /* the largest coordinate */
     float inside[3];          /* a point of it */
     float middle[3], half[3]; /* the box that holds it, radius and rounding included */
+    float core[3];            /* half a box that it holds, 0 if it is no large box itself */
 } Shape;
 
 typedef struct {

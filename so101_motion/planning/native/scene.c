@@ -5,6 +5,7 @@
 
 #include "native.h"
 
+#define LARGE 0.06 /* boxes with longer edges together are looked into [m]; chosen */
 #define PIECES 4 /* of a leaf at most */
 
 Lanes so101_lanes = so101_lanes_base;
@@ -87,10 +88,30 @@ static void bounds(const double *points, int n, double *low, double *high, doubl
     }
 }
 
+/* From the middle of the points near one end to that near the other. */
+static void fill_spine(Body *b, const double *points, const double *low, const double *high) {
+    int axis = 0;
+    for (int c = 1; c < 3; c++)
+        if (high[c] - low[c] > high[axis] - low[axis]) axis = c;
+    const double near = 0.2 * (high[axis] - low[axis]);
+    for (int end = 0; end < 2; end++) {
+        double sum[3] = {0.0, 0.0, 0.0};
+        int count = 0;
+        for (int i = 0; i < b->count; i++) {
+            const double x = points[3 * i + axis];
+            if (end ? x < high[axis] - near : x > low[axis] + near) continue;
+            for (int c = 0; c < 3; c++) sum[c] += points[3 * i + c];
+            count++;
+        }
+        for (int c = 0; c < 3; c++) b->spine[end][c] = (float)(sum[c] / count);
+    }
+}
+
 static void fill_body(Body *b, const double *points) {
     double low[3], high[3], mean[3];
     bounds(points, b->count, low, high, mean);
     boxed(low, high, b->box_centre, b->box_half);
+    fill_spine(b, points, low, high);
     for (int c = 0; c < 3; c++) b->centre[c] = (float)mean[c];
     b->ball = 0.0f;
     for (int i = 0; i < b->count; i++) {
@@ -100,11 +121,31 @@ static void fill_body(Body *b, const double *points) {
     }
 }
 
+/* Whether the points are the corners of a box along the base's axes. */
+static int is_box(const double *points, int count, const double *low, const double *high) {
+    int corners = 0;
+    for (int i = 0; i < count; i++) {
+        int corner = 0;
+        for (int c = 0; c < 3; c++) {
+            const double x = points[3 * i + c];
+            if (x != low[c] && x != high[c]) return 0;
+            corner |= (x == high[c]) << c;
+        }
+        corners |= 1 << corner;
+    }
+    return corners == 0xff;
+}
+
 /* `largest`: the largest coordinate at which this shape stands. */
 static void fill_shape(Shape *f, const double *points, double largest) {
     double low[3], high[3], mean[3];
     bounds(points, f->count, low, high, mean);
     f->reach = (float)f->radius;
+    const int is_large = high[0] - low[0] + high[1] - low[1] + high[2] - low[2] > LARGE;
+    if (is_large && is_box(points, f->count, low, high))
+        for (int c = 0; c < 3; c++)
+            f->core[c] =
+                (float)(0.5 * (high[c] - low[c]) - SLACK - 2.0 * SLACK_PER_METRE * (largest + 1.0));
     for (int c = 0; c < 3; c++) {
         f->inside[c] = (float)mean[c];
         f->reach = fmaxf(f->reach, (float)(fmax(-low[c], high[c]) + f->radius));
