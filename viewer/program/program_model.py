@@ -23,7 +23,6 @@ from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program import (
     Program,
     ProgramRun,
-    Rehearsal,
     Waypoint,
     files,
     rehearse,
@@ -35,8 +34,10 @@ from ..page.guiding import Guiding
 from ..page.history import History
 from ..page.playback import Playback
 from ..page.screen_state import Sentence
+from ..page.target_ik import Surroundings, TargetSolver
 from . import program_texts as words
-from .program_screen import ProgramScreen, ghost_at
+from .program_screen import ProgramScreen
+from .rehearsal_time import RehearsalTime
 
 ALL, REST, STEP = "all", "from here", "this step"
 """How much of a program is planned and run."""
@@ -73,8 +74,9 @@ class ProgramModel:
         self._name = ""
         self._saved = self._listed()
         self._sentence = words.WELCOME
-        self._rehearsing: Future[Rehearsal] | None = None
-        self._rehearsal: Rehearsal | None = None
+        self._rehearsing: Future[tuple[RehearsalTime, dict[int, float]]] | None = None
+        self._timeline: RehearsalTime | None = None
+        self._clearances: dict[int, float] = {}
         self._made_for: tuple[object, ...] = ()
         self._run: ProgramRun | None = None
         self._guiding = Guiding(arm, clock, submit)
@@ -116,6 +118,10 @@ class ProgramModel:
         self._change(aperture=aperture, passes=passed and aperture is None)
         if passed and aperture is not None:
             self._sentence = words.JAW_STOPS
+
+    def set_speed(self, share: float) -> None:
+        """Set how fast the selected waypoint is gone to, as a share of the arm's speed."""
+        self._change(speed=share)
 
     def set_passes(self, passes: bool) -> None:
         """Pass the selected waypoint without a stop, pause and jaw; or stop there."""
@@ -222,13 +228,19 @@ class ProgramModel:
                 last = self._first + 1 if part == STEP else len(program)
                 program = Program(waypoints=program.waypoints[self._first : last])
             self._made_for = self._things()
-            self._rehearsing = self._submit(lambda: rehearse(arm, gripper, program))
+
+            def plan_all() -> tuple[RehearsalTime, dict[int, float]]:
+                timeline = RehearsalTime(rehearse(arm, gripper, program), gripper.angle_of)
+                solver = TargetSolver.load(Surroundings(arm.scene, arm.range))
+                return timeline, timeline.clearances(solver.clearance)
+
+            self._rehearsing = self._submit(plan_all)
             self._sentence = words.PLANNING
 
     def run(self) -> None:
         """Run the program as it was planned."""
-        rehearsal = self._rehearsal
-        if rehearsal is not None and self._can_run():
+        if self._timeline is not None and self._can_run():
+            rehearsal = self._timeline.rehearsal
             self._run = start_program(self._arm, self._gripper, self._clock, rehearsal)
 
     def preview(self, t: float) -> None:
@@ -237,7 +249,7 @@ class ProgramModel:
 
     def play(self, rate: float) -> None:
         """Play the rehearsal with the ghost at ``rate`` times real time, or pause."""
-        if self._rehearsal is not None:
+        if self._timeline is not None:
             self._playback.play(rate)
 
     def report(self, error: BaseException) -> None:
@@ -259,7 +271,7 @@ class ProgramModel:
             self._status(),
             self._arm.state.mode,
             run and run.where,
-            self._rehearsal,
+            self._timeline,
             self._program,
             self._saved,
         )
@@ -278,7 +290,8 @@ class ProgramModel:
             name=self._name,
             saved=self._saved,
             sentence=self._status(),
-            rehearsal=self._rehearsal,
+            timeline=self._timeline,
+            clearances=self._clearances,
             run=self._run,
             guided=self._guiding.is_on,
             can_edit=self._run is None,
@@ -289,9 +302,6 @@ class ProgramModel:
             can_redo=self._history.can_redo and self._run is None,
             first=self._first,
             t=self._playback.t,
-            q_ghost=None
-            if self._rehearsal is None
-            else ghost_at(self._rehearsal, self._playback.t),
         )
 
     # How
@@ -340,7 +350,7 @@ class ProgramModel:
         self._drop_plan(words.PRESS_PLAN if program.waypoints else words.WELCOME)
 
     def _drop_plan(self, sentence: Sentence) -> None:
-        self._rehearsal = self._rehearsing = None
+        self._timeline = self._rehearsing = None
         self._sentence = sentence
 
     def _things(self) -> tuple[object, ...]:
@@ -358,7 +368,7 @@ class ProgramModel:
 
     def _can_run(self) -> bool:
         return (
-            self._rehearsal is not None
+            self._timeline is not None
             and self._run is None
             and self._arm.state.mode is Mode.HOLDING
             and _same(self._things(), self._made_for)
@@ -382,15 +392,14 @@ class ProgramModel:
         if error is not None:
             self.report(error)
             return
-        self._rehearsal = rehearsing.result()
-        self._playback.load(sum(plan.duration for plan in self._rehearsal.plans))
+        self._timeline, self._clearances = rehearsing.result()
+        self._playback.load(self._timeline.duration)
         self._sentence = words.PLANNED
 
     def _watch_plan(self) -> None:
-        rehearsal = self._rehearsal
-        if rehearsal is None or self._run is not None:
+        if self._timeline is None or self._run is not None:
             return
-        state = self._arm.state
+        rehearsal, state = self._timeline.rehearsal, self._arm.state
         if not stands_at(rehearsal.q_start, state.q_ref):
             self._drop_plan(words.ARM_MOVED)
         elif abs(rehearsal.q_jaw_start - state.q_jaw_ref) > SAME_JAW:

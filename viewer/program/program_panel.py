@@ -13,7 +13,7 @@ import viser
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, Program
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, SLOWEST, Program
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
@@ -87,6 +87,16 @@ class ProgramPart(Part):
             visible=False,
         )
         self._pass = self._field(passes, model.set_passes, bool)
+        speed = gui.add_slider(
+            "Speed (%)",
+            round(100.0 * SLOWEST),
+            100,
+            1,
+            100,
+            hint="On the way to it, as a share of the speed on the Move tab",
+            visible=False,
+        )
+        self._speed = self._field(speed, lambda percent: model.set_speed(percent / 100.0), round)
         pause = gui.add_number(
             "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
         )
@@ -98,7 +108,7 @@ class ProgramPart(Part):
             opening, lambda percent: model.set_aperture(percent / 100.0), round
         )
         self._of_waypoint = (
-            self._chosen, self._name, self._pass, self._pause, self._jaw, self._opening
+            self._chosen, self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
         )  # fmt: skip
         self._order = gui.add_button_group(
             "Waypoint", ("up", "down", "duplicate", "take arm's place", "delete"), visible=False
@@ -137,7 +147,9 @@ class ProgramPart(Part):
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
         self._play = gui.add_button_group(
-            "Play", tuple(_RATES), hint="Plays only the ghost; press again to pause"
+            "Play",
+            tuple(_RATES),
+            hint="Only the ghost moves, pauses last 2 s; press again to pause",
         )
         self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
         self._facts = gui.add_html(markup.facts(words.NO_FACTS))
@@ -170,9 +182,6 @@ class ProgramPart(Part):
         if len(places) == 2:
             self.model.reorder(*places)
 
-    def _jaw_of_arm(self) -> float:
-        return float(self._context.rig.arm.state.q_jaw)
-
     # The page
 
     def refresh(self) -> bool:
@@ -183,14 +192,21 @@ class ProgramPart(Part):
         """Update tab and scene; viser sends only what differs."""
         screen = self.model.screen()
         program, run = screen.program, screen.run
-        ghost = None
-        q_arm = self._context.rig.arm.state.q
-        if screen.q_ghost is not None and run is None and _apart(screen.q_ghost, q_arm):
-            ghost = Ghost(screen.q_ghost, self._jaw_of_arm())
-        self._view.show(program, screen.rehearsal, ghost)
+        timeline, ghost, active = screen.timeline, None, None
+        if run is not None:
+            active = run.where.index + screen.first
+        elif timeline is not None:
+            step, q, q_jaw = timeline.at(screen.t)
+            if _apart(q, self._context.rig.arm.state.q):
+                ghost = Ghost(q, q_jaw)
+            active = step + screen.first if 0.0 < screen.t < timeline.duration else None
+        self._view.show(program, None if timeline is None else timeline.rehearsal, ghost)
         self._sentence.content = markup.sentence(screen.sentence)
-        active = None if run is None else run.where.index + screen.first
-        rows = [(waypoint.name, words.line(waypoint)) for waypoint in program.waypoints]
+        near = {} if timeline is None else screen.clearances
+        rows = [
+            (waypoint.name, words.line(waypoint, near.get(k - screen.first)))
+            for k, waypoint in enumerate(program.waypoints)
+        ]
         self._waypoints.content = markup.steps(
             rows,
             chosen=screen.chosen,
@@ -214,15 +230,14 @@ class ProgramPart(Part):
         self._use.visible = bool(screen.saved)
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
-        rehearsal = screen.rehearsal
-        self._slider.disabled = rehearsal is None
-        grey(self._play, rehearsal is None)
-        facts = words.NO_FACTS if rehearsal is None else words.facts(rehearsal)
+        timeline = screen.timeline
+        self._slider.disabled = timeline is None
+        grey(self._play, timeline is None)
+        facts = words.NO_FACTS if timeline is None else words.facts(timeline.rehearsal)
         self._facts.content = markup.facts(facts)
-        if rehearsal is not None:
-            ends = sum(plan.duration for plan in rehearsal.plans)
-            self._slider.max = max(math.ceil(100.0 * ends) / 100.0, 0.01)
-        self._t.show(screen.t if rehearsal is not None else 0.0)
+        if timeline is not None:
+            self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
+        self._t.show(screen.t if timeline is not None else 0.0)
 
     def _show_waypoint(self, screen: ProgramScreen) -> None:
         waypoints = screen.program.waypoints
@@ -239,6 +254,7 @@ class ProgramPart(Part):
         stops, aperture = not chosen.passes, chosen.aperture
         self._chosen.show(labels[index])
         self._name.show(chosen.name)
+        self._speed.show(100.0 * chosen.speed)
         self._pass.show(chosen.passes)
         self._pause.show(chosen.pause if stops else None)
         jaw = next((name for name, value in _JAW.items() if value == aperture), _PART_WAY)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from so101_motion.common.geometry import Array
-from so101_motion.tasks.program import Program, ProgramRun, Rehearsal
+from so101_motion.tasks.program import Program, ProgramRun
 
 from ..page.screen_state import Sentence
+from .rehearsal_time import RehearsalTime
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -20,7 +20,8 @@ class ProgramScreen:
         name: What the program is called, when it is saved or was loaded.
         saved: The user's programs, by name.
         sentence: What to know or to do now.
-        rehearsal: The plan of all of it, as long as it holds; else None.
+        timeline: The plan of all of it on a line of time, as long as it holds; else None.
+        clearances: How near each step of that plan comes to anything [m], by index.
         run: What is being run; else None.
         guided: Whether the arm yields to a hand.
         can_edit: Whether waypoints may be changed.
@@ -31,7 +32,6 @@ class ProgramScreen:
         can_redo: Whether one was undone.
         first: Index of the first waypoint that is planned or run.
         t: How far into the rehearsal the ghost stands [s].
-        q_ghost: Where it stands, shape (5,), [rad]; None without a rehearsal.
     """
 
     program: Program
@@ -39,7 +39,8 @@ class ProgramScreen:
     name: str
     saved: tuple[str, ...]
     sentence: Sentence
-    rehearsal: Rehearsal | None
+    timeline: RehearsalTime | None
+    clearances: dict[int, float]
     run: ProgramRun | None
     guided: bool
     can_edit: bool
@@ -50,13 +51,3 @@ class ProgramScreen:
     can_redo: bool
     first: int
     t: float
-    q_ghost: Array | None
-
-
-def ghost_at(rehearsal: Rehearsal, t: float) -> Array:
-    """Where the arm is ``t`` [s] into a rehearsal, pauses left out; shape (5,), [rad]."""
-    for plan in rehearsal.plans:
-        if t <= plan.duration:
-            return plan.trajectory.sample(max(t, 0.0)).q
-        t -= plan.duration
-    return rehearsal.program.waypoints[-1].q

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted
+from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import Program, ProgramRun, Rehearsal, Waypoint
 
 from ..page import texts
@@ -101,9 +102,15 @@ NO_FACTS = (("One round", "–"), ("Waypoints", "–"))
 """The figures while there is no plan."""
 
 
-def line(waypoint: Waypoint) -> str:
-    """What happens at a waypoint besides the motion to it."""
-    parts = ["passed"] if waypoint.passes else []
+def line(waypoint: Waypoint, clearance: float | None = None) -> str:
+    """What is special about a step.
+
+    Args:
+        waypoint: Where it leads.
+        clearance: How near it comes to anything [m], if it is planned.
+    """
+    parts = [f"{100.0 * waypoint.speed:.0f} % speed"] if waypoint.speed < 1.0 else []
+    parts += ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
         parts.append(
             {0.0: "close", 1.0: "open"}.get(
@@ -112,6 +119,8 @@ def line(waypoint: Waypoint) -> str:
         )
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
+    if clearance is not None:
+        parts.append(f"{to_mm(clearance):.0f} mm clear")
     return ", ".join(parts)
 
 

@@ -8,12 +8,14 @@ A file looks like this::
      "waypoints": [
       {"name": "aside", "q_deg": [40, -40, 35, 60, 0], "pass": true},
       {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80},
-      {"name": "at the mug", "q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5}
+      {"name": "at the mug", "q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0,
+       "pause_s": 0.5, "speed_percent": 40}
      ]
     }
 
 ``"rounds": "endless"`` runs it until it is stopped; a jaw that is not named stays as it is. The arm
-stops at each waypoint, but for those with ``"pass": true``.
+stops at each waypoint, but for those with ``"pass": true``. ``"speed_percent"`` slows the step to a
+waypoint down.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from pathlib import Path
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
-from so101_motion.tasks.program.program import LONGEST_PAUSE, Program, Waypoint
+from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Program, Waypoint
 
 SCHEMA = "so101/program/1"
 
@@ -138,6 +140,8 @@ def _written(waypoint: Waypoint) -> dict[str, object]:
         content["pause_s"] = waypoint.pause
     if waypoint.passes:
         content["pass"] = True
+    if waypoint.speed < 1.0:
+        content["speed_percent"] = round(100.0 * waypoint.speed, 2)
     return content
 
 
@@ -147,15 +151,20 @@ def _waypoint(number: int, content: object) -> Waypoint:
         raise ConfigError(what, content, 'must be {"name": ..., "q_deg": [...]}')
     try:
         given = Attributes(
-            content, ("name", "q_deg", "aperture_percent", "pause_s", "pass"), kind="entry"
+            content,
+            ("name", "q_deg", "aperture_percent", "pause_s", "pass", "speed_percent"),
+            kind="entry",
         )
         aperture = given.number("aperture_percent", -1.0, lower=0.0, upper=100.0, unit="%")
+        slowest = 100.0 * SLOWEST
+        speed = given.number("speed_percent", 100.0, lower=slowest, upper=100.0, unit="%")
         return Waypoint(
             name=user_storage.checked_name(content.get("name", what), what="waypoint"),
             q=user_storage.joints_from_deg(content.get("q_deg"), key="q_deg"),
             aperture=aperture / 100.0 if given.given("aperture_percent") else None,
             pause=given.number("pause_s", 0.0, lower=0.0, upper=LONGEST_PAUSE, unit="s"),
             passes=given.flag("pass", False),
+            speed=speed / 100.0,
         )
     except ConfigError as error:
         raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None

@@ -16,6 +16,9 @@ MOST = 200
 LONGEST_PAUSE = 3600.0
 """Longest pause at a waypoint [s]. Chosen."""
 
+SLOWEST = 0.05
+"""The least share of the arm's caps that a step may be given. Chosen."""
+
 MOST_ROUNDS = 10_000
 """How often a program may be run in a row unless it is endless. Chosen."""
 
@@ -30,6 +33,8 @@ class Waypoint:
         aperture: How far the jaw is opened or closed on arrival, 0 to 1; None to leave it.
         pause: How long to stay after that [s].
         passes: Whether the arm goes on without stopping; then nothing else is done there.
+        speed: How fast to go there, as a share of the arm's speed and acceleration caps. Where
+            waypoints are passed, the slowest step up to the next stop counts.
 
     Raises:
         ConfigError: A value cannot be meant, or what needs a stop is wanted in passing.
@@ -40,11 +45,13 @@ class Waypoint:
     aperture: float | None = None
     pause: float = 0.0
     passes: bool = False
+    speed: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", checked_name(self.name, what="waypoint"))
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))
         checked_number("pause", self.pause, lower=0.0, upper=LONGEST_PAUSE, unit="s")
+        checked_number("speed", self.speed, lower=SLOWEST, upper=1.0, unit="of the arm's")
         if self.aperture is not None:
             checked_number("aperture", self.aperture, lower=0.0, upper=1.0, unit="of its travel")
         if self.passes and (self.pause > 0.0 or self.aperture is not None):

@@ -25,6 +25,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program.program import Program
 
@@ -84,10 +85,19 @@ class Rehearsal:
 class LegPlanner(Protocol):
     """Whoever plans legs: an arm, or a planner without one."""
 
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of its motions."""
+
     def plan(
-        self, goal: JointGoal | PathGoal, *, q_start: Array | None, q_jaw: float | None
+        self,
+        goal: JointGoal | PathGoal,
+        *,
+        limits: MotionLimits | None,
+        q_start: Array | None,
+        q_jaw: float | None,
     ) -> Plan:
-        """Plan from joint angles, shape (5,), [rad], with the jaw at an angle [rad]."""
+        """Plan within ``limits`` from joint angles, shape (5,), with the jaw at an angle [rad]."""
 
 
 def rehearse(arm: Arm, gripper: GripperLike | None, program: Program) -> Rehearsal:
@@ -139,17 +149,20 @@ def plan_leg(
         PlanningError: A waypoint cannot be gone to, and which.
     """
     corners, numbers, plan = [q_start], [], None
+    share = min(program.waypoints[index].speed for index in indices)
+    limits = arm.limits.eased(share)
     for index in indices:
         q = program.waypoints[index].q
         if not stands_at(corners[-1], q):
-            plan = _planned(arm, program, index, JointGoal(q=q), corners[-1], q_jaw)
+            goal: JointGoal | PathGoal = JointGoal(q=q)
+            plan = _planned(arm, program, index, goal, corners[-1], q_jaw, limits)
             corners += [*plan.path[1:]]
         numbers.append(len(corners) - 1)
     if plan is None:
         return ProgramLeg(indices=indices, plan=None, at=(0.0,) * len(indices))
     if len({0, *numbers}) > 2:  # more than one of them is elsewhere
         goal = PathGoal(waypoints=np.array(corners[1:]), tolerance=PASSING)
-        plan = _planned(arm, program, indices[-1], goal, q_start, q_jaw)
+        plan = _planned(arm, program, indices[-1], goal, q_start, q_jaw, limits)
     at = _passed_at(plan, [corners[number] for number in numbers[:-1]])
     return ProgramLeg(indices=indices, plan=plan, at=(*at, plan.duration))
 
@@ -180,9 +193,10 @@ def _planned(
     goal: JointGoal | PathGoal,
     q_start: Array,
     q_jaw: float,
+    limits: MotionLimits,
 ) -> Plan:
     try:
-        return arm.plan(goal, q_start=q_start, q_jaw=q_jaw)
+        return arm.plan(goal, q_start=q_start, q_jaw=q_jaw, limits=limits)
     except PlanningError as error:
         raise error_about(error, program.called(index)) from None
 

@@ -247,17 +247,27 @@ class MountedArm:
             left = min(left, 1.0 - held / self._strength.holding)
         return room, left
 
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of its motions."""
+        caps = self._caps
+        return MotionLimits.uniform(
+            velocity=caps.velocity, acceleration=caps.acceleration, jerk=caps.jerk
+        )
+
     def request(
-        self, scene: Scene, goal: JointGoal | PathGoal, q_start: Array, q_jaw: float
+        self,
+        scene: Scene,
+        goal: JointGoal | PathGoal,
+        q_start: Array,
+        q_jaw: float,
+        limits: MotionLimits | None = None,
     ) -> PlanRequest:
         """A leg as a request."""
-        caps = self._caps
         return PlanRequest(
             q_start=q_start,
             goal=goal,
-            limits=MotionLimits.uniform(
-                velocity=caps.velocity, acceleration=caps.acceleration, jerk=caps.jerk
-            ),
+            limits=limits or self.limits,
             q_jaw=q_jaw,
             scene=scene,
             payload=self._payload,
@@ -368,14 +378,24 @@ class _SceneLegs:
         # A fresh one: its looks are counted in batches that go on from plan to plan.
         self._planner = Planner(arm.model, self._patience)
 
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of its motions."""
+        return self._arm.limits
+
     def plan(
-        self, goal: JointGoal | PathGoal, *, q_start: Array | None, q_jaw: float | None
+        self,
+        goal: JointGoal | PathGoal,
+        *,
+        limits: MotionLimits | None,
+        q_start: Array | None,
+        q_jaw: float | None,
     ) -> Plan:
         """Plan from joint angles, shape (5,), [rad]."""
         assert q_start is not None
         assert q_jaw is not None
         self._patience.renew(compiled=native().library is not None)
-        return self._planner.plan(self._arm.request(self._scene, goal, q_start, q_jaw))
+        return self._planner.plan(self._arm.request(self._scene, goal, q_start, q_jaw, limits))
 
 
 def _jaws(task: PlacementTask) -> list[float]:

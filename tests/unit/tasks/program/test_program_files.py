@@ -13,7 +13,7 @@ PROGRAM = Program(
     waypoints=(
         Waypoint(name="over the <mug>", q=np.radians([10, -40, 35, 60, 0]), aperture=0.8),
         Waypoint(name="at the mug", q=np.radians([10, -20, 30, 70, 0]), aperture=0.0, pause=0.5),
-        Waypoint(name="über", q=np.zeros(5)),
+        Waypoint(name="über", q=np.zeros(5), speed=0.4),
         Waypoint(name="aside", q=np.zeros(5), passes=True),
     ),
     rounds=3,
@@ -27,7 +27,10 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(program: Program) -> list[tuple[object, ...]]:
-    return [(each.name, each.aperture, each.pause, each.passes) for each in program.waypoints]
+    return [
+        (each.name, each.aperture, each.pause, each.passes, each.speed)
+        for each in program.waypoints
+    ]
 
 
 @pytest.mark.parametrize("rounds", [1, 3, None])

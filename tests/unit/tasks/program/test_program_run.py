@@ -91,6 +91,15 @@ def test_each_leg_is_planned_with_the_jaw_as_the_waypoint_before_leaves_it(rig: 
     np.testing.assert_allclose(request.q_start, A)
 
 
+def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig: Rig) -> None:
+    slow = (Waypoint(name="by", q=A, passes=True, speed=0.25), at(B))
+    quick = (Waypoint(name="by", q=A, passes=True), at(B))
+    durations = [rehearse(rig.arm, rig.gripper, program(*way)).duration for way in (slow, quick)]
+    assert durations[0] > 1.4 * durations[1]
+    with pytest.raises(ConfigError, match="speed"):
+        at(A, speed=0.0)
+
+
 def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
     rig: Rig, clock: ManualClock
 ) -> None:

@@ -14,7 +14,9 @@ from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.program import program_texts as words
 from so101_viewer.program.program_model import ProgramModel
+from so101_viewer.program.rehearsal_time import SHOWN_PAUSE, RehearsalTime
 
+from so101_motion.arm.gripper import JAW_LIMITS
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
@@ -75,6 +77,12 @@ class Tab:
     def plan(self) -> None:
         self.model.plan()
         self.until(lambda: self.model.screen().can_run)
+
+    @property
+    def planned(self) -> RehearsalTime:
+        timeline = self.model.screen().timeline
+        assert timeline is not None
+        return timeline
 
     @property
     def said(self) -> str:
@@ -178,20 +186,56 @@ def test_a_part_of_a_program_is_rehearsed_and_run_from_the_chosen_waypoint(tab: 
     tab.model.choose(1)
     tab.model.plan("from here")
     tab.until(lambda: tab.model.screen().can_run)
-    rehearsal = tab.model.screen().rehearsal
-    assert rehearsal is not None
-    assert [each.name for each in rehearsal.program.waypoints] == ["B", "C"]
-    tab.model.preview(0.0)
-    np.testing.assert_allclose(tab.model.screen().q_ghost, np.zeros(5), atol=1e-9)
-    tab.model.preview(rehearsal.plans[0].duration)
-    np.testing.assert_allclose(tab.model.screen().q_ghost, B, atol=1e-6)
+    assert [each.name for each in tab.planned.rehearsal.program.waypoints] == ["B", "C"]
     tab.model.run()
     tab.until(lambda: "Going to waypoint 2 (B)." in tab.said)
     tab.until(lambda: tab.model.screen().run is None)
     tab.model.choose(0)
     tab.model.plan("this step")
     tab.until(lambda: tab.model.screen().can_run)
-    assert len(tab.model.screen().rehearsal.program) == 1
+    assert len(tab.planned.rehearsal.program) == 1
+
+
+def test_a_rehearsal_shows_jaw_and_pauses_to_the_end_of_a_round(tab: Tab) -> None:
+    tab.record(A, B)
+    tab.model.choose(0)
+    tab.model.set_aperture(1.0)
+    tab.model.set_pause(600.0)  # shown, but not for ten minutes
+    tab.model.set_rounds(2)
+    tab.plan()
+    timeline, opened = tab.planned, tab.rig.gripper.opened
+    to_a, to_b = (plan.duration for plan in timeline.rehearsal.plans)
+    at_a = (opened - tab.rig.gripper.q_jaw) / JAW_LIMITS.velocity[0] + SHOWN_PAUSE
+    back = timeline.rehearsal.back
+    assert back is not None
+    assert back.plan is not None
+    assert timeline.duration == pytest.approx(to_a + at_a + to_b + back.plan.duration)
+    seen = [timeline.at(t) for t in (0.0, to_a, to_a + at_a, to_a + at_a + to_b, 1e9)]
+    assert [index for index, _, _ in seen] == [0, 0, 1, 0, 0]
+    for (_, q, _), wanted in zip(seen, (np.zeros(5), A, A, B, A), strict=True):
+        np.testing.assert_allclose(q, wanted, atol=1e-6)
+    assert [q_jaw for _, _, q_jaw in seen[2:]] == pytest.approx([opened] * 3)
+    tab.model.play(1.0)
+    tab.until(lambda: tab.model.screen().t == timeline.duration)  # to the end, by itself
+
+
+def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab) -> None:
+    tab.record(A, A, B)
+    tab.plan()
+    (full,) = {plan.duration for plan in tab.planned.rehearsal.plans[:1]}
+    tab.model.choose(0)
+    tab.model.set_speed(0.25)
+    tab.plan()
+    (slow, rest) = (plan.duration for plan in tab.planned.rehearsal.plans)
+    assert 1.4 * full < slow < 4.1 * full  # so short a one is all acceleration
+    assert rest < slow
+    near = tab.model.screen().clearances
+    assert [*near] == [0, 2]  # the second is where the first is
+    assert 0.0 < near[0] < 0.2
+    first = tab.planned.rehearsal.program.waypoints[0]
+    assert words.line(first, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
+    tab.model.undo()
+    assert tab.model.screen().program.waypoints[0].speed == 1.0
 
 
 def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
@@ -199,10 +243,10 @@ def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
     tab.model.choose(0)
     tab.model.set_passes(True)
     tab.plan()
-    rehearsal = tab.model.screen().rehearsal
-    assert rehearsal is not None
+    rehearsal = tab.planned.rehearsal
     assert dict(words.facts(rehearsal))["Waypoints"] == "2, 1 of them passed"
     assert words.line(rehearsal.program.waypoints[0]) == "passed"
+    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.legs[0].at[0] + 0.01)] == [0, 1]
 
 
 def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
@@ -259,7 +303,7 @@ def test_whatever_a_plan_was_made_for_changes_drops_it(tab: Tab, change: str) ->
         "program": lambda: tab.model.set_rounds(None),
     }
     changes[change]()
-    tab.until(lambda: tab.model.screen().rehearsal is None)
+    tab.until(lambda: tab.model.screen().timeline is None)
     assert "ress Plan program" in tab.said
     assert not tab.model.screen().can_run
     tab.until(lambda: not tab.rig.arm.is_moving and not tab.rig.gripper.is_moving)
