@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from so101_motion.arm.arm import START_TOLERANCE, Arm
+from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
@@ -26,10 +27,11 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
+from .page.history import History
 from .page.playback import Playback
 from .page.screen_state import PathLine, PlanView, Screen, Sentence, Tone
 from .page.target_ik import FRAMES, Surroundings, Target, TargetSolver
-from .page.tracking import Tracker, Tracking
+from .page.tracking import MotionTracker, Tracking
 from .scene.plan_view import plan_view
 
 ABOVE = 0.02
@@ -76,12 +78,10 @@ class ViewModel:
         self._motion: Motion | None = None
         self._sweeps = True
         self._playback = Playback()
-        self._tracker: Tracker | None = None
-        self._t_begin: float | None = None
-        self._tracking: Tracking | None = None
-        self._tracked = self._moved = ""
+        self._tracker = MotionTracker()
         self._count = 0  # plans that were shown
         self._target = self._solver.first_target(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
+        self._targets = History(self._target, now)
         self._path = self._hint()
 
     # Commands
@@ -112,6 +112,14 @@ class ViewModel:
         """Set the target to the nearest place that can be reached, if there is one."""
         if self._nearest() is not None:
             self.set_target_joints(self._target.q)
+
+    def undo(self) -> None:
+        """Go back to the target before."""
+        self._aim(self._again(self._targets.undo()))
+
+    def redo(self) -> None:
+        """Set the target again that was undone last."""
+        self._aim(self._again(self._targets.redo()))
 
     def set_target_here(self) -> None:
         """Set the target to where the arm is."""
@@ -147,6 +155,7 @@ class ViewModel:
     def show(self, plan: Plan) -> None:
         """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
+        self._targets.add(self._target)
         self._take_plan(plan)
 
     def preview(self, t: float) -> None:
@@ -167,7 +176,7 @@ class ViewModel:
         """Move the arm along the plan that is shown."""
         if self._plan is not None and self._can_execute():
             self._motion = self._arm.start_execute(self._plan.plan)
-            self._t_begin = None
+            self._tracker.began = None
             self._playback.seek(self._plan.plan.duration)
             self._sentence = texts.MOVING
 
@@ -176,6 +185,11 @@ class ViewModel:
         self._gripper.start_move(aperture)
         if self._plan_is_current and self._motion is None:
             self._drop_plan(texts.JAW_MOVED)
+
+    def set_force(self, force: float) -> None:
+        """Set how hard a grip presses, as a share of what the servo can keep up."""
+        if isinstance(self._gripper, Gripper):
+            self._gripper.set_force(force)
 
     def report(self, error: BaseException) -> None:
         """Show that a command failed."""
@@ -209,7 +223,7 @@ class ViewModel:
     @property
     def tracking(self) -> Tracking | None:
         """How well the newest motion that ended was followed."""
-        return self._tracking
+        return self._tracker.newest
 
     # What time brings
 
@@ -220,9 +234,10 @@ class ViewModel:
             Whether there is anything new to show.
         """
         self._state = self._arm.state
+        own = None if self._motion is None else self._plan
         events = (
             self._follow_surroundings(),
-            self._follow_run(),
+            self._tracker.take(self._state, "another motion" if own is None else own.name),
             self._collect_plan(),
             self._collect_motion(),
             self._notice_departure(),
@@ -255,12 +270,15 @@ class ViewModel:
             can_plan=self._can_plan(),
             can_execute=self._can_execute(),
             can_take_nearest=self._nearest() is not None,
-            holds=self._gripper_holds(),
+            can_undo=self._targets.can_undo,
+            can_redo=self._targets.can_redo,
+            holds=self._gripper.is_holding,
+            force=self._gripper.force if isinstance(self._gripper, Gripper) else None,
             preview_time=self._playback.t,
             rate=self._playback.rate,
             progress=self._progress(),
-            tracking=self._tracking,
-            tracked=self._tracked,
+            tracking=self._tracker.newest,
+            tracked=self._tracker.newest_name,
             speed=self._arm.speed,
             acceleration=self._arm.acceleration,
             range=self._arm.range,
@@ -275,9 +293,6 @@ class ViewModel:
         near = self._at_joints(self._target.q, self._target.frame)
         return near if near.problem is None else None
 
-    def _gripper_holds(self) -> bool:
-        return bool(getattr(self._gripper, "is_holding", False))
-
     def _at_point(self, p_base: Array, frame: str) -> Target:
         state = self._state
         return self._solver.at_point(p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
@@ -285,7 +300,17 @@ class ViewModel:
     def _at_joints(self, q: Array, frame: str) -> Target:
         return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
 
+    def _again(self, target: Target) -> Target:
+        """The same target, solved for how things are now."""
+        if isinstance(target.goal, PoseGoal):
+            return self._at_point(target.p_base, target.frame)
+        return self._at_joints(target.q, target.frame)
+
     def _take(self, target: Target) -> None:
+        self._targets.add(target)
+        self._aim(target)
+
+    def _aim(self, target: Target) -> None:
         self._target = target
         there = _apart(target.q, self._state.q_ref) <= START_TOLERANCE
         self._drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
@@ -324,29 +349,8 @@ class ViewModel:
         if error is not None:
             self.report(error)
             return True
-        self._solver, target = loading.result(), self._target
-        at_point = isinstance(target.goal, PoseGoal)
-        self._target = (
-            self._at_point(target.p_base, target.frame)
-            if at_point
-            else self._at_joints(target.q, target.frame)
-        )
-        return True
-
-    def _follow_run(self) -> bool:
-        """Record how well the arm follows, whoever moves it; true when it has stopped."""
-        if self._state.arm_moving:
-            if self._tracker is None:
-                self._tracker, self._t_begin = Tracker(), self._state.t
-                named = self._motion is not None and self._plan is not None
-                self._moved = self._plan.name if named and self._plan else "another motion"
-            self._tracker.take(self._state)
-            return False
-        if self._tracker is None:
-            return False
-        tracking, self._tracker = self._tracker.tracking(), None
-        if tracking is not None:
-            self._tracking, self._tracked = tracking, self._moved
+        self._solver = loading.result()
+        self._target = self._again(self._target)
         return True
 
     def _collect_plan(self) -> bool:
@@ -423,9 +427,10 @@ class ViewModel:
         )
 
     def _progress(self) -> float:
-        if self._motion is None or self._plan is None or self._t_begin is None:
+        began = self._tracker.began
+        if self._motion is None or self._plan is None or began is None:
             return 0.0
-        return min((self._state.t - self._t_begin) / max(self._plan.plan.duration, 1e-9), 1.0)
+        return min((self._state.t - began) / max(self._plan.plan.duration, 1e-9), 1.0)
 
 
 def _apart(q: Array, other: Array) -> float:

@@ -2,10 +2,10 @@
 
 How a grab works. The jaw closes, and what is between the jaws stops it: it falls behind its
 setpoints, and the executor then tells it to stay where it is. From there it is sent ``SQUEEZE``
-further, which it cannot reach; the servo's position loop turns that distance into a steady force,
-a fifth of what the motor could do, that it can keep up without getting hot. As long as the jaw is
-held off the place it was sent to, something is held; when the thing slips out, the jaw closes the
-distance and nothing is.
+further (or a share of it, see ``set_force``), which it cannot reach; the servo's position loop
+turns that distance into a steady force, a fifth of what the motor could do, that it can keep up
+without getting hot. As long as the jaw is held off the place it was sent to, something is held;
+when the thing slips out, the jaw closes the distance and nothing is.
 """
 
 from __future__ import annotations
@@ -45,6 +45,10 @@ SQUEEZE = to_rad(2.0)
 """How far beyond the contact the jaw is sent [rad]: 23 ticks, which with a P gain of 32 make 19 %
 of full drive: 0.6 A in the winding of the fitted 12 V servo, which warm it by 24 K, and 1.3 N m.
 Chosen: 55 degC, where a servo is told to be hot, are then not reached in a room of 30 degC."""
+
+GENTLEST = 0.6
+"""The least share of ``SQUEEZE`` that a grip may be given; chosen: with less a grip would pass for
+a jaw that rests, see ``GRIP``."""
 
 GRIP = to_rad(0.9)
 """How far short of its goal the jaw stands at least while it grips [rad]; chosen: thrice what the
@@ -131,6 +135,7 @@ class Gripper:
         self._lock = threading.Lock()
         self._latest: Motion | None = None
         self._grabs = False  # whether the latest motion is a grab
+        self._force = 1.0
 
     @property
     def q_jaw(self) -> float:
@@ -159,6 +164,27 @@ class Gripper:
             and state.q_jaw - state.q_jaw_ref >= GRIP
             and state.q_jaw - self.closed >= THINNEST
         )
+
+    @property
+    def force(self) -> float:
+        """How hard a grip presses, as a share of what the servo can keep up."""
+        return self._force
+
+    def set_force(self, force: float) -> None:
+        """Set how hard grips press; what is held is pressed anew.
+
+        Args:
+            force: As a share of what the servo can keep up, ``GENTLEST`` to 1.
+
+        Raises:
+            ConfigError: Outside that.
+        """
+        if not GENTLEST <= force <= 1.0:
+            raise ConfigError("force", force, f"must be between {GENTLEST:g} and 1")
+        self._force = force
+        latest = self._latest
+        if self.is_holding and (latest is None or latest.future.done()):
+            self.press()
 
     def start_move(self, aperture: float, *, limits: MotionLimits | None = None) -> Motion:
         """Open or close to ``aperture``.
@@ -237,7 +263,7 @@ class Gripper:
         """
         with self._lock:
             self._grabs = True
-            return self._begin(Motion(), max(self.q_jaw - SQUEEZE, self.closed))
+            return self._begin(Motion(), self._pressing)
 
     def regrip(self) -> None:
         """Press again on the gripped object, after the joints were held anew.
@@ -282,6 +308,11 @@ class Gripper:
             previous.interrupt(SUPERSEDED)
         return running
 
+    @property
+    def _pressing(self) -> float:
+        """Where the jaw is sent to press on what it stands at [rad]."""
+        return max(self.q_jaw - self._force * SQUEEZE, self.closed)
+
     def _begin(
         self, motion: Motion, q_goal: float, limits: MotionLimits | None = None
     ) -> Future[None]:
@@ -316,7 +347,7 @@ class Gripper:
                 if self._latest is not motion:
                     raise Interrupted(SUPERSEDED)
                 is_grab, self._grabs = self._grabs, True
-                pressing = self._begin(motion, max(self.q_jaw - SQUEEZE, self.closed))
+                pressing = self._begin(motion, self._pressing)
         except So101Error as refusal:
             motion.future.set_exception(refusal)
         else:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from math import inf
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
@@ -9,16 +11,21 @@ T = TypeVar("T")
 KEPT = 100
 """How many values are remembered; chosen."""
 
+ONE_DRAG = 0.7
+"""Values that follow each other faster than this are one change [s]; chosen: a drag, a slider."""
+
 
 class History(Generic[T]):
     """The values that something had, and the present one.
 
     Args:
         value: The first one.
+        now: What time it is [s]; values of one drag then count as one. Without it each counts.
     """
 
-    def __init__(self, value: T) -> None:
+    def __init__(self, value: T, now: Callable[[], float] | None = None) -> None:
         self._values, self._at = [value], 0
+        self._now, self._changed = now, -inf
 
     @property
     def can_undo(self) -> bool:
@@ -32,15 +39,18 @@ class History(Generic[T]):
 
     def add(self, value: T) -> None:
         """Take a new value; what was undone is forgotten."""
-        self._values = [*self._values[: self._at + 1], value][-KEPT:]
+        before, self._changed = self._changed, inf if self._now is None else self._now()
+        is_same_drag = self._now is not None and self._changed - before < ONE_DRAG
+        kept = self._values[: self._at + (0 if is_same_drag else 1)]
+        self._values = [*kept, value][-KEPT:]
         self._at = len(self._values) - 1
 
     def undo(self) -> T:
         """The value before, or the first one again."""
-        self._at = max(self._at - 1, 0)
+        self._at, self._changed = max(self._at - 1, 0), -inf
         return self._values[self._at]
 
     def redo(self) -> T:
         """The value after, or the last one again."""
-        self._at = min(self._at + 1, len(self._values) - 1)
+        self._at, self._changed = min(self._at + 1, len(self._values) - 1), -inf
         return self._values[self._at]

@@ -90,7 +90,11 @@ class Screen:
         can_plan: Whether Plan may be pressed.
         can_execute: Whether Execute may be pressed.
         can_take_nearest: Whether the target is out of reach and the ghost's place is not.
+        can_undo: Whether there was a target before.
+        can_redo: Whether one was undone.
         holds: Whether the gripper holds something.
+        force: How hard a grip presses, as a share of what the servo can keep up; None where that
+            cannot be chosen.
         preview_time: How far into the plan the ghost stands [s].
         rate: How fast it is being played; None while it stands.
         progress: Share of the motion that is done, 0 to 1.
@@ -113,7 +117,10 @@ class Screen:
     can_plan: bool
     can_execute: bool
     can_take_nearest: bool
+    can_undo: bool
+    can_redo: bool
     holds: bool
+    force: float | None
     preview_time: float
     rate: float | None
     progress: float

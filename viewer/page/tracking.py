@@ -59,6 +59,42 @@ class Tracking:
         return np.asarray(np.max(np.abs(self.error), axis=0))
 
 
+class MotionTracker:
+    """Measures one motion after the other, whoever moves the arm.
+
+    Attributes:
+        newest: The newest motion that has ended; None before.
+        newest_name: What that motion is called.
+        began: When the motion under way, or the last one, was first seen [s]; None before.
+    """
+
+    def __init__(self) -> None:
+        self.newest: Tracking | None = None
+        self.newest_name = ""
+        self.began: float | None = None
+        self._running: tuple[Tracker, str] | None = None
+
+    def take(self, state: JointState, name: str) -> bool:
+        """Record ``state``; return whether a motion has just ended.
+
+        Args:
+            state: The arm.
+            name: What a motion that begins now is called.
+        """
+        if state.arm_moving:
+            if self._running is None:
+                self._running, self.began = (Tracker(), name), state.t
+            self._running[0].take(state)
+            return False
+        if self._running is None:
+            return False
+        (tracker, called), self._running = self._running, None
+        tracking = tracker.tracking()
+        if tracking is not None:
+            self.newest, self.newest_name = tracking, called
+        return True
+
+
 class Tracker:
     """Records snapshots while the arm moves."""
 

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import viser
 
+from so101_motion.arm.gripper import GENTLEST
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
@@ -111,6 +112,10 @@ class PlanPanel:
             hint="On the table or an object: the target 20 mm above it, or two points to measure",
         )
         self._context.on_entry(click, self._on_click)
+        self._history = gui.add_button_group("Target", ("undo", "redo"))
+        self._context.on_choice(
+            self._history, lambda name: self._page.undo() if name == "undo" else self._page.redo()
+        )
         poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
         self._context.on_choice(poses, self._choose)
         with gui.add_folder("Joints (°)", expand_by_default=False):
@@ -182,6 +187,18 @@ class PlanPanel:
             self._context,
             shown=round,
         )
+        force = gui.add_slider(
+            "Grip force (%)",
+            round(100.0 * GENTLEST),
+            100,
+            1,
+            100,
+            hint="Of the force that the servo can keep up without getting hot",
+            visible=False,
+        )
+        self._force = SharedField(
+            force, lambda percent: self._page.set_force(percent / 100.0), self._context, shown=round
+        )
         self._grip = gui.add_html("")
 
     def show(self, screen: Screen) -> None:
@@ -197,7 +214,9 @@ class PlanPanel:
         if not screen.state.jaw_moving:
             self._opened.show(100.0 * texts.aperture(screen.state.q_jaw_ref))
         self._grip.content = markup.small(texts.grip(screen))
+        self._force.show(None if screen.force is None else 100.0 * screen.force)
         grey(self._nearest, not screen.can_take_nearest)
+        grey(self._history, not (screen.can_undo or screen.can_redo))
         self._show_target(screen)
         self._own_poses.show()
         self._speed_deg.show(to_deg(screen.speed))

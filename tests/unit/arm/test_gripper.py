@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
+from so101_motion.arm.gripper import GENTLEST, JAW_CLOSED, JAW_OPEN, SQUEEZE, Gripper
 from so101_motion.common.errors import (
     ConfigError,
     FollowingError,
@@ -75,6 +75,23 @@ def test_a_grab_that_meets_something_presses_a_little_and_holds(rig, gripper):
     rig.arm.unjam("gripper")
     rig.clock.advance(1.0)
     assert not gripper.is_holding
+
+
+def test_a_grip_presses_as_gently_as_it_is_told_also_while_it_holds(rig, gripper):
+    gripper.set_force(GENTLEST)
+    rig.after(3.0, gripper.start_move(0.5).future)
+    grab = gripper.start_grab()
+    rig.clock.advance(0.1)
+    rig.arm.jam("gripper")
+    rig.after(3.0, grab.future)
+    for force in (GENTLEST, 1.0, 0.8):
+        gripper.set_force(force)
+        rig.clock.advance(1.0)
+        assert rig.state.q_jaw - rig.arm.jaw_goals[-1] == pytest.approx(force * SQUEEZE, abs=1e-6)
+        assert gripper.is_holding
+    for force in (0.0, 1.5, math.nan):
+        with pytest.raises(ConfigError, match="force"):
+            gripper.set_force(force)
 
 
 def test_what_is_stopped_near_its_end_is_taken_for_closed(rig, gripper):

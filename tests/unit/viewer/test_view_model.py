@@ -144,6 +144,7 @@ class PretendedArm:
 class PretendedGripper:
     def __init__(self) -> None:
         self.apertures: list[float] = []
+        self.is_holding = False
 
     def start_move(self, aperture: float) -> None:
         self.apertures.append(aperture)
@@ -226,6 +227,34 @@ def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_wa
     assert screen.can_plan
     assert not screen.can_execute
     assert arm.executed == []
+
+
+def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
+    page: ViewModel, inputs: PageInputs
+) -> None:
+    first = page.target.p_base
+    assert not page.screen().can_undo
+    for k in range(5):
+        inputs.t += 0.1
+        page.set_target_point(np.array([0.1, 0.1, 0.01 * k]))
+    inputs.t += 5.0
+    page.set_target_joints(np.full(5, 0.3))
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, first)
+    assert (page.screen().can_undo, page.screen().can_redo) == (False, True)
+    page.redo()
+    page.redo()
+    np.testing.assert_allclose(page.target.q, np.full(5, 0.3))
+    page.undo()
+    page.set_target_point(np.array([0.2, 0.0, 0.1]))  # soon after, but what was undone is gone
+    assert not page.screen().can_redo
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
+    planned(page)
+    page.undo()
+    assert not page.plan_is_current
 
 
 def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
