@@ -48,7 +48,7 @@ _JOINT = click.Choice([*ARM_JOINTS, GRIPPER_JOINT])
     metavar="JOINT",
     help="Take this joint's travel as it is, because something limits it; repeatable.",
 )
-@click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
+@click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
 @dry_run_option
 @events_option
 @json_option

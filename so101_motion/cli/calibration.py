@@ -91,7 +91,7 @@ def diff(file: str, other: str | None, port: str | None, as_json: bool) -> None:
 @click.argument("file", shell_complete=completed_files)
 @click.option("--lerobot", metavar="ID", help="For the arm that LeRobot calls so (--robot.id).")
 @click.option("--kind", default="", help="With --lerobot: its kind of arm, such as so_leader.")
-@click.option("--out", type=click.Path(path_type=Path), help="Into this file.")
+@click.option("--out", type=click.Path(path_type=Path), help="Write to this file.")
 @dry_run_option
 def export(file: str, lerobot: str | None, kind: str, out: Path | None, dry_run: bool) -> None:
     """Write FILE as LeRobot reads it; without --lerobot or --out to stdout.

@@ -133,14 +133,14 @@ class CalibrationWizard:
             seconds = stillness.feed(time.monotonic(), self._ticks())
         self._hint = ""
         self._carry_out(Command.SET_HOMING)
-        terminal.say("the homing pose is taken; relax", style="green", step="homed")
+        terminal.say("the homing pose is taken", style="green", step="homed")
 
     def _record(self) -> None:
         terminal = self._terminal
         self._carry_out(Command.START_RECORDING)
         self._ask(
             "move every joint slowly through its whole travel, to both stops, in any order",
-            Enter="that is all",
+            Enter="finish",
         )
         terminal.mention(self._asks, step="record")
         done: set[str] = set()
@@ -183,7 +183,7 @@ class CalibrationWizard:
 
     def _ask(self, sentence: str, **keys: str) -> None:
         self._asks, self._trouble, self._hint = sentence, "", ""
-        self._keys = {**keys, "q": "put everything back"}
+        self._keys = {**keys, "q": "undo everything and stop"}
 
     def _ask_again(self, error: CalibrationError | BusError) -> None:
         """Let the person fix the problem and try again; without a person, end."""

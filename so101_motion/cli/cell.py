@@ -25,7 +25,7 @@ def cell() -> None:
 @cell.command()
 @click.argument("file", type=IN_FILE)
 @click.option("--touches", type=click.IntRange(5, 50), default=6, show_default=True)
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     """Find out where the arms of FILE stand, and write it there.

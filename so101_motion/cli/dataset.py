@@ -52,7 +52,7 @@ def _set_options(verb: F) -> F:
         default=None,
         help="Which arm, in a data set of two.",
     )
-    @click.option("--units", type=_KINDS, help="What its numbers mean.")
+    @click.option("--units", type=_KINDS, help="Units of its numbers.")
     @functools.wraps(verb)
     def with_options(*args: Any, side: str | None, units: str | None, **kwargs: Any) -> Any:
         return verb(*args, side=side or "", units=units or "", **kwargs)
@@ -77,11 +77,11 @@ _recorded_option = click.option(
     default=180.0,
     show_default=True,
     metavar="DEG/S",
-    help="From which joint speed on to say so.",
+    help="Report joint speeds above this.",
 )
 @click.option(
     "--worst", type=click.IntRange(0, 1000), default=10, show_default=True,
-    help="How many moments to list.",
+    help="Number of moments to list.",
 )  # fmt: skip
 @click.option("--html", type=OutFile(".html"), help="Write a report with plots to this file.")
 @json_option
@@ -207,7 +207,7 @@ def convert(
     help="Calibration of the arm that was recorded.  [default: that of this arm]",
 )
 @click.option("--state", is_flag=True, help="Go where the joints were, not where they were sent.")
-@click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Begin there [s].")
+@click.option("--start", type=Finite(0.0), default=0.0, metavar="S", help="Start at this time [s].")
 @click.option("--scene", "scene_file", type=IN_FILE, help="What is around the arm, for the guard.")
 @yes_option
 @json_option

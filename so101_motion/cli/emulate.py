@@ -14,15 +14,17 @@ from so101_motion.cli.param_types import Finite, Link
 
 @click.command()
 @click.option("--link", type=Link(), help="A link that leads to the port.")
-@click.option("--ids", default="1-6", show_default=True, help="Who is there: 1-6, 1-3,5, 6=1.")
+@click.option(
+    "--ids", default="1-6", show_default=True, help="Servo ids on the bus: 1-6, 1-3,5, 6=1."
+)
 @click.option("--new", is_flag=True, help="As the kit comes: all have id 1, none is plugged in.")
-@click.option("--realtime", is_flag=True, help="Bytes take the time they take on a wire.")
+@click.option("--realtime", is_flag=True, help="Send bytes at the speed of a real bus.")
 @click.option(
     "--latency",
     type=Finite(min=0.0),
     default=0.0,
     metavar="S",
-    help="The adapter holds replies this long.",
+    help="How long the adapter holds replies back.",
 )
 @click.option(
     "--loss",

@@ -49,7 +49,7 @@ _EXIT_CODES: tuple[tuple[type[So101Error], int], ...] = (
 
 KINDS: dict[int, tuple[str, str]] = {
     1: ("unexpected", "something unexpected happened"),
-    2: ("usage", "that cannot be asked for"),
+    2: ("usage", "the command line is wrong"),
     3: ("unavailable", "there is no such device"),
     4: ("fault", "a servo or the bus has a fault"),
     5: ("no_plan", "there is no plan"),
@@ -142,7 +142,7 @@ def _unexpected(error: Exception) -> ErrorText:
         return ErrorText(what=missing[0], advice=missing[1])
     why = "a defect of this program"
     if isinstance(error, OSError):
-        why = "the system does not let this program do what it has to, or a defect of it"
+        why = "the system refused something this program needs, or it is a defect"
     return ErrorText(
         what=f"unexpected: {type(error).__name__}: {error}",
         why=why,

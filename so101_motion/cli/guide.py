@@ -37,9 +37,9 @@ def guide() -> None:
 @guide.command()
 @click.argument("file", type=OutFile(".json"))
 @source_options
-@click.option("--seconds", type=SECONDS, help="End by itself after so long.")
+@click.option("--seconds", type=SECONDS, help="Stop after this time.")
 @click.option("--replace", is_flag=True, help="Replace FILE if it is there.")
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def record(
     file: Path, source: Source, seconds: float | None, replace: bool, yes: bool, as_json: bool
@@ -115,7 +115,7 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
     help="How far a joint may be from the path.",
 )  # fmt: skip
 @click.option("--no-gripper", is_flag=True, help="Leave the jaw alone.")
-@click.option("--times", type=click.IntRange(1, 1000), default=1, help="Go it so often.")
+@click.option("--times", type=click.IntRange(1, 1000), default=1, help="Number of rounds.")
 @yes_option
 @json_option
 def replay(
@@ -187,7 +187,7 @@ def _in_words(path: GuidedPath) -> str:
 def _planned(found: Replay) -> str:
     approach = found.approach.duration
     return (
-        f"{approach:.1f} s to its beginning, then {found.duration - approach:.1f} s along it,"
+        f"{approach:.1f} s to its start, then {found.duration - approach:.1f} s along it,"
         f" within {to_deg(found.tolerance):g} deg of what was shown"
     )
 

@@ -105,7 +105,7 @@ class MotorWizard:
             " shoulder_lift, elbow_flex, wrist_flex, wrist_roll, gripper"
         )
         self._is_verifying = True
-        self._keys = keys_line(Enter="leave it at that", q="stop, go on later")
+        self._keys = keys_line(Enter="accept it as it is", q="stop, go on later")
         terminal.mention(self._asks, step="chain")
         began = time.monotonic()
         while True:
@@ -141,7 +141,7 @@ class MotorWizard:
         doubt = self._doubt(joint, found)
         if doubt:
             terminal.say(doubt, style="yellow", joint=joint, step="doubt")
-            before, self._keys = self._keys, keys_line(Enter="go on with it", r="look again")
+            before, self._keys = self._keys, keys_line(Enter="set it up anyway", r="look again")
             pressed = terminal.await_key(f"{ENTER}r", self._picture)
             self._keys = before
             if pressed == "r":

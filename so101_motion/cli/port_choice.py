@@ -98,7 +98,7 @@ def _found(port: str | None, what: str, is_meant: Callable[[PortReport], bool]) 
         raise PortUnavailable(f"no {what}", ". ".join((*sentences, *found.notes)))
     if len(meant) > 1:
         named = ", or ".join(f"--port {report.port.name} ({report.sentence})" for report in meant)
-        raise click.UsageError(f"which of these is meant? give {named}")
+        raise click.UsageError(f"there are several: give {named}")
     return meant[0]
 
 

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 @click.argument("program", metavar="PROGRAM", shell_complete=completed_programs)
 @any_source_options
 @pace_options
-@click.option("--rounds", type=click.IntRange(1, 10_000), help="How often; as saved by default.")
+@click.option(
+    "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
+)
 @yes_option
 @json_option
 def run(

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 @click.option(
     "--start-over", is_flag=True, help="Begin with the gripper, whatever was done before."
 )
-@click.option("--yes", is_flag=True, help="Ask nothing: for scripts.")
+@click.option("--yes", is_flag=True, help="Ask no questions; for scripts.")
 @click.option(
-    "--within", type=Finite(min=0.0), metavar="S", help="Give up a step after so many seconds."
+    "--within", type=Finite(min=0.0), metavar="S", help="Give up a step after this many seconds."
 )
 @events_option
 @dry_run_option

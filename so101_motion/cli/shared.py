@@ -177,7 +177,7 @@ def yes_option(verb: F) -> F:
 def events_option(verb: F) -> F:
     """The option ``--events`` of a verb that guides; the verb gets ``events``."""
     file = click.File("w", encoding="utf-8", lazy=False)
-    says = "What is said, as JSON lines, into a file."
+    says = "Write every message to this file, as JSON lines."
     return click.option("--events", type=file, help=says)(verb)
 
 

@@ -52,7 +52,7 @@ def _run_options(verb: F) -> F:
         "--out", type=click.Path(path_type=Path, file_okay=False), required=True,
         help="Folder of the result.",
     )  # fmt: skip
-    @click.option("--workers", type=click.IntRange(1, 256), help="So many processes.")
+    @click.option("--workers", type=click.IntRange(1, 256), help="Number of processes.")
     @click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786.")
     @json_option
     @functools.wraps(verb)
@@ -77,7 +77,7 @@ def _run_options(verb: F) -> F:
 @sweep.command()
 @click.option(
     "--spacing-mm", type=Finite(1.0, 200.0), default=20.0, show_default=True,
-    help="Between the points.",
+    help="Spacing of the points.",
 )  # fmt: skip
 @click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm.")
 @click.option(
@@ -143,8 +143,8 @@ def reach(
 
 
 @sweep.command()
-@click.option("--count", type=click.IntRange(1, 10**9), required=True, help="How many problems.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draw.")
+@click.option("--count", type=click.IntRange(1, 10**9), required=True, help="Number of problems.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
 @click.option(
     "--scene", "scene_files", type=IN_FILE, multiple=True,
     help="What stands around the arm; several are taken in turn.",

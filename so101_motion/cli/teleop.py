@@ -53,12 +53,14 @@ _EVERY = 0.2  # [s], how often a person is told how it is
 @click.option(
     "--approach-speed", type=float, metavar="DEG/S", help="While coming closer.  [default: 30]"
 )
-@click.option("--record", type=OutFile(".csv", ".mcap"), help="Take it down: .csv or .mcap.")
+@click.option(
+    "--record", type=OutFile(".csv", ".mcap"), help="Record it to this file, .csv or .mcap."
+)
 @click.option(
     "--fps", type=Finite(0.1, 1000.0), default=100.0, show_default=True, help="Rows a second."
 )
-@click.option("--seconds", type=SECONDS, help="End by itself after so long.")
-@click.option("--yes", is_flag=True, help="Begin without asking.")
+@click.option("--seconds", type=SECONDS, help="Stop after this time.")
+@click.option("--yes", is_flag=True, help="Start without asking.")
 @json_option
 def teleop(
     leader: str,

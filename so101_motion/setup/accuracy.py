@@ -93,9 +93,9 @@ class JointAccuracy:
     def _findings(self) -> list[tuple[Verdict, str]]:
         error = JAW_ERROR if self.joint == GRIPPER_JOINT else ERROR
         return [
-            (error.judge(self.error), "it stands off: free the joint, look for weight or a cable"),
-            (HYSTERESIS.judge(self.hysteresis), "it sticks or has play: look at horn and screws"),
-            (LAG.judge(self.lag), "it runs behind: look at the supply and its voltage"),
+            (error.judge(self.error), "it stops short: free the joint, look for weight or a cable"),
+            (HYSTERESIS.judge(self.hysteresis), "it sticks or has play: check its horn and screws"),
+            (LAG.judge(self.lag), "it lags: check the supply and its voltage"),
             (SETTLE.judge(self.settle), "it settles slowly: something holds it back"),
         ]
 
@@ -145,14 +145,18 @@ class MoveReport:
             return f"The test was not finished: {self.ended_by}"
         if self.as_shown is False:
             return (
-                "Failed: the arm does not do what its picture does. Two motors may have changed"
-                " places: set the motors up again, then calibrate"
+                "Failed: the arm does not move as in the picture. Two motors may be swapped: set"
+                " the motors up again, then calibrate"
             )
         bad = [joint.joint for joint in self.joints if joint.verdict not in ("ok", "warn")]
         if bad:
             return f"Failed: {', '.join(bad)}"
         warned = [joint.joint for joint in self.joints if joint.verdict == "warn"]
-        return f"Passed, but look at {', '.join(warned)}" if warned else "Passed: all joints obey"
+        return (
+            f"Passed, but look at {', '.join(warned)}"
+            if warned
+            else "Passed: all joints move as commanded"
+        )
 
     @property
     def tool(self) -> float | None:

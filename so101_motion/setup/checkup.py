@@ -148,7 +148,7 @@ def _firmware(seen: Findings) -> Iterator[Check]:
         yield warn(
             "firmware",
             f"different versions: {text}",
-            "it does not hurt; the maker's program FD (Windows) brings them up to date",
+            "harmless; the manufacturer's program FD (Windows) updates them",
         )
     elif versions:
         yield ok("firmware", next(iter(versions.values())))
@@ -227,7 +227,7 @@ def _calibration(seen: Findings) -> Iterator[Check]:
         yield warn(
             "calibration",
             f"a calibration to {seen.file} was interrupted",
-            "so101 calibrate, or whatever opens the arm with that file, ends it well",
+            "so101 calibrate ends it properly; so does opening the arm with that file",
         )
     if seen.file_trouble:
         fix = f"so101 calibration restore {seen.file}, or so101 calibrate"
@@ -239,7 +239,7 @@ def _calibration(seen: Findings) -> Iterator[Check]:
     elif seen.facts:
         yield warn(
             "calibration",
-            "there is no file, so what the servos hold counts",
+            "there is no file, so the values in the servos are used",
             "so101 calibrate, or so101 calibration import, and name the file where the arm is"
             " configured",
         )
@@ -259,8 +259,8 @@ def _against_servos(seen: Findings, stored: Stored) -> Iterator[Check]:
         yield warn(
             "calibration",
             row.sentence,
-            "the file counts, and the servos get it when the arm is opened with it; if it is"
-            " not this arm's, so101 calibrate",
+            "the file is used: the servos get its values when the arm is opened; if it is another"
+            " arm's, so101 calibrate",
         )
     if not differing and not missing:
         text = f"{stored.path}" + (", as the servos have it" if there else "")

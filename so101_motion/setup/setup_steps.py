@@ -177,7 +177,7 @@ def _complete(known: SetupState) -> Check:
 def _assembled(known: SetupState) -> Check:
     if known.saved is not None:
         return ok("assembly", "the arm is together, for it is calibrated")
-    text = "no wire tells whether the arm is screwed together"
+    text = "this program cannot see whether the arm is assembled"
     return warn("assembly", text, "screw it together, then check joint by joint")
 
 
@@ -212,7 +212,7 @@ def _tested(known: SetupState) -> Check:
     return known.tested or warn(
         "test",
         "the arm has not been tested yet",
-        "let it make small slow motions and compare them with what was asked for",
+        "let it make small slow motions and check them",
     )
 
 

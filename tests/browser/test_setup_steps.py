@@ -31,7 +31,7 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 pytestmark = pytest.mark.emulator_only
 
-UNDO = "Undo: back to the calibration before"
+UNDO = "Undo: restore the previous calibration"
 TARGETS = {joint: 6 - place for place, joint in enumerate(SETUP_ORDER)}
 
 
@@ -64,7 +64,7 @@ def set_up(hand: Hand, kit: FreshKit, joint: str) -> None:
 
 
 def finish(hand: Hand) -> None:
-    """Verify until all is as it must be, then end the workflow."""
+    """Verify until all is set up correctly, then end the workflow."""
 
     def is_ended() -> bool:
         for button in ("Finish", "Verify all six", "Verify again"):
@@ -314,7 +314,7 @@ def test_a_machines_arm_is_calibrated_and_that_is_undone_through_its_sensor(
             hand.expect(f"Saved: {file}")
             assert store.read(file).calibration != first
             hand.press(UNDO)
-            hand.expect(f"The calibration before is back: {file}")
+            hand.expect(f"The previous calibration is restored: {file}")
             assert store.read(file).calibration == first
             assert kit.offsets == {joint: entry.homing_offset for joint, entry in first.items()}
 

@@ -81,7 +81,7 @@ class WaysHome(Part):
         self._hold = self._way("Hold", lambda: self._beside("hold", lambda: hold(self._rig)))
         self._guide = self._way("Guide by hand", guide)
         self._let_go = self._way("Let go", self._release)
-        self._let_go.asks = "It sinks: let go?"
+        self._let_go.asks = "It will sink. Let go?"
         bar.ways = (self._hold, self._guide, self._let_go)
 
     def _way(self, label: str, command: Callable[[], None]) -> Way:

@@ -161,7 +161,7 @@ def held(scene: Scene, name: str, T_base_tool: SE3) -> Scene:
     if not isinstance(thing, Obstacle):
         raise ConfigError("name", name, "is in the gripper already")
     if thing.keep_out:
-        raise ConfigError("name", name, "is a zone to keep out of; air cannot be held")
+        raise ConfigError("name", name, "is a keep-out zone, which cannot be held")
     T_tool_object = T_base_tool.inverse @ thing.T_base_obstacle
     return replace(
         scene,

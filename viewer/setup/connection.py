@@ -27,8 +27,8 @@ PERIOD = 1.0
 """How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""
 
 _BARE = (
-    "With a new kit that is as it should be: its motors are connected later, one at a time. Go on."
-    " With an arm that is screwed together, first do what is said above."
+    "With a new kit this is fine: its motors are connected later, one at a time. With an assembled"
+    " arm, first do what is said above."
 )
 
 _MOST_PORTS = 6  # to choose from; chosen, nobody has more arms on one computer
@@ -105,7 +105,7 @@ class PortChoice:
             return fail(
                 "connect",
                 f"there are {len(self.seen.candidates)} ports",
-                "choose the one of the arm that is to be set up",
+                "choose the port of the arm to set up",
             )
         return None
 

@@ -34,12 +34,12 @@ OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
 
 _STANDS = (Mode.HOLDING, Mode.MOVING, Mode.STOPPING)
 _LIMP = (
-    "The joints are limp. Bring the arm to a pose like the blue ghost's, free all around, and have"
-    " it held."
+    "The joints are limp. Move the arm to a pose like the blue ghost's, clear of everything, then"
+    " press Hold the joints."
 )
-_MENDED = "Once that is fixed, have the joints held again. Keep a hand on the arm."
+_MENDED = "Once that is fixed, press Hold the joints. Keep a hand on the arm."
 _CLEAR = "Tick the box when nothing is in its way and no hand is near it."
-_SEEN = "Did the arm move as in the picture, the same joints to the same sides?"
+_SEEN = "Did the arm move as in the picture: the same joints, in the same directions?"
 _AS_SHOWN, _NOT_AS_SHOWN = "Yes", "No, it differs"
 
 
@@ -104,7 +104,7 @@ class FinalTestPage(StepPage):
         self._todo = gui.add_html("")
         self._hold = gui.add_button("Hold the joints", icon=viser.Icon.LOCK, visible=False)
         self._release = AskingButton(
-            self._setup.context, "Let go, for a better pose", "It sinks: press again to let go",
+            self._setup.context, "Let go to change the pose", "It will sink: press again to let go",
             self._let_go, viser.Icon.HAND_GRAB,
         )  # fmt: skip
         agree = gui.add_checkbox("Everything is out of the way", False, visible=False)
@@ -314,5 +314,5 @@ class FinalTestPage(StepPage):
                 name="test",
                 verdict="fail" if not report.passed else "warn" if warned else "ok",
                 sentence=report.sentence,
-                fix="" if report.passed else "see what each joint says, then test again",
+                fix="" if report.passed else "read the note at each joint, then test again",
             )

@@ -47,9 +47,9 @@ _NONE = "none"
 _START_OVER, _SURE = "Start over with the gripper", "Press again to start over"
 _NOBODY = "no servo answers"
 _SILENT = (
-    "No motor has answered for a while. Is the power supply on, and does the motor's cable sit in"
-    " the adapter? Try its other socket and another cable. A motor that stays silent even so is"
-    " dead: replace it, or skip it."
+    "No motor has answered for a while. Is the power supply on, and the motor's cable plugged into"
+    " the adapter? Try its other socket and another cable. A motor that still does not answer is"
+    " dead: replace it or skip it."
 )
 
 
@@ -222,9 +222,7 @@ class MotorsPage(StepPage):
         return f"{left} motor{'s are' if left > 1 else ' is'} still to be set up or skipped"
 
     def _as_it_was(self) -> str:
-        return (
-            "nothing was moved; the motors that have their ids keep them, and all are as they were"
-        )
+        return "nothing moved; motors that got their ids keep them, the others are unchanged"
 
     # How
 

@@ -249,7 +249,7 @@ class SetupPart(Part):
         if self.setup.doing:
             return cards.going_on(self.setup.doing)
         if trouble is not None:
-            inside = f"something broke inside: {trouble!r}; see the log"
+            inside = f"internal error: {trouble!r}; see the log"
             return cards.failed(str(trouble) if isinstance(trouble, So101Error) else inside)
         return "" if reason is None else cards.note(f"Next: {capital(reason)}")
 

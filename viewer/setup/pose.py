@@ -26,8 +26,8 @@ from .page import CalibrationPage
 from .setup_context import SetupContext
 
 _LET_GO = (
-    "The arm must be screwed together by now; that takes an hour or two, and this page waits. Hold"
-    " the arm with one hand, then let go of its joints: it sinks at once. Nothing is written to the"
+    "The arm must be assembled by now; that takes an hour or two, and this page waits. Hold the arm"
+    " with one hand, then press Let go of the joints: it sinks at once. Nothing is written to the"
     " motors yet."
 )
 _MATCH = (
@@ -35,7 +35,7 @@ _MATCH = (
     " half open. Then turn the gripper until it opens straight upwards, and look closely: this"
     " position becomes its zero."
 )
-_TAKEN = "The pose is taken. Relax, and go on."
+_TAKEN = "The pose is taken. Press Next."
 
 ALONE = 3.0
 """How long the arm is held still for its pose to be taken without the button [s]; chosen: longer
@@ -67,7 +67,7 @@ class PosePage(CalibrationPage):
         alone = gui.add_checkbox(
             "Take it when I hold still",
             False,
-            hint=f"For both hands: {ALONE:g} s without moving, after the arm was moved",
+            hint=f"When both hands are busy: taken after {ALONE:g} s without motion",
             visible=False,
         )
         self._alone = SharedField(alone, self._go_alone, self._setup.context, shown=bool)

@@ -18,8 +18,8 @@ from .page import CalibrationPage
 from .setup_context import SetupContext
 
 _TOO_EARLY = (
-    "There is no homing pose to count from: this program was ended after it was taken, or the"
-    " calibration was. Press Back, and take it again."
+    "There is no homing pose any more: the calibration or this program was ended after it was"
+    " taken. Press Back and take it again."
 )
 
 
@@ -104,7 +104,7 @@ class RecordPage(CalibrationPage):
     def can_go_on(self) -> str | None:
         """The joints that are not done."""
         if self._lacks_pose():
-            return "go back first: the homing pose is not taken"
+            return "press Back first: the homing pose is not taken"
         check = self.check()
         if check.verdict != "fail":
             return None
@@ -143,8 +143,8 @@ def _instruction(state: State, missing: tuple[str, ...], short: tuple[str, ...])
         return RECORD.instruction
     if short:
         return (
-            f"Not quite at both stops yet: {', '.join(short)}. Move on to them, or, if that is as"
-            " far as it goes, put the arm down, then finish."
+            f"Not quite at both stops yet: {', '.join(short)}. Move them further; if they go no"
+            " further, put the arm down, then finish."
         )
     if not missing:
         return "All joints have been at their stops. Put the arm down, then finish."

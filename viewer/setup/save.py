@@ -20,11 +20,11 @@ from .page import CalibrationPage
 from .setup_context import SetupContext
 
 _BESIDE = (
-    " What this file says now is kept. Change: how far the two ends of each travel have moved."
+    " The present file is kept as a version. Change is how far the ends of each travel have moved."
 )
 _OPEN_POSE = (
-    "First bring the arm to a pose like the blue ghost's, free all around: saving holds its joints"
-    " there, and the final test begins there."
+    "First move the arm to a pose like the blue ghost's, clear of everything: saving holds its"
+    " joints there, and the final test starts there."
 )
 
 
@@ -55,7 +55,7 @@ class SavePage(CalibrationPage):
         )
         self._text = gui.add_html("")
         self._undo = gui.add_button(
-            "Undo: back to the calibration before",
+            "Undo: restore the previous calibration",
             icon=viser.Icon.ARROW_BACK_UP,
             color="gray",
             visible=False,
@@ -105,7 +105,7 @@ class SavePage(CalibrationPage):
         outcome = self._outcome
         if outcome is None:
             return ""
-        title = "The calibration before is back:" if self._is_undone else "Saved:"
+        title = "The previous calibration is restored:" if self._is_undone else "Saved:"
         html = calibration_cards.saved(title, str(outcome.stored.path), outcome.stored.notes)
         if outcome.trouble:
             html += cards.failed(outcome.trouble)

@@ -23,8 +23,8 @@ from so101_motion.viam.client import MachineRig
 from ..page import texts
 from ..page.screen_state import Sentence, Tone
 
-OFF = Sentence(text="Follow the leader: have a hand on it, it goes limp. This arm comes slowly.")
-STARTS = Sentence(text="One moment …", tone=Tone.WARM)
+OFF = Sentence(text="Keep a hand on the leader: it goes limp, and this arm comes to it slowly.")
+STARTS = Sentence(text="Starting …", tone=Tone.WARM)
 
 LOOK_EVERY = 1.0
 """How often a machine is asked how its arm follows [s]; chosen."""
@@ -135,7 +135,7 @@ class MachineSession:
             return Sentence(text="The machine's arm follows its leader.", tone=Tone.GOOD)
         if phase == "approaching":
             return Sentence(text="The machine's arm comes to its leader.", tone=Tone.WARM)
-        why = self._status.get("reason") or "lead the leader back to it"
+        why = self._status.get("reason") or "move the leader back to it"
         return Sentence(text=f"The machine's arm holds: {why}.", tone=Tone.WARM)
 
 
@@ -229,7 +229,7 @@ def status_words(status: Status) -> Sentence | None:
         return Sentence(text=text, tone=Tone.WARM)
     if status.phase.value == "waiting":
         where = f" {joint} is {to_deg(gap):.0f}° from this arm's." if joint else ""
-        text = f"Holding: {status.reason}.{where} Lead the leader back to it."
+        text = f"Holding: {status.reason}.{where} Move the leader back to it."
         return Sentence(text=text, tone=Tone.WARM)
     if status.is_held:
         return Sentence(text="Following; something is in this arm's way.", tone=Tone.WARM)

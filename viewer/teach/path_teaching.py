@@ -26,12 +26,12 @@ from ..page import texts
 from ..page.guiding import Guiding
 from ..page.screen_state import Sentence, Tone
 
-WELCOME = Sentence(text="Record a path: the arm goes soft, and you lead it by hand.")
+WELCOME = Sentence(text="Press Record a path: the arm goes soft, and you guide it by hand.")
 BEGINS = Sentence(text="The arm goes soft …", tone=Tone.WARM)
 PLANNING = Sentence(text="Planning the replay …")
-PLAN = Sentence(text="Press Plan replay: it is checked for collisions, nothing moves.")
+PLAN = Sentence(text="Press Plan replay to check it for collisions; nothing moves.")
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan replay again.")
-DONE = Sentence(text="Done. Press Plan replay to go it again.", tone=Tone.GOOD)
+DONE = Sentence(text="Done. Press Plan replay to run it again.", tone=Tone.GOOD)
 
 
 class Doing(Enum):
@@ -239,12 +239,12 @@ def _folder() -> Path:
 
 def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
     end = "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
-    text = f"Recording, {recorder.points} points. Lead the arm by hand.{end}"
+    text = f"Recording, {recorder.points} points. Guide the arm by hand.{end}"
     return Sentence(text=text, tone=Tone.WARM)
 
 
 def _planned(replay: Replay) -> Sentence:
     approach = replay.approach.duration
     along = replay.duration - approach
-    text = f"Planned: {approach:.1f} s to its beginning, then {along:.1f} s along it. Press Replay."
+    text = f"Planned: {approach:.1f} s to its start, then {along:.1f} s along it. Press Replay."
     return Sentence(text=text, tone=Tone.GOOD)

@@ -163,7 +163,7 @@ class WorldModel:
         """Set whether the selected obstacle is a keep-out zone."""
         thing = scene_edits.thing_named(self.scene, self._name())
         if isinstance(thing, Obstacle) and keep_out != thing.keep_out:
-            text = "The arm keeps out of this zone." if keep_out else "An obstacle again."
+            text = "The arm keeps out of this zone." if keep_out else "This is an obstacle again."
             self._put(replace(thing, keep_out=keep_out), text)
 
     def set_mass(self, mass: float) -> None:

@@ -54,8 +54,8 @@ rest flickers by a tick or two."""
 _SAME = 1e-5
 
 _FOR_VIAM = (
-    "world_state of a Move request, seen from an arm of the name “{arm}”; if yours has another, put"
-    " that there. The floor is no part of it."
+    "The world_state of a Move request, in the frame of an arm named “{arm}”; put your arm's name"
+    " there. The floor is not included."
 )
 
 
@@ -150,7 +150,7 @@ class WorldPart(Part):
         self._files = gui.add_button_group(
             "Scene file",
             ("save", "download", "for Viam"),
-            hint="What save writes, so101 plan --scene reads; for Viam: a WorldState, to copy",
+            hint="so101 plan --scene reads what save writes; for Viam: a WorldState to copy",
         )
         self._context.on_choice(self._files, self._keep)
         self._context.on_asked(self._files, self._download)

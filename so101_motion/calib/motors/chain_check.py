@@ -126,5 +126,5 @@ def _verdict(seen: ServosOnBus, motors: Mapping[str, MotorCheck]) -> str:
         return f"not yet: {wrong[0].error}{more}"
     if seen.unexpected_ids:
         others = ", ".join(map(str, seen.unexpected_ids))
-        return f"all six are as they must be, but {others} is too many"
-    return "all six servos are as they must be"
+        return f"all six are set up correctly, but {others} is too many"
+    return "all six servos are set up correctly"

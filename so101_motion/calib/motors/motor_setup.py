@@ -2,7 +2,7 @@
 
 New servos all have id 1, so they are set up one at a time: connect one alone, ``discover`` it,
 ``assign`` it, unplug it, and so on from the gripper to the shoulder. Then, in the finished chain,
-``verify`` looks whether everything is as it must be. ``view.next_step`` always says what is next.
+``verify`` checks that everything is set up correctly. ``view.next_step`` always says what is next.
 
 Nothing is taken on trust. Whatever was discovered, ``assign`` looks again who is connected, because
 plugs change hands between two requests. It changes an id only if one servo answers and nobody at
@@ -174,7 +174,7 @@ class MotorSetup:
                 if check.facts is not None:
                     motor = motor.with_facts(check.facts, tuner.baud)
                 if check.status == "ok":
-                    sentence = f"{check.joint}: servo {check.servo_id} is as it must be"
+                    sentence = f"{check.joint}: servo {check.servo_id} is set up correctly"
                     motor = replace(motor, state="verified", sentence=sentence, fix="")
                 elif motor.state != "skipped":
                     motor = replace(motor, state="failed", sentence=check.error, fix=check.fix)

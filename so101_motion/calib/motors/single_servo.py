@@ -152,7 +152,7 @@ def _same_id(joint: str, ids: tuple[int, ...]) -> MotorSetupError:
     return MotorSetupError(
         joint,
         "same id",
-        f"several servos answer{as_whom} at once, so none can be understood",
+        f"several servos answer{as_whom} at once, so their replies collide",
         f"{_alone(joint)}; if it is alone, check the plugs of its cable",
     )
 

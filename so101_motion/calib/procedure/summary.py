@@ -69,7 +69,7 @@ def picture_note(now: PoseEstimate, joints: Iterable[str]) -> str:
     if len(guessed) == len(there):
         return (
             "The picture moves as the arm does, but may be some degrees off: joints that were never"
-            " calibrated do not know their position. Go by the arm itself."
+            " calibrated do not know their position. Trust the arm, not the picture."
         )
     return f"The picture is some degrees off as long as these are not done: {', '.join(guessed)}."
 

@@ -69,7 +69,7 @@ def convert_data_set(
     Args:
         data_set: What to convert; its files stay as they are.
         path: The folder to make; nothing may be there.
-        source: What its numbers mean.
+        source: Units of its numbers.
         target: What the new numbers shall mean.
         link: Whether videos, images and other files that stay the same are hard links.
 

@@ -61,7 +61,7 @@ class PlansSweep:
     """Plain data that says which motions are asked for.
 
     Attributes:
-        count: How many problems.
+        count: Number of problems.
         seed: Of all that is random.
         scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
         velocity: Cap of the joints [rad/s].

@@ -78,10 +78,10 @@ def test_stops_in_one_place_are_compared_by_the_side_they_were_reached_from():
     ("found", "verdict", "words"),
     [
         (JointAccuracy(joint="elbow_flex", error=0.001), "ok", ""),
-        (JointAccuracy(joint="elbow_flex", error=to_rad(1.0)), "warn", "stands off"),
-        (JointAccuracy(joint="elbow_flex", error=to_rad(2.0)), "fail", "stands off"),
+        (JointAccuracy(joint="elbow_flex", error=to_rad(1.0)), "warn", "stops short"),
+        (JointAccuracy(joint="elbow_flex", error=to_rad(2.0)), "fail", "stops short"),
         (JointAccuracy(joint="gripper", error=to_rad(2.0)), "ok", ""),
-        (JointAccuracy(joint="elbow_flex", error=0.0, lag=0.2), "warn", "runs behind"),
+        (JointAccuracy(joint="elbow_flex", error=0.0, lag=0.2), "warn", "it lags"),
         (JointAccuracy(joint="elbow_flex", error=0.0, settle=3.0), "fail", "settles slowly"),
         (JointAccuracy(joint="elbow_flex", error=0.0, hysteresis=0.02), "warn", "play"),
         (JointAccuracy(joint="elbow_flex", error=0.0, trouble="hot"), "fail", "hot"),
@@ -111,7 +111,7 @@ def test_a_report_passes_when_all_joints_obey_and_nobody_saw_otherwise():
     assert WELL.passed
     assert replace(WELL, as_shown=True).passed
     assert not replace(WELL, as_shown=False).passed
-    assert "changed places" in replace(WELL, as_shown=False).sentence
+    assert "may be swapped" in replace(WELL, as_shown=False).sentence
     assert not replace(WELL, ended_by="stop").passed
     untested = (*WELL.joints[:4], JointAccuracy(joint="wrist_roll"))
     assert replace(WELL, joints=untested).sentence == "Failed: wrist_roll"
@@ -124,5 +124,5 @@ def test_a_report_is_the_same_as_text_and_as_json():
     assert told["tool_mm"] == 1.0
     assert [joint["joint"] for joint in told["joints"]] == list(ARM_JOINTS)
     text = WELL.text()
-    assert text.startswith("Passed: all joints obey.\n")
+    assert text.startswith("Passed: all joints move as commanded.\n")
     assert all(joint in text for joint in ARM_JOINTS)

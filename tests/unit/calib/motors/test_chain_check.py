@@ -23,7 +23,7 @@ def test_a_finished_arm_is_verified_without_writing():
     bus, setup = arm()
     found = setup.verify()
     assert found.ok
-    assert found.sentence == "all six servos are as they must be"
+    assert found.sentence == "all six servos are set up correctly"
     assert [check.servo_id for check in found.motors.values()] == [1, 2, 3, 4, 5, 6]
     assert all(check.facts.model == "sts3215" for check in found.motors.values())
     assert all(packet[4] in (1, 2, 0x82) for _, packet in bus.wire.sent)

@@ -43,7 +43,7 @@ def test_a_path_is_gone_and_told(file):
 def test_it_says_what_it_will_do_and_asks_first(file):
     result = run("replay", "--sim", file, input="n\n")
     assert result.exit_code == 7
-    assert "to its beginning" in result.output
+    assert "to its start" in result.output
     assert "Move the simulated arm?" in result.output
 
 

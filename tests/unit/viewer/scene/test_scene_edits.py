@@ -105,7 +105,7 @@ def test_a_zone_of_air_cannot_be_held():
             Obstacle(name="zone", shape=MUG.shape, T_base_obstacle=SE3.identity(), keep_out=True),
         )
     )
-    with pytest.raises(ConfigError, match="air cannot be held"):
+    with pytest.raises(ConfigError, match="which cannot be held"):
         scene_edits.held(scene, "zone", SE3.identity())
 
 

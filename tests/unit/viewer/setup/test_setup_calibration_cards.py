@@ -64,7 +64,7 @@ def test_joints_that_were_never_calibrated_are_matched_by_eye(session, arm):
     assert {tone for _, tone in told(session, {}).values()} == {"dim"}
     view = session.view
     seen = estimate_pose(view.state, view.joints, {})
-    assert "Go by the arm itself" in summary.picture_note(seen, view.joints)
+    assert "Trust the arm" in summary.picture_note(seen, view.joints)
 
 
 def test_a_silent_servo_is_named(session, arm):

@@ -81,7 +81,7 @@ def test_a_path_is_recorded_planned_replayed_and_kept(bench: Bench) -> None:
 
     teaching.plan()
     bench.taught(lambda: teaching.can_run)
-    assert "to its beginning" in teaching.sentence.text
+    assert "to its start" in teaching.sentence.text
     np.testing.assert_allclose(bench.rig.arm.state.q, AWAY, atol=to_rad(0.1))  # nothing moved
     teaching.run()
     assert teaching.doing is Doing.REPLAYING
