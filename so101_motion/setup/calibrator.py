@@ -123,6 +123,8 @@ class MotorSetupLike(Protocol):
 
     def recall(self, joints: Collection[str]) -> None: ...  # noqa: D102
 
+    def forget(self, joint: str) -> None: ...  # noqa: D102
+
     def reset(self) -> None: ...  # noqa: D102
 
 

@@ -5,18 +5,22 @@ The terminal, the doctor and the setup page all ask here. Nothing is written to 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from so101_motion.calib.record import versions
-from so101_motion.common.errors import CalibrationError
+from so101_motion.common.errors import CalibrationError, ConfigError
 from so101_motion.drivers.bus.bus import REPLY_TIMEOUT as REPLY_TIMEOUT
 from so101_motion.drivers.port import host_checks
 from so101_motion.drivers.port.port_list import adapters_without_port, port_problem
+from so101_motion.files import user_storage
 from so101_motion.setup.discovery import discover
 from so101_motion.setup.findings import Findings
 from so101_motion.setup.port_report import PortReport, file_name
+
+_ARM_NAME = re.compile(r"\w[\w -]*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,9 +35,9 @@ class Candidate:
         """The port's lasting name."""
         return self.report.port.name
 
-    def calibration_file(self) -> Path:
+    def calibration_file(self, name: str = "") -> Path:
         """The path of its arm's calibration; see ``calibration_file``."""
-        return calibration_file(self.report)
+        return calibration_file(self.report, name)
 
     @property
     def is_usable(self) -> bool:
@@ -98,16 +102,30 @@ def about(report: PortReport) -> Findings:
     )
 
 
-def calibration_file(report: PortReport) -> Path:
+def calibration_file(report: PortReport, name: str = "") -> Path:
     """The path of the calibration of the arm on a port.
 
     That is the file that is this arm's already, by what its servos hold or by its name; else one in
     the user's own data directory, named after the adapter.
 
+    Args:
+        report: What was found on the port.
+        name: What the user calls the arm, such as ``"leader"``; a file of that name, if not empty.
+
     Raises:
         CalibrationError: This user has no home.
+        ConfigError: It cannot be the name of a file, or is that of another arm.
     """
-    return report.calibration or own_folder() / file_name(report.port)
+    if not name.strip():
+        return report.calibration or own_folder() / file_name(report.port)
+    name = user_storage.checked_name(name, what="arm")
+    if not _ARM_NAME.fullmatch(name):
+        raise ConfigError("arm name", name, "must be letters, digits, spaces and _ -")
+    user_storage.refuse_reserved(name, what="arm name")
+    file = own_folder() / f"{name}_calibration.json"
+    if file.exists() and file != report.calibration:
+        raise ConfigError("arm name", name, "is another arm's already; choose another name")
+    return file
 
 
 def own_folder() -> Path:

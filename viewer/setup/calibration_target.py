@@ -63,15 +63,19 @@ class Ports:
         """The ports that are plugged in now."""
         return look(self.named, reply_timeout=self.reply_timeout)
 
-    def open(self, candidate: Candidate) -> SetupTarget:
+    def open(self, candidate: Candidate, name: str = "") -> SetupTarget:
         """Open a target on a port; drives nothing and needs no motor.
+
+        Args:
+            candidate: The port.
+            name: What the user calls the arm; gives its calibration file the name.
 
         Raises:
             BusError: The port cannot be opened.
             CalibrationError: This user has no place for files.
-            ConfigError: Somebody uses the port with other settings.
+            ConfigError: Somebody uses the port with other settings, or the name cannot be used.
         """
-        file = candidate.calibration_file()
+        file = candidate.calibration_file(name)
         asked = ServoSettings(port=candidate.name, timeout=None, fallback_file=file)
         return _bench(open_hardware(asked, reply_timeout=self.reply_timeout))
 

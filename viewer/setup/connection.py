@@ -130,6 +130,13 @@ class ConnectionPage(StepPage):
         self._picks = [gui.add_button("", visible=False, color="gray") for _ in range(_MOST_PORTS)]
         for place, button in enumerate(self._picks):
             self._setup.context.on_press(button, partial(self._pick, place))
+        self._name = gui.add_text(
+            "Name of this arm",
+            self._setup.progress.arm,
+            hint="Such as leader or follower; its calibration gets a file of that name",
+            visible=False,
+        )
+        self._setup.context.on_entry(self._name, self._setup.progress.call)
         self._status = gui.add_html("")
 
     def enter(self) -> None:
@@ -167,6 +174,7 @@ class ConnectionPage(StepPage):
                 candidate = candidates[place]
                 self._cards[place].content = cards.port(candidate, is_chosen=candidate is chosen)
                 self._picks[place].label = f"Use {candidate.name}"
+        self._name.visible = chosen is not None and chosen.report.calibration is None
         is_bare = chosen is not None and not chosen.report.servo_ids
         self._status.content = cards.check_text(self.check()) + cards.note(_BARE if is_bare else "")
 
@@ -200,4 +208,5 @@ class ConnectionPage(StepPage):
         chosen = self.model.chosen
         assert chosen is not None  # else one could not have gone on
         self._port_watch.end()
-        return self._ports.open(chosen)
+        has_file = chosen.report.calibration is not None
+        return self._ports.open(chosen, "" if has_file else self._setup.progress.arm)

@@ -169,6 +169,10 @@ class MachineMotors:
             sentence=str(answer["status"]),
         )
 
+    def forget(self, joint: str) -> None:
+        """Ask for a joint's motor again."""
+        self._ask({"command": "motor_setup_forget", "motor_name": joint})
+
     def recall(self, joints: Collection[str]) -> None:
         """Does nothing: the machine remembers by itself."""
 

@@ -44,6 +44,7 @@ _LOOKING = (
 )
 
 _NONE = "none"
+_SWAPPED = "No, this is the motor asked for: the cable was moved too early"
 _START_OVER, _SURE = "Start over with the gripper", "Press again to start over"
 _NOBODY = "no servo answers"
 _SILENT = (
@@ -93,17 +94,19 @@ class MotorCards:
         """Look again at once."""
         self._due = 0.0
 
-    def doubt(self, view: SetupView, joint: str) -> str:
-        """Why the found motor must not be written to; empty if it may."""
-        owner = view.owner(view.motors[joint].found_id, but=joint)
-        return f"this is the motor of {owner}, which is set up already" if owner else ""
+    def owner(self, view: SetupView) -> str | None:
+        """The other joint whose id the found motor has; None if it may be written to."""
+        joint = self.joint(view)
+        if joint is None or view.motors[joint].state != "found":
+            return None
+        return view.owner(view.motors[joint].found_id, but=joint)
 
     def can_write(self, view: SetupView) -> bool:
         """Whether a motor can be written to, and has no problem to fix first."""
         joint = self.joint(view)
         if joint is None or view.motors[joint].state != "found" or view.motors[joint].fix:
             return False
-        return not self.doubt(view, joint)
+        return self.owner(view) is None
 
     def look(self, view: SetupView, motor: MotorView) -> tuple[MotorLook, str, str]:
         """The colour and text of a motor's card, and what to do."""
@@ -112,7 +115,7 @@ class MotorCards:
         if motor.joint != self.joint(view):
             return ("skipped" if motor.state == "skipped" else "waiting"), "", ""
         if motor.state == "found":
-            if self.doubt(view, motor.joint):  # so it is while plugs change hands
+            if self.owner(view):  # so it is while plugs change hands
                 return "now", self.request(view, motor.joint), ""
             return ("trouble" if motor.fix else "found"), _found(motor), motor.fix
         if motor.state == "failed" and _NOBODY not in motor.sentence:
@@ -160,6 +163,9 @@ class MotorsPage(StepPage):
         self._doing = gui.add_html("")
         self._list = gui.add_html("")
         self._redo = gui.add_dropdown("Set up again", (_NONE, *SETUP_ORDER), initial_value=_NONE)
+        self._swapped = AskingButton(
+            self._setup.context, _SWAPPED, "Press again: both get their ids anew", self._swap
+        )
         self._anew = AskingButton(self._setup.context, _START_OVER, _SURE, self._begin_anew)
         on_press = self._setup.context.on_press
         on_press(self._write, self._assign)
@@ -188,7 +194,7 @@ class MotorsPage(StepPage):
                 self._setup.progress.add(motor.joint)
         now = (replace(view, doing=""), self.model.hint)
         is_news, self._shown = now != self._shown, now
-        return self._anew.refresh() or is_news
+        return any((self._anew.refresh(), self._swapped.refresh(), is_news))
 
     def show(self) -> None:
         """Show the state of each motor, and highlight the one asked for."""
@@ -212,6 +218,8 @@ class MotorsPage(StepPage):
         if joint is not None:
             self._write.label = f"Write id {view.motors[joint].target_id} to this motor"
             self._skip.label = f"Skip {joint}"
+        owner = model.owner(view)
+        self._swapped.show(shown=owner is not None, can=not self._setup.doing)
         self._anew.show(can=view.step > 0 and not self._setup.doing)
 
     def can_go_on(self) -> str | None:
@@ -262,6 +270,21 @@ class MotorsPage(StepPage):
         self.model.picked = None
         put(self._redo, _NONE)
         self.model.look_again()
+
+    def _swap(self) -> None:
+        """Take the found motor for the joint asked for; that of its id is asked for again."""
+        target, joint = self._setup.target, self.model.joint(self._view)
+        owner = self.model.owner(self._view)
+        if target is None or owner is None:
+            return
+
+        def forgotten(_: object) -> None:
+            self._setup.progress.forget_motors(owner)
+            self.model.picked = joint
+            self.model.look_again()
+
+        forget = partial(target.calibrator.motor_setup.forget, owner)
+        self._setup.do(f"asking for the motor of {owner} again", forget, forgotten)
 
     def _begin_anew(self) -> None:
         """Forget which motors are done: another kit, or all once more."""

@@ -198,6 +198,17 @@ class MotorSetup:
             self._view = replace(self._view, status=found.sentence, fix="", doing="")
         return found
 
+    def forget(self, joint: str) -> None:
+        """Ask for a joint's servo again: another one was taken for it. The servos stay as they are.
+
+        Raises:
+            ConfigError: There is no such joint.
+        """
+        anew = replace(self._motor(joint), state="todo", found_id=None, sentence="", fix="")
+        with self._busy:
+            self._show(anew)
+            self.checked = None
+
     def reset(self) -> None:
         """Start the setup again; the servos stay as they are."""
         with self._busy:

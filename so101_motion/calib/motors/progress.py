@@ -27,11 +27,12 @@ class SetupProgress:
     Attributes:
         port: On which port, or at which machine; empty if that is not known.
         workflow: Which workflow is under way, by name; empty for none.
+        arm: What the user calls the arm; empty if that was not said.
     """
 
     def __init__(self, path: Path, port: str | None) -> None:
         self._path = path
-        self.port, self.workflow, self.step = port or "", "", ""
+        self.port, self.workflow, self.step, self.arm = port or "", "", "", ""
         self.done: list[str] = []
         try:
             content = json.loads(path.read_text(encoding="utf-8"))
@@ -40,6 +41,7 @@ class SetupProgress:
                 self.port, self.done = str(content["port"]), done
                 self.workflow = str(content.get("workflow", ""))
                 self.step = str(content.get("step", ""))
+                self.arm = str(content.get("arm", ""))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             pass
 
@@ -55,20 +57,25 @@ class SetupProgress:
             self.workflow, self.step = workflow, step
             self._keep()
 
+    def call(self, arm: str) -> None:
+        """Note what the user calls the arm."""
+        self.arm = arm
+        self._keep()
+
     def work_on(self, port: str) -> None:
         """Switch to this port; forgets the motors of another one."""
         if port != self.port:
             self.port, self.done = port, []
             self._keep()
 
-    def forget_motors(self) -> None:
-        """Forget which motors have their ids; the step stays."""
-        self.done = []
+    def forget_motors(self, *joints: str) -> None:
+        """Forget that the motors of these joints have their ids, or of all; the step stays."""
+        self.done = [joint for joint in self.done if joints and joint not in joints]
         self._keep()
 
     def clear(self) -> None:
         """Forget the progress, because all is done or starts again."""
-        self.done, self.workflow, self.step = [], "", ""
+        self.done, self.workflow, self.step, self.arm = [], "", "", ""
         with contextlib.suppress(OSError):
             self._path.unlink(missing_ok=True)
 
@@ -77,6 +84,7 @@ class SetupProgress:
             "port": self.port,
             "workflow": self.workflow,
             "step": self.step,
+            "arm": self.arm,
             "done": self.done,
         }
         with contextlib.suppress(OSError):  # the next start begins anew then, which does no harm

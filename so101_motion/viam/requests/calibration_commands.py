@@ -52,6 +52,7 @@ class CalibrationCommands:
                 self._assign, ("motor_name", "current_id", "target_id", "current_baudrate")
             ),
             "motor_setup_skip": Taking(self._skip, ("motor_name",)),
+            "motor_setup_forget": Taking(self._forget, ("motor_name",)),
             "motor_setup_verify": self._verify,
             "motor_setup_scan_bus": self._scan,
             "motor_setup_reset_status": self._reset_status,
@@ -204,6 +205,11 @@ class CalibrationCommands:
             "status": skipped.sentence,
             "next_step": self._setup.view.next_step,
         }
+
+    async def _forget(self, given: Attributes) -> dict[str, Any]:
+        joint = _motor_name(given)
+        await carried_out(lambda: self._setup.forget(joint))
+        return {"success": True, "motor_name": joint, "next_step": self._setup.view.next_step}
 
     async def _verify(self) -> dict[str, Any]:
         found = await carried_out(self._setup.verify)

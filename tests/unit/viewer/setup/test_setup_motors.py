@@ -85,6 +85,16 @@ def test_the_motor_that_was_just_set_up_is_not_taken_for_the_next(motors: MotorC
     )
 
 
+def test_a_motor_that_got_another_ones_id_can_be_taken_for_what_it_is(motors: MotorCards) -> None:
+    swapped = view(gripper=DONE, wrist_roll={**NEW, "found_id": 6})
+    assert motors.owner(swapped) == "gripper"
+    assert motors.owner(view(gripper=DONE, wrist_roll=NEW)) is None
+    motors.picked = "wrist_roll"
+    asked_again = view(wrist_roll={**NEW, "found_id": 6})  # the gripper's was forgotten
+    assert motors.owner(asked_again) is None
+    assert motors.can_write(asked_again)
+
+
 def test_an_older_motor_that_is_plugged_in_again_is_named(motors: MotorCards) -> None:
     both = view(
         gripper=DONE,
