@@ -17,25 +17,20 @@ import numpy as np
 from so101_motion.arm.arm import START_TOLERANCE, Arm
 from so101_motion.arm.gripper import Gripper
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_rad
-from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 
 from .page import texts
-from .page.history import History
 from .page.playback import Playback
 from .page.screen_state import PathLine, PlanView, Screen, Sentence, Tone
-from .page.target_ik import FRAMES, Surroundings, Target, TargetSolver
+from .page.target_editor import TargetEditor
+from .page.target_ik import Surroundings, Target, TargetSolver
 from .page.tracking import MotionTracker, Tracking
 from .scene.plan_view import plan_view
-
-ABOVE = 0.02
-"""How far above a surface that is clicked the target is [m]; chosen: the jaws stay clear of it."""
 
 SAME_POSE = to_rad(0.5)
 """Ghost and arm nearer than this are one picture, so the ghost is hidden [rad]; chosen."""
@@ -47,7 +42,7 @@ HINT_POINTS = 25
 """Points of the dashed line before there is a plan; chosen, it looks smooth."""
 
 
-class ViewModel:
+class ViewModel(TargetEditor):
     """State and commands of the Move tab.
 
     Args:
@@ -68,9 +63,9 @@ class ViewModel:
         self._arm, self._gripper, self._submit, self._now = arm, gripper, submit, now
         self._load_solver = load_solver
         self._around = Surroundings(arm.scene, arm.range)
-        self._solver = load_solver(self._around)
+        super().__init__(load_solver(self._around), arm.state, now)
         self._loading: Future[TargetSolver] | None = None
-        self._state = self._shown = arm.state
+        self._shown = arm.state
         self._sentence = Sentence(text=welcome)
         self._plan: PlanView | None = None
         self._plan_is_current = False
@@ -80,60 +75,9 @@ class ViewModel:
         self._playback = Playback()
         self._tracker = MotionTracker()
         self._count = 0  # plans that were shown
-        self._target = self._solver.first_target(self._state.q_ref, q_jaw=self._state.q_jaw_ref)
-        self._targets = History(self._target, now)
         self._path = self._hint()
 
     # Commands
-
-    def set_target_point(self, p_base: Array) -> None:
-        """Set a new target point, shape (3,), [m]."""
-        self._take(self._at_point(p_base, self._target.frame))
-
-    def set_target_joints(self, q: Array) -> None:
-        """Set joint angles as the target, shape (5,), [rad]."""
-        self._take(self._at_joints(q, self._target.frame))
-
-    def set_target_joint(self, i: int, angle: float) -> None:
-        """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
-        q = np.array(self._target.q)
-        q[i] = angle
-        self.set_target_joints(q)
-
-    def set_target_above(self, p_base: Array) -> None:
-        """Set a target point above a surface, so that the gripper comes from above and stops short.
-
-        Args:
-            p_base: The point of the surface, shape (3,), [m].
-        """
-        self.set_target_point(p_base + np.array([0.0, 0.0, ABOVE]))
-
-    def take_nearest(self) -> None:
-        """Set the target to the nearest place that can be reached, if there is one."""
-        if self._nearest() is not None:
-            self.set_target_joints(self._target.q)
-
-    def undo(self) -> None:
-        """Go back to the target before."""
-        self._aim(self._again(self._targets.undo()))
-
-    def redo(self) -> None:
-        """Set the target again that was undone last."""
-        self._aim(self._again(self._targets.redo()))
-
-    def set_target_here(self) -> None:
-        """Set the target to where the arm is."""
-        self.set_target_joints(self._state.q_ref)
-
-    def set_target_frame(self, frame: str) -> None:
-        """Set the frame that targets are for; the ghost stays where it is.
-
-        Raises:
-            ConfigError: There is no such frame.
-        """
-        if frame not in FRAMES:
-            raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
-        self._take(self._at_joints(self._target.q, frame))
 
     def set_speed(self, speed: float) -> None:
         """Set the speed cap of the next plan [rad/s]."""
@@ -198,11 +142,6 @@ class ViewModel:
     def tell(self, sentence: Sentence) -> None:
         """Show what another part has done."""
         self._sentence = sentence
-
-    @property
-    def target(self) -> Target:
-        """The target."""
-        return self._target
 
     @property
     def q_arm(self) -> Array:
@@ -270,6 +209,9 @@ class ViewModel:
             can_plan=self._can_plan(),
             can_execute=self._can_execute(),
             can_take_nearest=self._nearest() is not None,
+            kind=self.kind,
+            direction=self.direction,
+            R_base_target=self.R_base_target,
             can_undo=self._targets.can_undo,
             can_redo=self._targets.can_redo,
             holds=self._gripper.is_holding,
@@ -285,30 +227,6 @@ class ViewModel:
         )
 
     # How
-
-    def _nearest(self) -> Target | None:
-        """The target where the ghost stands, if only the point asked for is out of reach."""
-        if self._target.problem is None:
-            return None
-        near = self._at_joints(self._target.q, self._target.frame)
-        return near if near.problem is None else None
-
-    def _at_point(self, p_base: Array, frame: str) -> Target:
-        state = self._state
-        return self._solver.at_point(p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref)
-
-    def _at_joints(self, q: Array, frame: str) -> Target:
-        return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
-
-    def _again(self, target: Target) -> Target:
-        """The same target, solved for how things are now."""
-        if isinstance(target.goal, PoseGoal):
-            return self._at_point(target.p_base, target.frame)
-        return self._at_joints(target.q, target.frame)
-
-    def _take(self, target: Target) -> None:
-        self._targets.add(target)
-        self._aim(target)
 
     def _aim(self, target: Target) -> None:
         self._target = target

@@ -12,7 +12,7 @@ from so101_motion.planning.collision.collision import Clearance
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.request import Plan
 
-from .target_ik import Target
+from .target_ik import Direction, Target
 from .tracking import Tracking
 
 
@@ -80,6 +80,9 @@ class Screen:
     Attributes:
         state: The arm, as it is.
         target: The target.
+        kind: How much of the gripper's direction is chosen, see ``target_editor.DIRECTIONS``.
+        direction: Where it points at the target, or shall point.
+        R_base_target: How the target is turned, shape (3, 3).
         q_ghost: Where the ghost stands, shape (5,), [rad]; None when it is hidden.
         path: The line to the target, or None.
         sweep: Configurations along the path to be shown, shape (k, 5), [rad], or None.
@@ -107,6 +110,9 @@ class Screen:
 
     state: JointState
     target: Target
+    kind: str
+    direction: Direction
+    R_base_target: Array
     q_ghost: Array | None
     path: PathLine | None
     sweep: Array | None

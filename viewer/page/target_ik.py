@@ -7,7 +7,7 @@ would end, or why there will be none.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +15,10 @@ import numpy as np
 from so101_motion.common.errors import OutsideLimits, Unreachable
 from so101_motion.common.geometry import SE3, Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.common.units import to_deg, to_mm
+from so101_motion.common.units import to_deg, to_mm, to_rad
 from so101_motion.planning.collision.collision import Clearance, CollisionModel
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.goals import GoalMetric, JointGoal, PoseGoal
 from so101_motion.planning.kinematics.ik import IkSolution, IkSolver
 from so101_motion.planning.kinematics.model import RobotModel
 
@@ -34,6 +34,28 @@ _FIRST_OFFSETS = tuple(
 """Where to look for a first target, seen from the tool [m]; chosen: aside, nearer and lower."""
 
 
+DIRECTION_TOLERANCE = to_rad(3.0)
+"""How far the gripper may be turned off a wanted direction [rad]; chosen: with five joints a point
+and a direction seldom go together to the last digit."""
+
+_TRIES = 3
+"""How often the turn of the base is guessed anew for a direction; chosen: the first does nearly
+always, for the jaw's tip stands 20 mm beside the arm's plane."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Direction:
+    """Where the gripper shall point, in the plane in which the arm stands.
+
+    Attributes:
+        tilt: How far up it points [rad]: 0 level, -pi/2 straight down.
+        roll: How far it is turned about that direction [rad], as wrist_roll; None if that is free.
+    """
+
+    tilt: float
+    roll: float | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Target:
     """A target, and the joint angles that reach it or not.
@@ -44,6 +66,7 @@ class Target:
         p_base: The target point in the base frame, shape (3,), [m].
         q: Joint angles of the ghost, shape (5,), [rad]: at the target, or as near as it gets.
         problem: Why the target cannot be had, as a sentence; None when it can.
+        direction: Where the gripper shall point; None where that is free.
     """
 
     goal: PoseGoal | JointGoal
@@ -51,6 +74,7 @@ class Target:
     p_base: Array
     q: Array
     problem: str | None
+    direction: Direction | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p_base", frozen_array(self.p_base, (3,)))
@@ -82,6 +106,7 @@ class TargetSolver:
         clearance: How close bodies are for joint angles and jaw angle.
         contact: Which two bodies touch for joint angles and jaw angle, or None.
         check_limits: Refuses joint angles (5,) with ``OutsideLimits``.
+        rotation: How a frame is turned for joint angles; shape (3, 3), in the base frame.
     """
 
     def __init__(
@@ -92,8 +117,10 @@ class TargetSolver:
         clearance: Callable[[Array, float], Clearance],
         contact: Callable[[Array, float], tuple[str, str] | None],
         check_limits: Callable[[Array], None],
+        rotation: Callable[[Array, str], Array],
     ) -> None:
         self.point = point
+        self._rotation = rotation
         self.clearance = clearance
         self._candidates = candidates
         self._contact = contact
@@ -110,9 +137,35 @@ class TargetSolver:
             clearance=collisions.clearance,
             contact=collisions.first_contact,
             check_limits=model.check_limits,
+            rotation=lambda q, frame: model.frame(q, frame).R,
         )
 
-    def at_point(self, p_base: Array, frame: str, *, q_seed: Array, q_jaw: float) -> Target:
+    def direction(self, q: Array) -> Direction:
+        """Where the gripper points for joint angles (5,)."""
+        up = self._rotation(q, "tool")[2, 2]
+        return Direction(tilt=float(np.arcsin(np.clip(up, -1.0, 1.0))), roll=float(q[4]))
+
+    def turned(self, direction: Direction, pan: float, frame: str) -> Array:
+        """How ``frame`` is turned while the gripper points there; shape (3, 3).
+
+        Args:
+            direction: Where it points.
+            pan: Angle of the first joint [rad].
+            frame: One of ``FRAMES``.
+        """
+        # With upper arm and forearm at zero the wrist alone tilts the gripper, down from level.
+        q = np.array([pan, 0.0, 0.0, -direction.tilt, direction.roll or 0.0])
+        return self._rotation(q, frame)
+
+    def at_point(
+        self,
+        p_base: Array,
+        frame: str,
+        *,
+        q_seed: Array,
+        q_jaw: float,
+        direction: Direction | None = None,
+    ) -> Target:
         """The target that brings ``frame`` to a point.
 
         Args:
@@ -120,8 +173,29 @@ class TargetSolver:
             frame: What shall be there.
             q_seed: Where the arm is, shape (5,), [rad]; the ghost stays as near as it can.
             q_jaw: Jaw angle [rad].
+            direction: Where the gripper shall point; None for anywhere.
         """
-        goal = PoseGoal(T_base_tool=SE3.from_translation(p_base), frame=frame)
+        target = self._solved(
+            PoseGoal(T_base_tool=SE3.from_translation(p_base), frame=frame), q_seed, q_jaw
+        )
+        if direction is None:
+            return target
+        for _ in range(_TRIES):
+            R_base_tool = self.turned(direction, float(target.q[0]), frame)
+            free = direction.roll is None
+            goal = PoseGoal(
+                T_base_tool=SE3(R_base_tool, p_base),
+                metric=GoalMetric.POSITION_AND_APPROACH if free else GoalMetric.FULL_POSE,
+                frame=frame,
+                approach_tolerance=DIRECTION_TOLERANCE,
+            )
+            target = replace(self._solved(goal, q_seed, q_jaw), direction=direction)
+            if target.problem is None:
+                break
+        return target
+
+    def _solved(self, goal: PoseGoal, q_seed: Array, q_jaw: float) -> Target:
+        frame, p_base = goal.frame, goal.T_base_tool.p
         q_first: Array | None = None
         touching = ("", "")
         try:
@@ -184,6 +258,8 @@ class TargetSolver:
 def _out_of_reach(error: Unreachable) -> str:
     limit = "arm fully stretched" if error.limit == "full stretch" else error.limit
     why = f" ({limit})" if limit else ""
+    if error.error_position < 0.001 and error.error_angle > DIRECTION_TOLERANCE:
+        return f"The gripper cannot point there: {to_deg(error.error_angle):.0f}° off."
     return f"{max(to_mm(error.error_position), 1.0):.0f} mm out of reach{why}."
 
 

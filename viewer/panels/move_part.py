@@ -58,7 +58,13 @@ class MovePart(Part):
         )
         if plan is not None:
             self.page.show(plan)
-        self._stage = Stage(context, model=model, on_drag=self._dragged, on_click=self._clicked)
+        self._stage = Stage(
+            context,
+            model=model,
+            on_drag=self._dragged,
+            on_turn=self.page.set_turn,
+            on_click=self._clicked,
+        )
         self.stop_button = add_stop(context.gui, *stops)
         self._arm_panel = ArmPanel(context.gui)
         self._plan_panel = PlanPanel(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 import viser
@@ -23,6 +24,7 @@ from ..page.page_context import ArmContext
 from ..page.playback import RATES
 from ..page.screen_state import PlanView, Screen
 from ..page.shared_fields import SharedField, grey, put, tenth, tenths
+from ..page.target_editor import DIRECTIONS
 from ..page.target_ik import FRAMES
 from ..page.tracking import Tracking
 from ..view_model import ViewModel
@@ -118,12 +120,26 @@ class PlanPanel:
         )
         poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
         self._context.on_choice(poses, self._choose)
+        with gui.add_folder("Direction", expand_by_default=False):
+            kind = gui.add_dropdown(
+                "Keeps", DIRECTIONS, hint="What of the gripper's direction a target keeps"
+            )
+            tilt = gui.add_slider("Tilt (°)", -90, 90, 1, 0, hint="-90 is straight down")
+            roll = gui.add_slider("Roll (°)", -180, 180, 1, 0)
+        self._kind = SharedField(kind, self._page.set_direction, self._context, shown=str)
+        self._tilt = self._angle(tilt, self._page.set_tilt)
+        self._roll = self._angle(roll, self._page.set_roll)
         with gui.add_folder("Joints (°)", expand_by_default=False):
             self._sliders = [gui.add_slider(name, -1.0, 1.0, 0.1, 0.0) for name in ARM_JOINTS]
         self._joints_deg = [
             SharedField(slider, partial(self._turn, i), self._context, shown=tenth)
             for i, slider in enumerate(self._sliders)
         ]
+
+    def _angle(self, slider: Any, command: Callable[[float], None]) -> SharedField:
+        return SharedField(
+            slider, lambda degrees: command(to_rad(degrees)), self._context, shown=round
+        )
 
     def _turn(self, i: int, angle_deg: float) -> None:
         self._page.set_target_joint(i, to_rad(angle_deg))
@@ -246,6 +262,9 @@ class PlanPanel:
 
     def _show_target(self, screen: Screen) -> None:
         self._target_mm.show(to_mm(screen.target.p_base))
+        self._kind.show(screen.kind)
+        self._tilt.show(to_deg(screen.direction.tilt))
+        self._roll.show(to_deg(screen.direction.roll or 0.0))
         self._frame.show(_FRAME_NAMES[screen.target.frame])
         if screen.range is not self._range:
             self._range = screen.range

@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import viser
+from viser.transforms import SO3
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.kinematics.model import RobotModel
 
 from ..page.page_context import ArmContext
 from ..page.screen_state import PathLine, Screen, Tone
+from ..page.target_editor import ANY
 from .lighting import Views, set_up_view
 from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
@@ -30,6 +32,7 @@ class Stage:
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
         on_drag: Called with the new target point, shape (3,), [m].
+        on_turn: Called with how the target was turned, shape (3, 3).
         on_click: Called with the ray of a click, while clicks are wanted: where it begins, shape
             (3,), [m], and its direction, shape (3,).
     """
@@ -40,6 +43,7 @@ class Stage:
         *,
         model: RobotModel,
         on_drag: Callable[[Array], None],
+        on_turn: Callable[[Array], None],
         on_click: Callable[[Array, Array], None],
     ) -> None:
         self._scene, self._model = context.server.scene, model
@@ -53,9 +57,11 @@ class Stage:
         self._target = self._scene.add_transform_controls(
             "/target", scale=0.11, disable_rotations=True, depth_test=False
         )
-        context.on_drag(self._target, lambda handle: on_drag(np.array(handle.position)))
+        self._on_drag, self._on_turn = on_drag, on_turn
+        context.on_drag(self._target, self._dragged)
+        context.on_release(self._target, lambda _: self._show_handles())
         self._sweep = SweepView(self._scene, "/sweep", color=_GHOST)
-        self._p_target = np.full(3, np.nan)
+        self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
         self._path_node: viser.LineSegmentsHandle | None = None
         self._visible = self._has_handles = True
@@ -90,6 +96,19 @@ class Stage:
         """Note that the browsers already show the target at ``p_base``, shape (3,), [m]."""
         self._p_target = p_base
 
+    def _dragged(self, handle: viser.TransformControlsHandle) -> None:
+        p_base = np.array(handle.position)
+        if np.allclose(p_base, self._p_target, atol=1e-6):  # only turned
+            self._on_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
+        else:
+            self._on_drag(p_base)
+
+    def _show_handles(self) -> None:
+        self._target.position, self._target.wxyz = (
+            self._p_target,
+            SO3.from_matrix(self._R_target if self._turns else np.eye(3)).wxyz,
+        )
+
     def fade(self, faded: bool) -> None:
         """Show the arm in grey because its place is not certain, or in its own colours."""
         self._is_faded = faded
@@ -115,9 +134,15 @@ class Stage:
         self._live.move(T_live)
         self._views.moved(self._model.frame(state.q, "jaw_tip").p)
         self._show_ghost(screen, T_live)
+        self._R_target = screen.R_base_target
+        turns = screen.kind != ANY
+        if turns != self._turns:
+            self._turns = turns
+            self._target.disable_rotations = not turns
+            self._show_handles()
         if not np.array_equal(screen.target.p_base, self._p_target):
             self._p_target = screen.target.p_base
-            self._target.position = screen.target.p_base
+            self._show_handles()
             self.set_handles(True)
         self._sweep.show(screen.sweep, state.q_jaw, self._model)
         if screen.path is not self._path:

@@ -190,6 +190,7 @@ class PageInputs:
             clearance=clearance,
             contact=contact,
             check_limits=check_limits,
+            rotation=lambda _q, _frame: np.eye(3),
         )
 
 

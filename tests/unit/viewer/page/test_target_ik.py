@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from so101_viewer.page.target_ik import FRAMES, Surroundings, TargetSolver
+from so101_viewer.page.target_editor import TargetEditor
+from so101_viewer.page.target_ik import FRAMES, Direction, Surroundings, Target, TargetSolver
 
+from so101_motion.common.errors import ConfigError
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -69,3 +73,67 @@ def test_an_arm_that_was_calibrated_for_less_is_aimed_within_less() -> None:
     target = narrow.at_joints(0.6 * model.upper, "tool", q_jaw=0.0)
     assert target.problem is not None
     assert "its range is" in target.problem
+
+
+class Editor(TargetEditor):
+    """A target editor of a page that shows nothing."""
+
+    def _aim(self, target: Target) -> None:
+        self._target = target
+
+
+@pytest.fixture
+def editor(solver: TargetSolver) -> Editor:
+    state = SimpleNamespace(q_ref=HOME, q_jaw_ref=0.0)
+    return Editor(solver, state, lambda: 0.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("frame", "tilt_deg", "p_base"),
+    [
+        ("tool", -90.0, (0.2, 0.08, 0.12)),
+        ("tool", 0.0, (0.2, 0.08, 0.12)),
+        ("jaw_tip", -45.0, (0.2, 0.08, 0.12)),
+        ("jaw_tip", -90.0, (0.22, 0.05, 0.06)),
+    ],
+)
+def test_a_target_keeps_the_direction_of_the_gripper(
+    editor: Editor, frame: str, tilt_deg: float, p_base: tuple[float, ...]
+) -> None:
+    model = RobotModel.load()
+    editor.set_target_frame(frame)
+    editor.set_target_point(np.array(p_base))
+    editor.set_direction("tilt")
+    editor.set_tilt(np.radians(tilt_deg))
+    for roll_deg in (None, 40.0):
+        if roll_deg is not None:
+            editor.set_roll(np.radians(roll_deg))
+        target = editor.target
+        assert target.problem is None
+        T_base_frame = model.frame(target.q, frame)
+        np.testing.assert_allclose(T_base_frame.p, p_base, atol=2e-4)
+        off = np.degrees(np.arcsin(T_base_frame.R[2, 2])) - tilt_deg
+        assert abs(off) < 3.1
+    assert np.degrees(target.q[4]) == pytest.approx(40.0, abs=4.0)
+    editor.set_target_point(np.array([0.2, 0.0, 0.1]))  # what was chosen stays
+    assert editor.target.direction == Direction(tilt=np.radians(tilt_deg), roll=np.radians(40.0))
+
+
+def test_turned_handles_turn_the_gripper_and_the_wrong_way_is_said(editor: Editor) -> None:
+    editor.set_target_point(np.array([0.2, 0.08, 0.12]))
+    editor.set_direction("tilt and roll")
+    editor.set_tilt(np.radians(-60.0))
+    editor.set_roll(np.radians(25.0))
+    R = editor.R_base_target
+    editor.set_direction("any")
+    editor.set_turn(R)  # handles that are not to be seen cannot be turned
+    assert editor.target.direction is None
+    editor.set_direction("tilt and roll")
+    editor.set_tilt(0.0)
+    editor.set_turn(R)
+    assert editor.direction.tilt == pytest.approx(np.radians(-60.0), abs=1e-6)
+    assert editor.direction.roll == pytest.approx(np.radians(25.0), abs=0.05)
+    editor.set_tilt(np.radians(90.0))
+    assert editor.target.problem is not None
+    with pytest.raises(ConfigError, match="direction"):
+        editor.set_direction("sideways")

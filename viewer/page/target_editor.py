@@ -1,0 +1,185 @@
+"""Choose a target on the Move tab, go back to earlier ones, and solve it for how things are now."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.state import JointState
+from so101_motion.planning.goals import PoseGoal
+
+from .history import History
+from .target_ik import FRAMES, Direction, Target, TargetSolver
+
+ABOVE = 0.02
+"""How far above a surface that is clicked the target is [m]; chosen: the jaws stay clear of it."""
+
+ANY, TILT, TURN = "any", "tilt", "tilt and roll"
+DIRECTIONS = (ANY, TILT, TURN)
+"""How much of the gripper's direction is chosen with a target."""
+
+
+class TargetEditor(ABC):
+    """The target, and the commands that change it.
+
+    Args:
+        solver: Inverse kinematics for the ghost.
+        state: The arm.
+        now: What time it is [s].
+    """
+
+    def __init__(self, solver: TargetSolver, state: JointState, now: Callable[[], float]) -> None:
+        self._solver, self._state = solver, state
+        self._target = solver.first_target(state.q_ref, q_jaw=state.q_jaw_ref)
+        self._targets = History(self._target, now)
+        self._kind = ANY
+
+    @abstractmethod
+    def _aim(self, target: Target) -> None:
+        """Take ``target`` as the target; a plan to another one is dropped."""
+
+    def set_target_point(self, p_base: Array) -> None:
+        """Set a new target point, shape (3,), [m]."""
+        wanted = None if self._kind == ANY else self._kept(self.direction)
+        self._take(self._at_point(p_base, self._target.frame, wanted))
+
+    def set_target_joints(self, q: Array) -> None:
+        """Set joint angles as the target, shape (5,), [rad]."""
+        self._take(self._at_joints(q, self._target.frame))
+
+    def set_target_joint(self, i: int, angle: float) -> None:
+        """Turn one joint of the ghost to ``angle`` [rad]; the others stay."""
+        q = np.array(self._target.q)
+        q[i] = angle
+        self.set_target_joints(q)
+
+    def set_target_above(self, p_base: Array) -> None:
+        """Set a target point above a surface, so that the gripper comes from above and stops short.
+
+        Args:
+            p_base: The point of the surface, shape (3,), [m].
+        """
+        self.set_target_point(p_base + np.array([0.0, 0.0, ABOVE]))
+
+    def take_nearest(self) -> None:
+        """Set the target to the nearest place that can be reached, if there is one."""
+        if self._nearest() is not None:
+            self.set_target_joints(self._target.q)
+
+    def undo(self) -> None:
+        """Go back to the target before."""
+        self._aim(self._again(self._targets.undo()))
+
+    def redo(self) -> None:
+        """Set the target again that was undone last."""
+        self._aim(self._again(self._targets.redo()))
+
+    def set_target_here(self) -> None:
+        """Set the target to where the arm is."""
+        self.set_target_joints(self._state.q_ref)
+
+    def set_target_frame(self, frame: str) -> None:
+        """Set the frame that targets are for; the ghost stays where it is.
+
+        Raises:
+            ConfigError: There is no such frame.
+        """
+        if frame not in FRAMES:
+            raise ConfigError("frame", frame, f"must be one of {', '.join(FRAMES)}")
+        self._take(self._at_joints(self._target.q, frame))
+
+    # Where the gripper points
+
+    def set_direction(self, kind: str) -> None:
+        """Choose how much of the gripper's direction is kept, one of ``DIRECTIONS``.
+
+        Raises:
+            ConfigError: There is no such choice.
+        """
+        if kind not in DIRECTIONS:
+            raise ConfigError("direction", kind, f"must be one of {', '.join(DIRECTIONS)}")
+        self._kind = kind
+        self.set_target_point(self._target.p_base)
+
+    def set_tilt(self, tilt: float) -> None:
+        """Set how far up the gripper points [rad], -pi/2 for straight down."""
+        self._kind = TILT if self._kind == ANY else self._kind
+        self._turn(replace(self.direction, tilt=tilt))
+
+    def set_roll(self, roll: float) -> None:
+        """Set how far the gripper is turned about its direction [rad]."""
+        self._kind = TURN
+        self._turn(replace(self.direction, roll=roll))
+
+    def set_turn(self, R_base_target: Array) -> None:
+        """Set the gripper's direction, as far as it is chosen, from a rotation, shape (3, 3)."""
+        tilt = float(np.arcsin(np.clip(R_base_target[2, 2], -1.0, 1.0)))
+        R_level = self._solver.turned(
+            Direction(tilt=tilt, roll=0.0), float(self._target.q[0]), self._target.frame
+        )
+        R_roll = R_level.T @ R_base_target
+        self._turn(Direction(tilt=tilt, roll=float(np.arctan2(R_roll[0, 1], R_roll[0, 0]))))
+
+    @property
+    def kind(self) -> str:
+        """How much of the gripper's direction is chosen, one of ``DIRECTIONS``."""
+        return self._kind
+
+    @property
+    def direction(self) -> Direction:
+        """Where the gripper points at the target, or shall point."""
+        wanted, there = self._target.direction, self._solver.direction(self._target.q)
+        if wanted is None:
+            return there
+        return wanted if wanted.roll is not None else replace(wanted, roll=there.roll)
+
+    @property
+    def R_base_target(self) -> Array:
+        """How the target is turned, shape (3, 3)."""
+        return self._solver.turned(self.direction, float(self._target.q[0]), self._target.frame)
+
+    @property
+    def target(self) -> Target:
+        """The target."""
+        return self._target
+
+    # How
+
+    def _nearest(self) -> Target | None:
+        """The target where the ghost stands, if only the point asked for is out of reach."""
+        if self._target.problem is None:
+            return None
+        near = self._at_joints(self._target.q, self._target.frame)
+        return near if near.problem is None else None
+
+    def _kept(self, direction: Direction) -> Direction:
+        return direction if self._kind == TURN else replace(direction, roll=None)
+
+    def _turn(self, direction: Direction) -> None:
+        if self._kind != ANY:
+            target, wanted = self._target, self._kept(direction)
+            self._take(self._at_point(target.p_base, target.frame, wanted))
+
+    def _at_point(self, p_base: Array, frame: str, direction: Direction | None) -> Target:
+        state = self._state
+        return self._solver.at_point(
+            p_base, frame, q_seed=state.q_ref, q_jaw=state.q_jaw_ref, direction=direction
+        )
+
+    def _at_joints(self, q: Array, frame: str) -> Target:
+        return self._solver.at_joints(q, frame, q_jaw=self._state.q_jaw_ref)
+
+    def _again(self, target: Target) -> Target:
+        """The same target, solved for how things are now."""
+        if isinstance(target.goal, PoseGoal):
+            return self._at_point(target.p_base, target.frame, target.direction)
+        return self._at_joints(target.q, target.frame)
+
+    def _take(self, target: Target) -> None:
+        self._targets.add(target)
+        self._aim(target)
