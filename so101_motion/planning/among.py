@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from so101_motion.common.errors import InCollision, PlanningError
-from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
@@ -27,8 +27,9 @@ from so101_motion.planning.collision.apart import (
     Meeting,
     bodies_of,
     first_meeting,
+    stops_meeting,
 )
-from so101_motion.planning.collision.course import Course, OtherArm, stopping
+from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.trajectory import Trajectory
@@ -36,13 +37,21 @@ from so101_motion.planning.timing.trajectory import Trajectory
 WAIT = 0.05
 """By how much a wait is made longer until the way is free [s]; chosen."""
 
-TRIED = 0.5
-"""How long a way around moving arms is searched at most [s]; chosen, waiting is the alternative."""
+SURELY = 0.7
+"""Who is nearer than this share of what must stay free is refused by every proof; chosen, a proof
+leaves three quarters of it."""
+
+COARSE = 4
+"""So many times as long are the steps in which a wait is looked for first; chosen."""
+
+TRIED = 0.05
+"""How long a way around moving arms is searched at most [s]; chosen, waiting is the alternative,
+and searches that succeed take some milliseconds."""
 
 BRAKES = 0.1
 """How far apart the instants are at which all brake [s]; chosen."""
 
-DETOURS = 4
+DETOURS = 2
 """So many ways around are tried; chosen."""
 
 
@@ -94,13 +103,35 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
 
 def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:
     """The shortest wait [s] after which a motion crosses no other arm; None if none helps."""
-    bodies = bodies_of(request.scene.attached)
-    last = max(each.course.end for each in request.others)
-    for wait in np.arange(0.0, last + 2.0 * WAIT, WAIT):
-        course = Course.along(trajectory, request.q_jaw, t=float(wait))
-        if crossing(bodies, course, request.others) is None:
-            return float(wait)
+    bodies, last = bodies_of(request.scene.attached), max(e.course.end for e in request.others)
+    met: tuple[str, float] | None = None  # whom the motion met last, and how long after it began
+
+    def is_enough(wait: float) -> bool:
+        nonlocal met
+        course = Course.along(trajectory, request.q_jaw, t=wait)
+        if met is not None and _still_meet(bodies, course, request.others, *met):
+            return False
+        found = crossing(bodies, course, request.others)
+        met = None if found is None else (found[0], found[1].t - wait)
+        return found is None
+
+    for long in np.arange(0.0, last + (COARSE + 1.0) * WAIT, COARSE * WAIT):
+        if is_enough(float(long)):
+            shorter = float(long) - WAIT * np.arange(COARSE - 1, 0, -1)
+            finer = (float(each) for each in shorter if each > 0.0)
+            return next((each for each in finer if is_enough(each)), float(long))
     return None
+
+
+def _still_meet(
+    bodies: ArmBodies, course: Course, others: Sequence[OtherArm], name: str, after: float
+) -> bool:
+    """Whether a course still meets another arm so long after its beginning [s]; a quick no."""
+    [other] = [each for each in others if each.name == name]
+    at = np.array([course.t + after])
+    mine, theirs = (Course(t=0.0, dt=1.0, q=each.at(at)) for each in (course, other.course))
+    pair = (bodies, mine), (bodies_of(other.attached), theirs)
+    return first_meeting(*pair, other.T_base_other, since=0.0, room=SURELY * ROOM) is not None
 
 
 def crossing(
@@ -127,30 +158,8 @@ def _meeting(bodies: ArmBodies, course: Course, other: OtherArm, since: float) -
     found = first_meeting(mine, theirs, T, since=since)
     if found is not None:
         return found
-    return stops_meet(mine, theirs, T, since=since)
-
-
-def stops_meet(
-    first: tuple[ArmBodies, Course],
-    second: tuple[ArmBodies, Course],
-    T_first_second: SE3,
-    *,
-    since: float,
-) -> Meeting | None:
-    """Where two arms would meet if both had to stop at some instant; None if nowhere."""
-    end = min(first[1].end, second[1].end)
-    for t in np.arange(max(since, first[1].t, second[1].t), end, BRAKES):
-        found = first_meeting(
-            (first[0], stopping(first[1], t)),
-            (second[0], stopping(second[1], t)),
-            T_first_second,
-            since=float(t),
-            room=0.5 * (ROOM + GUARDED),
-            early=GUARDED_EARLY,
-        )
-        if found is not None:
-            return found
-    return None
+    room = 0.5 * (ROOM + GUARDED)
+    return stops_meeting(mine, theirs, T, since=since, every=BRAKES, room=room, early=GUARDED_EARLY)
 
 
 def _around(

@@ -12,17 +12,18 @@ What is found is proven as a whole: every arm by itself as always, and every two
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, permutations, product
+from itertools import combinations, pairwise, permutations
 
 import numpy as np
 
 from so101_motion.common.errors import InCollision, NoPath, PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing
-from so101_motion.planning.collision.apart import ROOM, STEP, bodies_of, first_meeting
+from so101_motion.planning.collision.apart import ROOM, are_apart, bodies_of, first_meeting
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import joined
@@ -103,10 +104,15 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
     at_once = _at_once(planner, team)
     if at_once is not None:  # nothing is quicker
         return at_once
-    in_turn = [each for each in _in_turn(planner, team) if each is not None]
-    if in_turn:
-        return min(in_turn, key=lambda plans: max(each.duration for each in plans.values()))
+    for plans in sorted(_in_turn(planner, team), key=_makespan):
+        proven = _proven(team, plans, [each.trajectory for each in plans])
+        if proven is not None:
+            return proven
     return _as_one(planner, team)
+
+
+def _makespan(plans: Sequence[Plan]) -> float:
+    return max(each.duration for each in plans)
 
 
 def _with_goals(planner: Planner, team: Sequence[TeamMember]) -> list[TeamMember]:
@@ -165,10 +171,12 @@ def _at_once(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan] | 
     return _proven(team, plans, steady)
 
 
-def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> Iterator[dict[str, Plan] | None]:
-    """One after the other, in different orders."""
+def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> list[list[Plan]]:
+    """One after the other, in different orders; those that take longer than others are left out."""
+    found: list[list[Plan]] = []
     for _, order in zip(range(MOST_ORDERS), permutations(range(len(team))), strict=False):
         plans: dict[int, Plan] = {}
+        shortest = min(map(_makespan, found), default=math.inf)
         with suppress(PlanningError):
             for k in order:
                 me = team[k]
@@ -183,8 +191,11 @@ def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> Iterator[dict[str,
                     if i != k
                 ]
                 plans[k] = planner.plan(replace(me.request, others=tuple(others)))
-            in_order = [plans[k] for k in range(len(team))]
-            yield _proven(team, in_order, [each.trajectory for each in in_order])
+                if plans[k].duration >= shortest:
+                    break
+            else:
+                found.append([plans[k] for k in range(len(team))])
+    return found
 
 
 def _proven(
@@ -193,15 +204,22 @@ def _proven(
     """Plans with motions of the same length, if no two arms come too near to each other."""
     length = max(map(len, trajectories))
     even = [_lengthened(each, length) for each in trajectories]
-    for (a, one), (b, other) in combinations(zip(team, even, strict=True), 2):
-        course = Course.along(one, a.request.q_jaw)
-        seen = b.seen_from(a, Course.along(other, b.request.q_jaw))
-        if crossing(bodies_of(a.request.scene.attached), course, [seen]) is not None:
-            return None
+    if not _keep_apart(team, even):
+        return None
     return {
         member.name: replace(plan, trajectory=each)
         for member, plan, each in zip(team, plans, even, strict=True)
     }
+
+
+def _keep_apart(team: Sequence[TeamMember], trajectories: Sequence[Trajectory]) -> bool:
+    """Whether every two arms keep apart, and can all brake at any instant."""
+    for (a, one), (b, other) in combinations(zip(team, trajectories, strict=True), 2):
+        course = Course.along(one, a.request.q_jaw)
+        seen = b.seen_from(a, Course.along(other, b.request.q_jaw))
+        if crossing(bodies_of(a.request.scene.attached), course, [seen]) is not None:
+            return False
+    return True
 
 
 def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
@@ -224,7 +242,7 @@ class _TeamChecker:
 
     def __init__(self, team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> None:
         self._team = team
-        self._jaws = [each.request.q_jaw for each in team]
+        self._jaws = np.array([[each.request.q_jaw] for each in team])
         self._checks = [
             each.moves.collision.sampled_check(each.request.q_jaw, spacing=SPACING)
             for each in contexts
@@ -254,17 +272,14 @@ class _TeamChecker:
         return self._are_apart(np.array([q_from, q_to]))
 
     def _are_apart(self, q: Array) -> bool:
-        courses = [
-            Course(t=0.0, dt=STEP, q=np.column_stack([q[:, 5 * i : 5 * i + 5], [jaw] * len(q)]))
-            for i, jaw in enumerate(self._jaws)
-        ]
+        rows = np.empty((len(self._jaws), len(q), 6))
+        rows[:, :, :5] = q.reshape(len(q), -1, 5).transpose(1, 0, 2)
+        rows[:, :, 5] = self._jaws
+        bodies = self._bodies
         return all(
-            first_meeting(
-                (self._bodies[i], courses[i]), (self._bodies[j], courses[j]), T,
-                since=0.0, room=ROOM + SPARE, early=0.0,
-            ) is None
+            are_apart(bodies[i], bodies[j], T, rows[i], rows[j], room=ROOM + SPARE)
             for i, j, T in self._pairs
-        )  # fmt: skip
+        )
 
 
 def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -305,20 +320,27 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
             )
         points = shortened(found[0], checker, random, deadline)
     problem: PlanningError | None = None
-    motions = list(_timed(np.array(points), contexts, first.dt))
-    for slower, trajectory in product(SLOWER, motions):
-        try:
-            parts = _parts(slowed(trajectory, slower), contexts)
-        except PlanningError as error:
-            problem = error
-            continue
-        plans = [
-            planner.plan_of(context, part, np.array(points)[:, 5 * i : 5 * i + 5])
-            for i, (context, part) in enumerate(zip(contexts, parts, strict=True))
-        ]
-        proven = _proven(team, plans, parts)
-        if proven is not None:
-            return proven
+    motions: list[Trajectory] = []
+    for slower in SLOWER:
+        for trajectory in motions or _timed(np.array(points), contexts, first.dt):
+            if slower == SLOWER[0]:
+                motions.append(trajectory)
+            parts = _split(slowed(trajectory, slower))
+            if not _keep_apart(team, parts):
+                continue
+            try:
+                _check(parts, contexts)
+            except PlanningError as error:
+                problem = error
+                continue
+            plans = [
+                planner.plan_of(context, part, np.array(points)[:, 5 * i : 5 * i + 5])
+                for i, (context, part) in enumerate(zip(contexts, parts, strict=True))
+            ]
+            return {
+                member.name: replace(plan, trajectory=part)
+                for member, plan, part in zip(team, plans, parts, strict=True)
+            }
     raise problem or NoPath(
         f"no common motion of {names} keeps them far enough apart; move them one after the other",
         where="path",
@@ -355,12 +377,10 @@ def _borne(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> Traje
     return slowed(trajectory, slower) if slower > 1.0 else trajectory
 
 
-def _parts(trajectory: Trajectory, contexts: Sequence[PlanningContext]) -> list[Trajectory]:
-    """What each arm does of a motion; every part has been checked by itself."""
-    parts = _split(trajectory)
+def _check(parts: Sequence[Trajectory], contexts: Sequence[PlanningContext]) -> None:
+    """Check what each arm does by itself; raises what a plan raises."""
     for part, context in zip(parts, contexts, strict=True):
         context.check([part])
-    return parts
 
 
 def _split(trajectory: Trajectory) -> list[Trajectory]:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.batch_check import BatchCheck, pointer
 from so101_motion.planning.collision.bodies import bodies_in
-from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.course import Course, stopping
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
@@ -43,7 +43,7 @@ STEP = 0.02
 """Time between the samples at which two courses are held against each other [s]. Chosen: a joint
 that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
 
-_PART, _CLOSE = 0.5, 0.05  # as in apart.c
+_PART, _UNKNOWN = 0.5, 2  # as in apart.c and native.h
 
 
 class Meeting(NamedTuple):
@@ -81,7 +81,8 @@ class ArmBodies:
         self.objects = list(bodies.geometry.geometryObjects)
         self.names = tuple(each.name for each in self.objects)
         offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
-        self.levers = np.array([_levers(each, offsets) for each in self.objects])
+        self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
+        self.levers_pointer = pointer(self.levers)
         self._batch = None
         if native().library is not None:
             self._batch = BatchCheck(self.model, bodies, 0.0)
@@ -157,27 +158,102 @@ def first_meeting(
 _Found = tuple[float, float, int, int] | None
 
 
-def _meet(
-    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
-) -> _Found:
-    library = native().library
+def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
+    """Whether two arms keep apart while both go straight from one configuration to the next.
+
+    Args:
+        a: An arm's bodies.
+        b: Another's.
+        T: Where its base is in the first's.
+        qa: The first arm's joints and jaw, shape (n, 6), contiguous, [rad].
+        qb: The second's; as many.
+        room: How far they must stay apart [m].
+    """
+    meet = _meet if a.handle is not None and b.handle is not None else _meet_by_coal
+    return meet(a, b, T, qa, qb, room, 0.0) is None
+
+
+def stops_meeting(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    since: float,
+    every: float,
+    room: float,
+    early: float,
+) -> Meeting | None:
+    """Where two arms would come too near if both had to stop at some instant; None if nowhere.
+
+    Args:
+        first: An arm's bodies and its course.
+        second: Another's.
+        T_first_second: Where the second's base is in the first's.
+        since: From when on to look [s]; until one of them rests.
+        every: How far apart the instants are [s].
+        room: How far they must stay apart [m].
+        early: As in ``first_meeting`` [s].
+    """
+    a, b = first[0], second[0]
+    end, since = min(first[1].end, second[1].end), max(since, first[1].t, second[1].t)
+    if a.handle is None or b.handle is None:
+        for t in np.arange(since, end, every):
+            stops = (a, stopping(first[1], t)), (b, stopping(second[1], t))
+            met = first_meeting(*stops, T_first_second, since=float(t), room=room, early=early)
+            if met is not None:
+                return met
+        return None
+    library, placement, out = native().library, _placement(T_first_second), np.zeros(4)
     assert library is not None
-    placement = np.concatenate((T.R.ravel(), T.p))
-    travel_a, travel_b, out = a.travel(qa), b.travel(qb), np.zeros(4)
-    blocked = library.so101_apart(
+    times = [np.array([each.t, each.dt]) for _, each in (first, second)]
+    found = library.so101_stops_apart(
         a.handle,
         b.handle,
         pointer(placement),
+        a.levers_pointer,
+        b.levers_pointer,
+        pointer(times[0]),
+        len(first[1].q),
+        pointer(first[1].q),
+        pointer(times[1]),
+        len(second[1].q),
+        pointer(second[1].q),
+        *(ctypes.c_double(each) for each in (since, end, every, STEP, room, early)),
+        pointer(out),
+    )
+    told = _told(found, out)
+    return None if told is None else Meeting(told[0], told[1], a.names[told[2]], b.names[told[3]])
+
+
+def _meet(
+    a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
+) -> _Found:
+    library, placement, out = native().library, _placement(T), np.zeros(4)
+    assert library is not None
+    found = library.so101_apart(
+        a.handle,
+        b.handle,
+        pointer(placement),
+        a.levers_pointer,
+        b.levers_pointer,
         len(qa),
         pointer(qa),
         pointer(qb),
-        pointer(travel_a),
-        pointer(travel_b),
         ctypes.c_double(room),
         ctypes.c_double(early),
         pointer(out),
     )
-    return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if blocked else None
+    return _told(found, out)
+
+
+def _told(found: int, out: Array) -> _Found:
+    if found == _UNKNOWN:
+        raise MemoryError("there is no memory to prove that two arms keep apart")
+    return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None
+
+
+def _placement(T: SE3) -> Array:
+    return np.concatenate((T.R.ravel(), T.p))
 
 
 def _meet_by_coal(

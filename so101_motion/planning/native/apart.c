@@ -10,11 +10,16 @@
  * of the two: `skew` is how much one may be early against the other, in steps.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "native.h"
 
+#define PLACES 10      /* of a stop; as HARDEST, AT_LEAST in course.py, which says what they are */
+#define HARDEST 5.0
+#define AT_LEAST 0.1
 #define PART 0.5    /* of the margin: the least travel between two looks at a pair */
+#define SOON 0.5      /* of the time until a pair must be looked at; then it is, if others must */
 #define CLOSE 0.05  /* balls that are further apart than this beyond the need will do [m] */
 
 typedef struct {
@@ -54,14 +59,15 @@ static void look(Arm *arm, const double *placement, int n, double t) {
     }
 }
 
-static double between(const Arm *a, int i, const Arm *b, int j, double enough) {
+static double between(const Arm *a, int i, const Arm *b, int j, double need, double *v) {
+    const double enough = need + CLOSE;
     const Body *first = &a->scene->body[i], *second = &b->scene->body[j];
     double square = 0.0;
     for (int c = 0; c < 3; c++) square += pow(a->centre[i][c] - b->centre[j][c], 2.0);
     const double low =
         sqrt(square) - first->ball - second->ball - first->radius - second->radius - SLACK;
     if (low > enough) return low;
-    return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, enough);
+    return so101_gap(a->scene, a->pose, i, b->scene, b->pose, j, need, enough, v);
 }
 
 /* Until when a pair may go on that has `room` left to travel; `last` for ever. */
@@ -77,15 +83,26 @@ static double until(const Arm *a, int i, const Arm *b, int j, int n, double t, d
     return INFINITY;
 }
 
-/* FREE if bodies keep `margin` apart throughout; TOUCHING fills `out`: when, in steps; how near;
- * which bodies. `placement`: where b's base is in a's, rotation by rows, then place. */
-int so101_apart(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
-                const double *qb, const double *travel_a, const double *travel_b, double margin,
-                double skew, double *out) {
+/* How far each body travels in each step at most: by how far its points are from each axis. */
+static void travelled(const Scene *s, const double *levers, int n, const double *q, double *travel) {
+    for (int k = 0; k < n - 1; k++)
+        for (int i = 0; i < s->bodies; i++) {
+            double sum = 0.0;
+            for (int j = 0; j < JOINTS; j++)
+                sum += fabs(q[JOINTS * (k + 1) + j] - q[JOINTS * k + j]) * levers[JOINTS * i + j];
+            travel[k * s->bodies + i] = sum;
+        }
+}
+
+static int apart(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
+                 const double *qb, const double *travel_a, const double *travel_b, double margin,
+                 double skew, double *out) {
     Arm first = {.scene = a, .q = qa, .travel = travel_a};
     Arm second = {.scene = b, .q = qb, .travel = travel_b};
-    double due[MOST_BODIES][MOST_BODIES], t = 0.0;
+    double due[MOST_BODIES][MOST_BODIES], soon[MOST_BODIES][MOST_BODIES], lie[MOST_BODIES][MOST_BODIES][3], t = 0.0;
     memset(due, 0, sizeof due);
+    memset(soon, 0, sizeof soon);
+    memset(lie, 0, sizeof lie);
     while (t <= n - 1) {
         double next = INFINITY;
         look(&first, 0, n, t);
@@ -93,26 +110,106 @@ int so101_apart(const Scene *a, const Scene *b, const double *placement, int n, 
         const int k = t > n - 2 ? (n > 1 ? n - 2 : 0) : (int)t;
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++) {
-                if (due[i][j] <= t) {
+                if (soon[i][j] <= t) {
                     if (!a->body[i].joint && !b->body[j].joint) {
-                        due[i][j] = INFINITY;
+                        due[i][j] = soon[i][j] = INFINITY;
                         continue;
                     }
                     double need = margin;
                     if (n > 1)
                         need += skew * fmin(travel_a[k * a->bodies + i], travel_b[k * b->bodies + j]);
-                    const double gap = between(&first, i, &second, j, need + CLOSE);
+                    const double gap = between(&first, i, &second, j, need, lie[i][j]);
                     if (!(gap >= need)) {
                         out[0] = t, out[1] = gap, out[2] = i, out[3] = j;
                         return TOUCHING;
                     }
                     due[i][j] = fmax(until(&first, i, &second, j, n, t, gap - margin, skew),
                                      until(&first, i, &second, j, n, t, PART * margin, 0.0));
+                    soon[i][j] = fmin(t + SOON * (due[i][j] - t), due[i][j]);
                 }
                 next = fmin(next, due[i][j]);
             }
         if (t < n - 1 && next > n - 1 && next < INFINITY) next = n - 1;
         t = next;
+    }
+    return FREE;
+}
+
+/* FREE if bodies keep `margin` apart throughout; TOUCHING fills `out`: when, in steps; how near;
+ * which bodies. UNKNOWN: there is no memory. `placement`: where b's base is in a's, rotation by rows,
+ * then place; `levers`: how far points of each body are from each joint's axis at most. */
+int so101_apart(const Scene *a, const Scene *b, const double *placement, const double *levers_a,
+                const double *levers_b, int n, const double *qa, const double *qb, double margin,
+                double skew, double *out) {
+    double *travel = malloc(sizeof(double) * (size_t)n * (size_t)(a->bodies + b->bodies));
+    if (!travel) return UNKNOWN;
+    travelled(a, levers_a, n, qa, travel);
+    travelled(b, levers_b, n, qb, travel + n * a->bodies);
+    const int found =
+        apart(a, b, placement, n, qa, qb, travel, travel + n * a->bodies, margin, skew, out);
+    free(travel);
+    return found;
+}
+
+/* What an arm will do: `n` configurations from `t` on, `dt` apart; it rests before and after. */
+typedef struct {
+    double t, dt;
+    int n;
+    const double *q;
+} Course;
+
+static void course_at(const Course *c, double t, double *q) {
+    const double place = fmin(fmax((t - c->t) / c->dt, 0.0), c->n - 1.0);
+    const int k = place > c->n - 2 ? (c->n > 1 ? c->n - 2 : 0) : (int)place;
+    const double *from = c->q + JOINTS * k, *to = c->n > 1 ? from + JOINTS : from;
+    for (int j = 0; j < JOINTS; j++) q[j] = from[j] + (place - k) * (to[j] - from[j]);
+}
+
+/* The stop from `t` on along a course; returns how long it takes. */
+static double stop_of(const Course *c, double t, double places[PLACES][JOINTS]) {
+    double next[JOINTS], speed = 0.0;
+    course_at(c, t, places[0]);
+    course_at(c, t + c->dt, next);
+    for (int j = 0; t >= c->t && j < 5; j++) /* the jaw does not count */
+        speed = fmax(speed, fabs(next[j] - places[0][j]) / c->dt);
+    const double duration = speed / HARDEST + AT_LEAST;
+    for (int i = 1; i < PLACES; i++) {
+        const double passed = duration * i / (PLACES - 1);
+        const double on = t >= c->t ? passed - passed * passed / (2.0 * duration) : 0.0;
+        course_at(c, t + on, places[i]);
+    }
+    return duration;
+}
+
+/* Whether two arms keep apart if both have to stop along their courses at any of the instants from
+ * `since` to `end`, `every` apart; as so101_apart, but `out` tells the time. `skew` and `step` in
+ * seconds; `a_course` and `b_course`: when they begin, and the time between their configurations. */
+int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
+                      const double *levers_a, const double *levers_b, const double *a_course,
+                      int na, const double *qa, const double *b_course, int nb, const double *qb,
+                      double since, double end, double every, double step, double margin,
+                      double skew, double *out) {
+    const Course first = {a_course[0], a_course[1], na, qa};
+    const Course second = {b_course[0], b_course[1], nb, qb};
+    for (int k = 0; since + every * k < end; k++) {
+        const double t = since + every * k;
+        double stop[2][PLACES][JOINTS];
+        const double lasts[2] = {stop_of(&first, t, stop[0]), stop_of(&second, t, stop[1])};
+        const int n = (int)ceil(fmax(lasts[0], lasts[1]) / step - 1e-9) + 1;
+        double *q = malloc(sizeof(double) * 2 * (size_t)n * JOINTS);
+        if (!q) return UNKNOWN;
+        for (int which = 0; which < 2; which++) {
+            const Course way = {0.0, lasts[which] / (PLACES - 1), PLACES, stop[which][0]};
+            for (int i = 0; i < n; i++)
+                course_at(&way, step * i, q + JOINTS * (which * n + i));
+        }
+        const int found = so101_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
+                                      margin, skew / step, out);
+        free(q);
+        if (found != FREE) {
+            out[0] = t + step * out[0];
+            return found;
+        }
     }
     return FREE;
 }

@@ -156,6 +156,7 @@ static Hull hull_of_piece(const Scene *s, int piece) {
 }
 
 #define TENTH 1e-4 /* [m] */
+#define ROUGH 0.1  /* what is so much too little of what is to spare does */
 #define EXACT 1e-8 /* [m] */
 
 /* Ends as soon as they are known to be more than `enough` apart, or how far is known to `exact`. */
@@ -187,10 +188,29 @@ static Closest closest(const Hull *first, const Hull *second, double enough, dou
 }
 
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                 int body_b, double enough) {
+                 int body_b, double need, double enough, double *v) {
     const Hull first = hull_of(a, at_a, body_a), second = hull_of(b, at_b, body_b);
     const double radii = a->body[body_a].radius + b->body[body_b].radius;
-    return closest(&first, &second, enough + radii, TENTH).low - radii;
+    double w[4][3], a_of[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
+    if (!(dot(v, v) > 0.0))
+        for (int c = 0; c < 3; c++) v[c] = first.p[c] - second.p[c];
+    int n = 0;
+    for (int round = 0; round < ROUNDS && n < 4; round++) {
+        const double length = sqrt(dot(v, v)); /* from the second round on an upper bound */
+        if (!(length > 1e-9) || !(length < last)) break;
+        furthest(&first, v, -1.0, pa);
+        furthest(&second, v, 1.0, pb);
+        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c], a_of[n][c] = pa[c];
+        low = fmax(low, dot(v, w[n]) / length);
+        if (low - radii > enough) break;
+        if (n) {
+            const double known = fmax(TENTH, ROUGH * (low - radii - need));
+            if (!(length - low > known)) break;
+            last = length;
+        }
+        n = nearest(w, a_of, n + 1, v, share);
+    }
+    return low - radii;
 }
 
 Closest so101_closest_pair(const Scene *s, const Pose *pose, int pair, double enough) {

@@ -106,9 +106,11 @@ int so101_exact_piece(const Scene *s, const Pose *pose, int body, int piece, dou
                       const double *v);
 int so101_exact_floor(const Scene *s, const Pose *pose, int body, double margin);
 
-/* How far apart two bodies are at least [m]: exact to TENTH, unless they are more than `enough`. */
+/* How far apart two bodies are at least [m]: exact to TENTH where that is less than `need`, else to
+ * a tenth of what is to spare, and what is more than `enough` will do. `v`: about how the first lies
+ * from the second, zero if nobody knows; keeps what was found, for the next time. */
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
-                 int body_b, double enough);
+                 int body_b, double need, double enough, double *v);
 
 /* How far apart two bodies are without their radii, at least and as found [m], and where they are
  * nearest; `low` alone counts if that is more than `enough`. A length of 0 is not to be trusted. */

@@ -121,3 +121,30 @@ def test_a_stop_stays_on_the_way_and_ends_at_rest():
     for q in stop.q:
         assert np.abs(dense - q).max(axis=1).min() < 2e-3
     assert np.abs(np.diff(stop.q, axis=0)[-1]).max() < np.abs(np.diff(stop.q, axis=0)[0]).max()
+
+
+def test_stops_at_any_instant_are_judged_as_each_by_itself():
+    facing = Facing(5)
+    verdicts = []
+    for _ in range(30):
+        pair = tuple((facing.bodies, course) for course in random_courses(facing))
+        how = {"room": 0.015, "early": 0.01}
+        end = min(course.end for _, course in pair)
+        begin = max(course.t for _, course in pair)
+        each = (
+            apart.first_meeting(
+                *((bodies, stopping(course, t)) for bodies, course in pair),
+                FURTHER,
+                since=float(t),
+                **how,
+            )
+            for t in np.arange(begin, end, 0.1)
+        )
+        met = next((found for found in each if found is not None), None)
+        found = apart.stops_meeting(*pair, FURTHER, since=0.0, every=0.1, **how)
+        assert (found is None) == (met is None)
+        if met is not None:
+            assert found.t == pytest.approx(met.t, abs=0.02)
+            assert (found.first, found.second) == (met.first, met.second)
+        verdicts.append(found is None)
+    assert set(verdicts) == {True, False}
