@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from collections.abc import Sequence
 from typing import Any
 
 from so101_motion.planning.goals import GoalMetric
@@ -22,7 +23,6 @@ _MOST = 32
 """Configurations for one goal, at the most: ``MOST`` in the C file."""
 
 _METRICS = {
-    GoalMetric.POSITION_ONLY: 0.0,
     GoalMetric.POSITION_AND_APPROACH: 1.0,
     GoalMetric.FULL_POSE: 2.0,
 }
@@ -58,11 +58,12 @@ class CompiledForms:
         if arm is None:
             packed = self._arms[task.frame] = _packed(self._structure, task.frame)
             arm = self._addresses[task.frame] = ctypes.addressof(packed)
-        metric = task.metric
-        R = _NO_ROTATION if metric is GoalMetric.POSITION_ONLY else task.R_base_tool.ravel()
-        _GOAL.pack_into(
-            self._goal, 0, _METRICS[metric], *task.point, *R, task.angle_tolerance, *seed
-        )
+        R: Sequence[float]
+        if task.metric is GoalMetric.POSITION_ONLY:
+            metric, R = 0.0, _NO_ROTATION
+        else:
+            metric, R = _METRICS[task.metric], task.R_base_tool.ravel().tolist()
+        _GOAL.pack_into(self._goal, 0, metric, *task.point, *R, task.angle_tolerance, *seed)
         count = self._nearest(arm, *self._at)
         found = _FOUND.iter_unpack(self._found[: count * _FOUND.size])
         return [Configuration((a, b, c, d, e), _BRANCHES[int(k)]) for a, b, c, d, e, k in found]

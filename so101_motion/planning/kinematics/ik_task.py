@@ -6,7 +6,7 @@ Every solution, whatever formula it comes from, is judged by the kinematic model
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, hypot, isfinite, sqrt
+from math import atan2, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -101,10 +101,11 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
     if not isfinite(x + y + z):
         raise ConfigError("T_base_tool", (x, y, z), "the position must be three finite numbers [m]")
     _check_rotation(goal.T_base_tool.R.tolist())
-    for key in ("position_tolerance", "approach_tolerance"):
-        value = getattr(goal, key)
-        if not 0.0 < value < float("inf"):
-            raise ConfigError(key, value, "must be positive and finite")
+    within, angle = goal.position_tolerance, goal.approach_tolerance
+    if not (0.0 < within < inf and 0.0 < angle < inf):
+        for key, value in (("position_tolerance", within), ("approach_tolerance", angle)):
+            if not 0.0 < value < inf:
+                raise ConfigError(key, value, "must be positive and finite")
     metric = goal.metric if goal.cloud is None else GoalMetric.FULL_POSE
     R_base_tool = goal.T_base_tool.R
     if goal.frame != "tool" and metric is not GoalMetric.POSITION_ONLY:
@@ -114,8 +115,8 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
         frame=goal.frame,
         point=(x, y, z),
         R_base_tool=R_base_tool,
-        position_tolerance=goal.position_tolerance,
-        angle_tolerance=goal.approach_tolerance,
+        position_tolerance=within,
+        angle_tolerance=angle,
     )
 
 
