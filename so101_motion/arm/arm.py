@@ -9,9 +9,10 @@ stop in between.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
@@ -87,6 +88,7 @@ class Arm(CappedJoints):
         self._planner = planner
         super().__init__(JointCaps(speed=speed, acceleration=acceleration))
         self._range = JointRange(model.lower, model.upper)
+        self._strength = Strength.of_servos(LoadConfig().servo_voltage)
         self.set_load(LoadConfig())
         self.newest: tuple[PlanRequest, Plan] | None = None
         self.compliance = Compliance()
@@ -133,7 +135,16 @@ class Arm(CappedJoints):
             ConfigError: A mass or a place out of range, or unknown servos.
         """
         self._payload = Payload.of(load, self.model)
-        self._strength = Strength.of_servos(load.servo_voltage)
+        self._strength = replace(
+            Strength.of_servos(load.servo_voltage), shares=self._strength.shares
+        )
+
+    def set_servo_strength(self, shares: Sequence[float]) -> None:
+        """Set what share of its type's torque each joint's servo has, for plans from now on.
+
+        A stronger one counts as its type: more torque makes more heat as well.
+        """
+        self._strength = replace(self._strength, shares=tuple(min(each, 1.0) for each in shares))
 
     @property
     def range(self) -> JointRange:

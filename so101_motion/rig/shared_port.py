@@ -170,11 +170,12 @@ class SharedPort:
         return device in (self._device, os.path.realpath(self.servos.settings.port))
 
     def take_ranges(self) -> None:
-        """Set the joint ranges of arm and gripper, and what the servos keep up with."""
+        """Set the joint ranges of arm and gripper, and what the servos bear and keep up with."""
         self.rig.arm.set_range(self.servos.lower, self.servos.upper)
-        braking = [self.servos.models[j].braking for j in ARM_JOINTS if j in self.servos.models]
-        if braking:
-            self.rig.arm.servo_acceleration = KEPT_UP * np.array(braking)
+        models = [self.servos.models[j] for j in ARM_JOINTS if j in self.servos.models]
+        if models:
+            self.rig.arm.servo_acceleration = KEPT_UP * np.array([each.braking for each in models])
+            self.rig.arm.set_servo_strength([each.figures.torque for each in models])
         jaw = self.servos.setups.get(GRIPPER_JOINT)
         if jaw is not None:
             self.rig.gripper.closed, self.rig.gripper.opened = jaw.map.lower, jaw.map.upper

@@ -11,6 +11,7 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.emulator import EmulatorOptions, build_world
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
+from so101_motion.planning.goals import JointGoal
 from so101_motion.setup.identify import Identification
 
 WRIST = ServoFigures(torque=0.9, friction=1.2, dead_time=1.1)
@@ -69,6 +70,8 @@ def test_a_servo_is_identified_kept_and_used_from_the_next_start_on(bench, rig, 
     assert model.kind.torque_per_volt == pytest.approx(
         found.torque * STS3215_12V.torque_per_volt, rel=1e-3
     )
+    shares = again.arm.request(JointGoal(q=np.zeros(5))).strength.shares
+    assert shares == pytest.approx((1.0, 1.0, 1.0, found.torque, 1.0), abs=1e-3)
 
 
 def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):

@@ -45,6 +45,7 @@ class ServoModel:
         sold_as: As given.
         p_gain: As given.
         braking: As given.
+        figures: As given.
         kind: The type with its own figures.
         yielding: How far it gives way under full drive [rad].
         volts: Its supply [V]; as measured, if it was.
@@ -58,6 +59,7 @@ class ServoModel:
         figures: ServoFigures = AS_SOLD,
     ) -> None:
         self.sold_as, self.p_gain, self.braking = sold_as, p_gain, braking
+        self.figures = figures
         self.kind, self.volts = figures.of(sold_as), sold_as.volts
         self.yielding = yielding(p_gain)
 

@@ -137,15 +137,17 @@ def carried(payload: Payload | None, attached: Iterable[Attached]) -> Payload | 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Strength:
-    """The torque limits of a servo.
+    """The torque limits of the servos.
 
     Attributes:
-        holding: Standing still [N m].
-        moving: For the moment of a motion [N m].
+        holding: Of a servo that is as its type says, standing still [N m].
+        moving: The same for the moment of a motion [N m].
+        shares: What share of that each joint's own servo has, at most 1.
     """
 
     holding: float
     moving: float
+    shares: tuple[float, ...] = (1.0,) * len(ARM_JOINTS)
 
     @classmethod
     def of_servos(cls, voltage: float) -> Strength:
@@ -159,6 +161,10 @@ class Strength:
             known = " or ".join(f"{each:g}" for each in STALL)
             raise ConfigError("servo_voltage", voltage, f"must be {known}, the servos' rated volts")
         return cls(holding=HOLDING * stall, moving=MOVING * stall)
+
+    def limits(self) -> tuple[Array, Array]:
+        """What each joint may hold, and exert for a moment, shapes (5,), [N m]."""
+        return self.holding * np.array(self.shares), self.moving * np.array(self.shares)
 
 
 class Heavy(NamedTuple):
@@ -194,12 +200,13 @@ class Load:
         self._model, self._strength, self._payload = model, strength, payload
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
         self._newest: tuple[Trajectory, Array] | None = None
+        self._may_hold, self._may_move = strength.limits()
         there = np.abs(model.holding_torques(q_start[None]))[0]
         self._known = q_start, there
         self._rates = model.holding_torque_rates()
-        self._holding = np.maximum(strength.holding, there)
-        too_much = np.where(there > strength.holding, there, 0.0)
-        self._moving = np.maximum(strength.moving, MOVING / HOLDING * too_much)
+        self._holding = np.maximum(self._may_hold, there)
+        too_much = np.where(there > self._may_hold, there, 0.0)
+        self._moving = np.maximum(self._may_move, MOVING / HOLDING * too_much)
 
     @classmethod
     def of(
@@ -215,7 +222,7 @@ class Load:
         Raises:
             Overloaded: As for :meth:`check_holding`, wherever the arm comes from.
         """
-        self._check_holding(q[None], np.full(5, self._strength.holding), "at the goal")
+        self._check_holding(q[None], self._may_hold, "at the goal")
 
     def check_holding(self, q: Array, where: str) -> float:
         """Refuse configurations ``q`` (m, 5) [rad] on the way in which gravity alone is too much.
@@ -238,12 +245,12 @@ class Load:
             return []
         torques = self._model.holding_torques(q[None])[0]
         self._known = q, np.abs(torques)
-        left = 1.0 - np.abs(torques) / self._strength.holding
+        left = 1.0 - np.abs(torques) / self._may_hold
         heavy = np.flatnonzero(left < 1.0 - NEARLY)
         if len(heavy) == 0:
             return []
         around = self._model.holding_torques(q + _STEP * np.eye(5))
-        gradients = (torques - around) * (np.sign(torques) / (_STEP * self._strength.holding))
+        gradients = (torques - around) * (np.sign(torques) / (_STEP * self._may_hold))
         return [Heavy(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
 
     def admits(self, path: Array) -> bool:
@@ -255,7 +262,7 @@ class Load:
             return True
         borne = np.abs(self._model.holding_torques(path))
         self._known = path[0], borne[0]
-        allowed = np.maximum((1.0 + _TOLERANCE) * self._strength.holding, borne[0])
+        allowed = np.maximum((1.0 + _TOLERANCE) * self._may_hold, borne[0])
         return bool((borne <= allowed).all())
 
     def _is_surely_within(self, share: float, q: Array) -> bool:
@@ -263,7 +270,7 @@ class Load:
         there, borne = self._known  # [rad], [N m] without signs
         away = np.abs(q - there)
         change = (away if away.ndim == 1 else away.max(axis=0)) @ self._rates
-        return bool((change < share * self._strength.holding - borne).all())
+        return bool((change < share * self._may_hold - borne).all())
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that asks too much of a servo.
@@ -336,8 +343,10 @@ class Load:
         advice = "reach less far" + (", or carry less" if mass else "")
         if self._is_weak:
             advice += f'; servos for {STRONGEST:g} V bear more: set "servo_voltage" if it has those'
-        own = self._strength.holding if verb == "hold" else self._strength.moving
+        own = float((self._may_hold if verb == "hold" else self._may_move)[i])
         may = f"its servo may exert {own:.2f} N m"
+        if self._strength.shares[i] < 1.0:
+            may += f", {self._strength.shares[i]:.0%} of its type's, as it was identified"
         if limit > own:
             may += f", and no more than {limit:.2f} to leave where it stands overloaded"
         return Overloaded(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -268,6 +270,17 @@ def test_a_mass_that_cannot_be_meant_is_refused(mass: float) -> None:
 def test_a_centre_in_millimetres_is_refused() -> None:
     with pytest.raises(ConfigError, match="within 1 m"):
         Payload(mass=0.1, com=(0.0, 0.0, 98.0))
+
+
+def test_a_servo_that_was_found_weak_bears_less_and_is_named() -> None:
+    load(0.1, STRONG).check_holding(STRETCHED[None], "on the way")
+    weak = replace(STRONG, shares=(1.0, 1.0, 0.4, 1.0, 1.0))
+    with pytest.raises(Overloaded, match=r"elbow_flex .* 40% of its type's") as refused:
+        load(0.1, weak).check_holding(STRETCHED[None], "on the way")
+    assert refused.value.limit == pytest.approx(0.4 * STRONG.holding)
+    quick = point_to_point(FOLDED, np.radians([40.0, 60.0, -75.0, 10.0, 0.0]), LIMITS, 0.01)
+    weaker = replace(TIGHT, shares=(1.0, 0.95, 1.0, 1.0, 1.0))
+    assert load(0.08, weaker).stretch(quick) > 1.01 * load(0.08, TIGHT).stretch(quick)
 
 
 def test_servos_that_nobody_sells_are_refused() -> None:
