@@ -13,6 +13,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ from so101_motion.drivers.command_record import SentCommand
 from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.request import Plan
+from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import place_in_hand
 from so101_motion.rig.hardware_rig import HardwareRig
@@ -119,10 +120,17 @@ class Identification:
     Args:
         rig: The arm, on a port of this computer.
         joints: Which joints are looked at.
+        search: How its motions are planned, and in which scene if not the arm's own.
     """
 
-    def __init__(self, rig: HardwareRig, joints: Sequence[str] = ARM_JOINTS) -> None:
+    def __init__(
+        self,
+        rig: HardwareRig,
+        joints: Sequence[str] = ARM_JOINTS,
+        search: Search | None = None,
+    ) -> None:
         self._rig, self._joints = rig, joints
+        self._plan = partial(rig.arm.plan, search=search)
         self._motion: Motion | None = None
         self._cancelled = threading.Event()
         self._records: dict[str, JointRecord] = {}
@@ -134,7 +142,7 @@ class Identification:
         Raises:
             PlanningError: The arm cannot be raised from where it stands.
         """
-        raising = self._rig.arm.plan(_RAISED, limits=self._limits(SPEEDS[-1]))
+        raising = self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         sweeps, obstacles = [], []
         for joint in self._joints:
             try:
@@ -229,7 +237,7 @@ class Identification:
             try:
                 for stops, speed in _legs(i, ends):
                     goal = _through(stops)
-                    plan = self._rig.arm.plan(goal, limits=self._limits(speed), q_start=q)
+                    plan = self._plan(goal, limits=self._limits(speed), q_start=q)
                     q, duration = stops[-1], duration + plan.duration + 0.2
             except PlanningError as error:
                 trouble = trouble or error
@@ -250,12 +258,12 @@ class Identification:
     def _steps(
         self, outline: IdentificationOutline, tape: _Tape
     ) -> Iterator[Plan | Callable[[Motion], None]]:
-        yield self._rig.arm.plan(_RAISED, limits=self._limits(SPEEDS[-1]))
+        yield self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         for sweep in outline.sweeps:
             tape.joint = sweep.joint
             i = ARM_JOINTS.index(sweep.joint)
             for stops, speed in _legs(i, sweep.ends):
-                yield self._rig.arm.plan(_through(stops), limits=self._limits(speed))
+                yield self._plan(_through(stops), limits=self._limits(speed))
 
 
 def identified(

@@ -393,6 +393,8 @@ async def test_a_torque_limit_reaches_the_servos(bench, client):
         ({"command": "set_torque", "enable": "yes"}, "true or false"),
         ({"command": "reinitialize", "retries": 0}, "retries"),
         ({"command": "set_torque_limit", "value": 1001}, "value"),
+        ({"command": "identify", "joints": ["gripper"]}, "must be some of shoulder_pan"),
+        ({"command": "identify", "joints": ["wrist_flex"], "carrying": True}, "must be all"),
         ({"get_motion_params": 1.0}, "true or false"),
     ],
 )

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from harness.emulated_rig import MIDDLES_DEG, hardware_bench
+from harness.emulated_rig import MIDDLES_DEG, TIMEOUT, ModelBench, arm_client, hardware_bench
 
 from so101_motion.calib.record import servo_file, store
 from so101_motion.common.errors import Interrupted
@@ -44,34 +44,55 @@ def moved(bench, identification, outline, step=0.05):
         return moving.result()
 
 
-def test_a_servo_is_identified_kept_and_used_from_the_next_start_on(bench, rig, tmp_path):
-    identification = Identification(rig, ("wrist_flex",))
-    outline = identification.outline()
-    assert "wrist_flex from" in outline.sentence
-    assert outline.duration < 60.0
-    moved(bench, identification, outline)
-    report = identification.report(hand_is_empty=True, keeps=True)
+@pytest.fixture
+async def model_bench(tmp_path, planning_process, monkeypatch):
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    bench = ModelBench(tmp_path, figures={"wrist_flex": WRIST})
+    yield bench
+    await bench.end()
 
-    found = servo_file.read(tmp_path / "arm.json").servos["wrist_flex"]
-    assert found.torque == pytest.approx(WRIST.torque, rel=0.1)
-    assert found.friction == pytest.approx(WRIST.friction, rel=0.2)
-    assert found.dead_time == pytest.approx(WRIST.dead_time, rel=0.1)
-    told = report.predictions["wrist_flex"]
-    assert told.as_known < 0.6 * told.as_sold, "it predicts this arm better than the type does"
-    assert f"kept in {report.file}" in report.text()
 
-    files = identification.write_recordings(tmp_path / "kept", hand_is_empty=True)
-    with np.load(files[0]) as data:
-        assert data["position_tick"].shape == data["load_nm"].shape == data["t_s"].shape
+async def test_a_servo_is_identified_by_a_request_kept_and_used_at_once(model_bench, tmp_path):
+    bench = model_bench
+    file = tmp_path / "arm.json"
+    zeros = {joint: float(deg) for joint, deg in zip(ARM_JOINTS, MIDDLES_DEG, strict=True)}
+    store.save(file, bench.open(timeout=TIMEOUT).servos.calibration)
+    arm = bench.new_arm(calibration_file=str(file), joint_zero_offsets_deg=zeros)
+    await bench.pass_time(1.0)
+    async with arm_client(arm) as client:
 
-    bench.shut(rig)
-    again = bench.open(zero_offsets=ZEROS, calibration_file=tmp_path / "arm.json")
-    model = again.servos.models["wrist_flex"]
-    assert model.kind.torque_per_volt == pytest.approx(
-        found.torque * STS3215_12V.torque_per_volt, rel=1e-3
-    )
-    shares = again.arm.request(JointGoal(q=np.zeros(5))).strength.shares
-    assert shares == pytest.approx((1.0, 1.0, 1.0, found.torque, 1.0), abs=1e-3)
+        async def ask(**request):
+            return await client.do_command(
+                {"command": "identify", "joints": ["wrist_flex"], **request}
+            )
+
+        before = bench.q_deg
+        outline = await bench.in_time(ask(outline=True))
+        assert "wrist_flex from" in outline["will_move"]
+        assert outline["duration_s"] < 60.0
+        assert bench.q_deg == pytest.approx(before, abs=0.2), "nothing has moved"
+
+        answer = await bench.in_time(ask(), at_most=1000.0)  # time passes while it computes
+        told = answer["joints"]["wrist_flex"]
+        assert told["off_as_known_deg"] < 0.6 * told["off_as_sold_deg"], "better than its type"
+        assert answer["file"] == str(servo_file.servos_path(file))
+        found = servo_file.read(file).servos["wrist_flex"]
+        assert found.torque == pytest.approx(WRIST.torque, rel=0.1)
+        assert found.friction == pytest.approx(WRIST.friction, rel=0.2)
+        assert found.dead_time == pytest.approx(WRIST.dead_time, rel=0.1)
+        kind = arm.rig.servos.models["wrist_flex"].kind
+        assert kind.torque_per_volt == pytest.approx(
+            found.torque * STS3215_12V.torque_per_volt, rel=1e-3
+        )
+        shares = arm.rig.arm.request(JointGoal(q=np.zeros(5))).strength.shares
+        assert shares == pytest.approx((1.0, 1.0, 1.0, found.torque, 1.0), abs=1e-3)
+
+        moving = await bench.start(ask(), lambda: arm.rig.arm.is_moving)
+        moving.cancel()
+        await bench.until_it_rests(client)
+        here = bench.q_deg
+        await bench.pass_time(1.0)
+        assert bench.q_deg == pytest.approx(here, abs=0.5), "a client that goes away stops the arm"
 
 
 def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):

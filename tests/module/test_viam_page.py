@@ -67,7 +67,7 @@ def test_every_command_is_told_of():
     sources = {inspect.getsource(inspect.getmodule(model)) for model in MODELS}
     sources |= {
         (ROOT / "so101_motion" / "viam" / "requests" / f"{name}.py").read_text()
-        for name in ("servo_commands", "calibration_commands")
+        for name in ("servo_commands", "calibration_commands", "identify_commands")
     }
     commands = {name for s in sources for name in re.findall(COMMAND, s, re.M)}
     assert len(commands) > 30

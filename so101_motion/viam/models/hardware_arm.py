@@ -22,6 +22,7 @@ from so101_motion.viam.conversion.convert import grpc_statuses
 from so101_motion.viam.models.arm_resource import AT_START, ArmResource
 from so101_motion.viam.models.arm_settings import ArmSettings, scene_of
 from so101_motion.viam.models.configured import Dependencies
+from so101_motion.viam.requests.identify_commands import IdentifyCommands
 from so101_motion.viam.requests.jaw_servo_commands import JawServoCommands
 from so101_motion.viam.requests.servo_commands import ServoCommands, health, out_of_fault, ready
 
@@ -47,7 +48,7 @@ class HardwareArm(ArmResource):
     NEEDS_SERVOS = frozenset(
         {
             "enter_manual_mode", "exit_manual_mode", "get_calibration", "get_planning_setup",
-            "ping", "record_path", "replay_path", "servo_capabilities", "servo_move",
+            "identify", "ping", "record_path", "replay_path", "servo_capabilities", "servo_move",
             "servo_moving", "servo_position", "servo_stop", "servo_wait_stop", "set_torque",
             "set_torque_limit",
         }
@@ -64,6 +65,7 @@ class HardwareArm(ArmResource):
         self._commands |= {
             **ServoCommands(rig, servo_ids, self._manual).commands,
             **JawServoCommands(rig, self.logger).commands,
+            **IdentifyCommands(rig, self.surroundings, self.logger).commands,
         }
 
     @classmethod

@@ -9,6 +9,7 @@ import pytest
 from so101_motion.calib.procedure.servo_fit import identify, play
 from so101_motion.calib.procedure.servo_twin import JointRecord, replayed, setpoints
 from so101_motion.drivers.servo_types import STS3215_12V, ServoFigures
+from so101_motion.setup.identify_report import write_recordings
 
 TICK = 2.0 * math.pi / 4096.0
 LEVER = 0.2
@@ -84,6 +85,17 @@ def test_play_shows_when_a_joint_without_load_turns_round(degrees):
     record = record_of(true, index=0)
     found = play(record, true, np.zeros(len(record.t)))
     assert found == pytest.approx(true.play, rel=0.1)
+
+
+def test_a_recording_is_written_as_angles_from_the_zero_without_a_date(tmp_path):
+    record = record_of(ServoFigures())
+    weight = np.linspace(0.0, 1.0, len(record.t))
+    (file,) = write_recordings(tmp_path, {"shoulder_lift": record}, {"shoulder_lift": weight})
+    with np.load(file) as data:
+        assert data["position_tick"][0] == pytest.approx(record.ticks - 2048.0)
+        assert data["goal_rad"].shape == data["volts"].shape == (1, len(record.t))
+        assert data["load_nm"][0] == pytest.approx(weight)
+        assert "at" not in data
 
 
 def test_a_set_point_arrives_where_it_was_sent():
