@@ -6,6 +6,7 @@ The page is up at once; its arm may come later (``source.py``).
 from __future__ import annotations
 
 from so101_motion.planning.request import Plan
+from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 
 from .page.events import ArmEvents
@@ -13,6 +14,7 @@ from .page.page_context import ArmContext
 from .page.part import Part
 from .panels.camera_panel import CameraPart
 from .panels.health_panel import HealthPart
+from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
@@ -101,8 +103,13 @@ class Preview(ServedPage):
     ) -> tuple[Part, ...]:
         health = HealthPart(context, mark=move.mark)
         health.panel.dock_below(move.arm_panel)
+        rig = context.rig
+        servos: tuple[Part, ...] = ()
+        if isinstance(rig, HardwareRig):
+            servos = (IdentifyPart(context, rig, health.panel),)
         return (
             health,
+            *servos,
             WaysHome(context, title=self._source.title, guide=program.model.guide, fade=move.fade),
             ArmEvents(context.rig, context.events.add),
         )

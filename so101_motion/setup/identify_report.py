@@ -82,18 +82,22 @@ class IdentifyReport:
                 f"{joint:<15}{each.torque:>8.0%}{each.friction:>10.0%}{each.dead_time:>11.0%}"
                 f"{play:>8}{off[0]:>14}{off[1]:>10}"
             )
-        lines.append(f"supply {self.found.volts:.1f} V; shares are of what the servo's type has")
-        load = self.found.load
-        if load is not None:
-            x, y, z = (to_mm(each) for each in load.com)
-            lines.append(
-                f"the hand carries {1e3 * load.mass:.0f} g, its centre at"
-                f" ({x:.0f}, {y:.0f}, {z:.0f}) mm of the tool"
-            )
-        lines += changes(self.before, self.found)
+        lines += self.remarks()
         if self.file is not None:
             lines.append(f"kept in {self.file}; used from the next start on")
         return "\n".join(lines) + "\n"
+
+    def remarks(self) -> list[str]:
+        """What else there is to say: supply, load, and what has changed since the last time."""
+        said = [f"supply {self.found.volts:.1f} V; shares are of what the servo's type has"]
+        load = self.found.load
+        if load is not None:
+            x, y, z = (to_mm(each) for each in load.com)
+            said.append(
+                f"the hand carries {1e3 * load.mass:.0f} g, its centre at"
+                f" ({x:.0f}, {y:.0f}, {z:.0f}) mm of the tool"
+            )
+        return [*said, *changes(self.before, self.found)]
 
     def _joint(self, joint: str) -> dict[str, Any]:
         each, told = self.found.servos[joint], self.predictions.get(joint)

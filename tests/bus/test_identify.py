@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG, TIMEOUT, ModelBench, arm_client, hardware_bench
+from so101_viewer.page.identifying import Identifying
 
 from so101_motion.calib.record import servo_file, store
 from so101_motion.common.errors import Interrupted
@@ -102,6 +103,27 @@ def test_an_arm_that_is_stopped_holds_and_nothing_is_kept(bench, rig, tmp_path):
     with pytest.raises(Interrupted):
         moved(bench, identification, outline)
     assert servo_file.read(tmp_path / "arm.json") is None
+
+
+def test_the_page_plans_first_moves_when_told_to_and_stops(bench, rig):
+    page = Identifying(rig)
+    page.move(carrying=False)
+    assert not page.doing, "nothing was outlined, so nothing moves"
+    before = bench.q_deg
+    page.plan()
+    page.wait()
+    assert "shoulder_pan from" in page.outline.sentence
+    assert bench.q_deg == pytest.approx(before, abs=0.2)
+    page.move(carrying=False)
+    while not rig.arm.is_moving:
+        assert page.doing
+        bench.advance(0.01)
+    rig.arm.start_stop()
+    while page.doing:
+        bench.advance(0.01)
+    assert isinstance(page.trouble, Interrupted)
+    assert page.report is None
+    page.close()
 
 
 def test_an_emulated_arm_has_the_servos_of_a_file():
