@@ -151,12 +151,28 @@ def load(path: Path) -> Recordings:
     if not files:
         raise FileNotFoundError(f"no .npz file in {path}")
     parts = [_read(file) for file in files]
-    shortest = min(part.t.shape[1] for part in parts)
-    joined = {}
-    for field in fields(Recordings):
-        arrays = [getattr(part, field.name) for part in parts]
-        joined[field.name] = np.concatenate([a[:, :shortest] if a.ndim == 2 else a for a in arrays])
-    return Recordings(**joined)
+    longest = max(part.t.shape[1] for part in parts)
+    parts = [_padded(part, longest - part.t.shape[1]) for part in parts]
+    return Recordings(
+        **{
+            f.name: np.concatenate([getattr(part, f.name) for part in parts])
+            for f in fields(parts[0])
+        }
+    )
+
+
+def _padded(part: Recordings, more: int) -> Recordings:
+    """``part`` with ``more`` samples at its end that do not count."""
+
+    def kept(values: Any) -> Any:
+        return np.pad(values, ((0, 0), (0, more)), mode="edge")
+
+    after = np.arange(1, more + 1) * np.mean(np.diff(part.t, axis=1), axis=1, keepdims=True)
+    two = {f.name: getattr(part, f.name) for f in fields(part) if getattr(part, f.name).ndim == 2}
+    padded = {name: kept(values) for name, values in two.items()}
+    padded["t"] = np.concatenate([part.t, part.t[:, -1:] + after], axis=1)
+    padded["valid"][:, part.t.shape[1] :] = False
+    return replace(part, **padded)
 
 
 def _read(file: Path) -> Recordings:

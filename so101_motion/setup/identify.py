@@ -1,8 +1,9 @@
 """Let an arm find out how its servos differ from their type, and what its hand carries.
 
 From a pose with the hand up and forward one joint after the other goes to and fro through a wide
-part of its range, twice slowly and twice less slowly, clear of everything that is known. Goals,
-positions and supply are recorded; ``calib/procedure/servo_fit.py`` makes figures of them.
+part of its range, once slowly and once less slowly, clear of everything that is known; the shoulder
+once more with the wrist folded either way. Goals, positions and supply are recorded;
+``calib/procedure/servo_fit.py`` makes figures of them.
 
 ``Identification.outline`` plans all of it and moves nothing; a person is told what will move how
 far and agrees. ``move_and_record`` moves; Stop and ``cancel`` end it at any instant.
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -58,6 +59,11 @@ SWEEPS = {
 }  # fmt: skip
 """From where to where each joint goes [deg]."""
 
+FOLDS = {"shoulder_lift": (to_rad(-80.0), to_rad(80.0))}
+"""At which further angles of the wrist a joint goes to and fro once more, slowly [rad]. The hand is
+nearer to the shoulder then, or farther, which tells how heavy a load is from where its centre is:
+by the covariance of the fit, 100 g to 3.5 g instead of 5.5, and along the hand 5 mm, not 11."""
+
 SPEEDS = (to_rad(15.0), to_rad(45.0))
 """Of a sweep [rad/s]. Chosen: above the slowest speed of a servo's own set-point, 9 deg/s, and fast
 enough for dead time and friction to be told apart."""
@@ -65,6 +71,7 @@ enough for dead time and friction to be told apart."""
 ACCELERATION = to_rad(150.0)
 """At the ends of a sweep [rad/s^2]; chosen."""
 
+_WRIST = ARM_JOINTS.index("wrist_flex")
 _RAISED = JointGoal(q=BASE)
 _SHARES = (1.0, 0.7, 0.4)  # of a sweep, until one is clear
 _LOOK = 0.01  # [s] between two looks at the arm, the control loop's period
@@ -76,12 +83,20 @@ class Sweep:
 
     Attributes:
         ends: From where to where [rad].
+        folds: At which further angles of the wrist as well [rad].
         duration: How long that takes about [s].
     """
 
     joint: str
     ends: tuple[float, float]
+    folds: tuple[float, ...]
     duration: float
+
+    def __str__(self) -> str:
+        """What will move how far."""
+        folds = " and ".join(f"{to_deg(fold):.0f}°" for fold in self.folds)
+        far = f"{self.joint} from {to_deg(self.ends[0]):.0f}° to {to_deg(self.ends[1]):.0f}°"
+        return f"{far}, also with the wrist at {folds}" if folds else far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,12 +119,9 @@ class IdentificationOutline:
     @property
     def sentence(self) -> str:
         """A sentence that says what will move and how far."""
-        parts = [
-            f"{sweep.joint} from {to_deg(sweep.ends[0]):.0f}° to {to_deg(sweep.ends[1]):.0f}°"
-            for sweep in self.sweeps
-        ]
         return (
-            f"The arm is raised; then move, one after the other: {', '.join(parts)}. At most"
+            "The arm is raised; then move, one after the other:"
+            f" {'; '.join(map(str, self.sweeps))}. At most"
             f" {to_deg(SPEEDS[-1]):.0f}°/s, about {self.duration:.0f} s."
         )
 
@@ -231,18 +243,19 @@ class Identification:
         lower, upper = self._rig.arm.range
         low, high = max(low, float(lower[i]) + 0.02), min(high, float(upper[i]) - 0.02)
         trouble: PlanningError | None = None
-        for share in _SHARES:
-            ends = tuple(float(BASE[i]) + share * (end - float(BASE[i])) for end in (low, high))
-            q, duration = BASE, 0.0
-            try:
-                for stops, speed in _legs(i, ends):
-                    goal = _through(stops)
-                    plan = self._plan(goal, limits=self._limits(speed), q_start=q)
-                    q, duration = stops[-1], duration + plan.duration + 0.2
-            except PlanningError as error:
-                trouble = trouble or error
-                continue
-            return Sweep(joint=joint, ends=(ends[0], ends[1]), duration=duration)
+        for folds in dict.fromkeys((FOLDS.get(joint, ()), ())):
+            for share in _SHARES:
+                begin, end = (float(BASE[i]) + share * (x - float(BASE[i])) for x in (low, high))
+                sweep = Sweep(joint=joint, ends=(begin, end), folds=folds, duration=0.0)
+                q, duration = BASE, 0.0
+                try:
+                    for q_end, speed in _legs(sweep):
+                        plan = self._plan(_to(q_end), limits=self._limits(speed), q_start=q)
+                        q, duration = q_end, duration + plan.duration + 0.2
+                except PlanningError as error:
+                    trouble = trouble or error
+                    continue
+                return replace(sweep, duration=duration)
         assert trouble is not None
         raise trouble
 
@@ -261,9 +274,8 @@ class Identification:
         yield self._plan(_RAISED, limits=self._limits(SPEEDS[-1]))
         for sweep in outline.sweeps:
             tape.joint = sweep.joint
-            i = ARM_JOINTS.index(sweep.joint)
-            for stops, speed in _legs(i, sweep.ends):
-                yield self._plan(_through(stops), limits=self._limits(speed))
+            for q_end, speed in _legs(sweep):
+                yield self._plan(_to(q_end), limits=self._limits(speed))
 
 
 def identified(
@@ -356,14 +368,17 @@ class _Tape:
         )
 
 
-def _legs(i: int, ends: Sequence[float]) -> Iterator[tuple[tuple[Array, ...], float]]:
-    """The motions of joint ``i``: through which configurations, and how fast."""
-    low, high = (_with(BASE, i, end) for end in ends)
-    yield (low,), SPEEDS[-1]
-    for speed in SPEEDS:
-        yield (high,), speed
-        yield (low,), speed
-    yield (BASE,), SPEEDS[-1]
+def _legs(sweep: Sweep) -> Iterator[tuple[Array, float]]:
+    """The motions of a sweep: to which configurations [rad], and how fast [rad/s]."""
+    i = ARM_JOINTS.index(sweep.joint)
+    for fold in (None, *sweep.folds):
+        base = BASE if fold is None else _with(BASE, _WRIST, fold)
+        low, high = (_with(base, i, end) for end in sweep.ends)
+        yield low, SPEEDS[-1]
+        for speed in SPEEDS if fold is None else SPEEDS[:1]:
+            yield high, speed
+            yield low, speed
+    yield BASE, SPEEDS[-1]
 
 
 def _with(q: Array, i: int, angle: float) -> Array:
@@ -372,5 +387,5 @@ def _with(q: Array, i: int, angle: float) -> Array:
     return found
 
 
-def _through(stops: Sequence[Array]) -> PathGoal:
-    return PathGoal(waypoints=np.array(stops), tolerance=0.0)
+def _to(q: Array) -> PathGoal:
+    return PathGoal(waypoints=q[None], tolerance=0.0)
