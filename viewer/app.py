@@ -26,6 +26,7 @@ from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
 from .source import Source, SourceOpener
 from .teach.teach_panel import TeachPart
+from .world.atlas_panel import AtlasPart
 from .world.world_panel import WorldPart
 
 
@@ -94,6 +95,9 @@ class Preview(ServedPage):
             *setup_parts(context, on_stage=move.set_visible),
             jog,
         )
+        if self._source.atlas is not None:
+            atlas = AtlasPart(context, self._source.atlas, move.page.set_target_joints)
+            host.add_parts(atlas)
         if self._source.camera is not None:
             host.add_parts(CameraPart(context, self._source.camera))
         host.events.add(f"{title}: connected")

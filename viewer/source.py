@@ -10,10 +10,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from so101_motion.common.errors import So101Error
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
+
+if TYPE_CHECKING:
+    from so101_motion.tasks.sweeps.atlas import Atlas
 
 log = logging.getLogger(__name__)
 
@@ -32,6 +36,7 @@ class Source:
         lasts: Whether the rig goes on when the page is closed; else the page closes it.
         scene_file: The file its surroundings are from, where the page saves them again.
         camera: The address of a camera's pictures, or None.
+        atlas: What the arm reaches, to be shown, or None.
         open_leader: Opens the arm that this one may follow; None if there is none.
     """
 
@@ -40,6 +45,7 @@ class Source:
     lasts: bool = False
     scene_file: Path | None = None
     camera: str | None = None
+    atlas: Atlas | None = None
     open_leader: Callable[[], Rig] | None = None
 
     @classmethod

@@ -225,6 +225,42 @@ def check(run: Callable[..., None], plans_folder: Path, scene_file: Path) -> Non
     run(CheckSweep.of(plans_folder, scene_text(read_scene(scene_file))), summary)
 
 
+@sweep.command()
+@click.argument("atlas_folder", metavar="ATLAS", type=click.Path(path_type=Path, exists=True))
+@click.option(
+    "--axis", type=click.Choice(["x", "y", "z"]), default="z", show_default=True,
+    help="Which coordinate is the same everywhere in the slice.",
+)  # fmt: skip
+@click.option(
+    "--at-mm", type=Finite(-1000.0, 1000.0), default=50.0, show_default=True,
+    help="Where the slice is.",
+)  # fmt: skip
+@click.option(
+    "--colour-by", type=click.Choice(["torque", "clearance", "manipulability", "ways"]),
+    default="torque", show_default=True, help="What the colours say.",
+)  # fmt: skip
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="An .svg file."
+)
+def picture(atlas_folder: Path, axis: str, at_mm: float, colour_by: str, out: Path) -> None:
+    """Draw a slice of ATLAS, the folder that so101 sweep reach made.
+
+    \b
+    so101 sweep picture atlas --at-mm 20 --out table.svg
+    so101 view --sim --atlas atlas     (all of it, in the browser)
+    """  # noqa: D301
+    from so101_motion.tasks.sweeps import Atlas
+    from so101_motion.tasks.sweeps.atlas_view import FIGURES, Shown
+    from so101_motion.tasks.sweeps.atlas_view import picture as drawn
+
+    figure = next(name for name in FIGURES if name.lower().startswith(colour_by))
+    shown = Shown(figure=figure, axis=axis, at=to_m(at_mm))
+    try:
+        out.write_text(drawn(Atlas.read(atlas_folder), shown), encoding="utf-8")
+    except OSError as error:
+        raise click.FileError(str(out), error.strerror or str(error)) from error
+
+
 sweep.add_command(place)
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.rig.protocols import RigLike
+    from so101_motion.tasks.sweeps.atlas import Atlas
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +111,11 @@ def page_options(verb: F) -> F:
 @click.option(
     "--camera", metavar="URL", help="A camera's picture or MJPEG stream, shown over the scene."
 )
+@click.option(
+    "--atlas",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="What the arm reaches, shown as cubes: the folder that so101 sweep reach made.",
+)
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Its calibration file.")
 @page_options
 def view(
@@ -118,6 +124,7 @@ def view(
     leader: str | None,
     leader_calibration: Path | None,
     camera: str | None,
+    atlas: Path | None,
     page: Page,
 ) -> None:
     """See the arm in the browser, plan, try and move it; nothing moves by opening the page.
@@ -138,7 +145,7 @@ def view(
             raise click.UsageError("--leader and --port must be two arms")
         port = None if leader == "sim" else leader
         leads = Source(port=port, calibration_file=leader_calibration)
-    show(source, page, scene_file=scene_file, leader=leads, camera=camera)
+    show(source, page, scene_file=scene_file, leader=leads, camera=camera, atlas=atlas)
 
 
 def show(
@@ -148,6 +155,7 @@ def show(
     scene_file: Path | None = None,
     leader: Source | None = None,
     camera: str | None = None,
+    atlas: Path | None = None,
 ) -> None:
     """Serve the page until Ctrl-C.
 
@@ -157,9 +165,10 @@ def show(
         scene_file: What stands around the arm, and where the page saves it again.
         leader: The arm that this one may follow, if there is one.
         camera: The address of a camera's pictures, or None.
+        atlas: The folder of an atlas to be shown, or None.
 
     Raises:
-        ConfigError: The page cannot be served there, or the scene cannot be read.
+        ConfigError: The page cannot be served there, or the scene or atlas cannot be read.
     """
     from so101_motion.files.scene_file import read_scene
 
@@ -173,6 +182,7 @@ def show(
         scene_file=scene_file,
         open_leader=None if leader is None else leader.open,
         camera=camera,
+        atlas=None if atlas is None else _atlas_in(atlas),
     )
     with (
         in_lines(),
@@ -230,6 +240,12 @@ def _opener(source: AnySource, scene: Scene | None) -> Callable[[], RigLike]:
         return rig
 
     return opened
+
+
+def _atlas_in(folder: Path) -> Atlas:
+    from so101_motion.tasks.sweeps.atlas import Atlas
+
+    return Atlas.read(folder)
 
 
 def _free_pose(scene: Scene) -> Array | None:

@@ -120,6 +120,15 @@ class PageContext:
         """Run ``command`` when ``node`` of the scene is clicked."""
         node.on_click(self._on(lambda _event: command))
 
+    def on_pick_one(self, node: viser.BatchedMeshHandle, command: Callable[[int], None]) -> None:
+        """Run ``command`` with the number of the one of ``node``'s meshes that is clicked."""
+
+        def command_for(event: Any) -> Command | None:
+            number = event.instance_index
+            return None if number is None else partial(command, int(number))
+
+        node.on_click(self._on(command_for))
+
     def on_scene_click(self, command: Callable[[Array, Array], None]) -> Callable[[Any], Any]:
         """A handler for clicks anywhere in the scene: ``command`` is run with the click's ray."""
 

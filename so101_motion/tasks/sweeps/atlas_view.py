@@ -1,0 +1,185 @@
+"""What an atlas looks like: the points that are shown, their colours, and a picture of a slice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_mm
+from so101_motion.tasks.sweeps.atlas import Atlas, Reach
+
+
+class Figure(NamedTuple):
+    """Something that is known of a point.
+
+    Attributes:
+        name: As in ``Reach``.
+        unit: In which people read it.
+        scale: From SI to that unit.
+        low: What gets the first colour, in SI.
+        high: What gets the last.
+    """
+
+    name: str
+    unit: str
+    scale: float
+    low: float
+    high: float
+
+
+FIGURES = {
+    "Torque left": Figure("torque_left", "%", 100.0, 0.0, 1.0),
+    "Clearance": Figure("clearance", "mm", 1e3, 0.0, 0.06),
+    "Manipulability": Figure("manipulability", "l", 1e3, 0.0, 0.012),
+    "Ways to be there": Figure("ways", "", 1.0, 0.0, 40.0),
+}
+"""What can be shown, by what people call it."""
+
+AXES = "xyz"
+
+_COLOURS = np.array(
+    [(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], dtype=float
+)
+"""From bad to good: five of the colours of viridis (S. van der Walt and N. Smith, 2015)."""
+
+UNREACHABLE = (134, 142, 150)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """Which points are shown.
+
+    Attributes:
+        figure: One of ``FIGURES``.
+        at_least: Points with less of it are left out, in SI.
+        axis: Of a slice, one of ``AXES``; None for all.
+        at: Where the slice is [m].
+    """
+
+    figure: str = "Torque left"
+    at_least: float = 0.0
+    axis: str | None = None
+    at: float = 0.0
+
+
+class Voxels(NamedTuple):
+    """Points as they are shown.
+
+    Attributes:
+        rows: Their rows in the atlas, shape (n,).
+        p: Where they are, shape (n, 3), [m].
+        colours: Shape (n, 3), 0 to 255.
+        total: How many there are, those inside included that nobody can see.
+    """
+
+    rows: NDArray[np.int64]
+    p: Array
+    colours: NDArray[np.uint8]
+    total: int
+
+
+def shades(figure: str, values: Array) -> NDArray[np.uint8]:
+    """The colours of values, shape (n,), in SI; shape (n, 3), 0 to 255."""
+    of = FIGURES[figure]
+    at = np.clip((values - of.low) / (of.high - of.low), 0.0, 1.0) * (len(_COLOURS) - 1)
+    stops = np.arange(len(_COLOURS))
+    columns = [np.interp(at, stops, column) for column in _COLOURS.T]
+    return np.stack(columns, axis=-1).round().astype(np.uint8)
+
+
+def shade(reach: Reach, figure: str = "Torque left") -> tuple[int, int, int]:
+    """The colour of one answer of an atlas; grey where the arm cannot be."""
+    if not reach.reachable:
+        return UNREACHABLE
+    value = np.array([getattr(reach, FIGURES[figure].name)], dtype=float)
+    r, g, b = shades(figure, value)[0].tolist()
+    return r, g, b
+
+
+def voxels(atlas: Atlas, shown: Shown) -> Voxels:
+    """The points of an atlas that can be seen: those on the outside of what is shown."""
+    steps = _steps(atlas)
+    rows = _chosen(atlas, shown, steps)
+    nx, ny, nz = atlas.grid.counts
+    there = np.zeros((nx + 2, ny + 2, nz + 2), dtype=bool)
+    i, j, k = (steps[rows] + 1).T
+    there[i, j, k] = True
+    inside = there[i - 1, j, k] & there[i + 1, j, k] & there[i, j - 1, k] & there[i, j + 1, k]
+    inside &= there[i, j, k - 1] & there[i, j, k + 1]
+    seen = rows[~inside]
+    values = atlas.rows[FIGURES[shown.figure].name][seen].astype(float)
+    p = atlas.grid.points(atlas.points[seen])
+    return Voxels(seen, p, shades(shown.figure, values), len(rows))
+
+
+def in_words(reach: Reach, p: Array) -> str:
+    """What is known of a point, shape (3,), [m], in lines."""
+    x, y, z = to_mm(p).tolist()
+    return "\n".join(
+        [
+            f"({x:.0f}, {y:.0f}, {z:.0f}) mm",
+            f"{reach.ways} ways; {', '.join(reach.branch_names) or 'none free'}",
+            f"clearance {1e3 * reach.clearance:.0f} mm, {100.0 * reach.torque_left:.0f} % torque"
+            f" left, manipulability {1e3 * reach.manipulability:.2f} l",
+        ]
+    )
+
+
+def picture(atlas: Atlas, shown: Shown) -> str:
+    """A slice as SVG; a square a point.
+
+    Raises:
+        ConfigError: It is no slice.
+    """
+    if shown.axis is None:
+        raise ConfigError("axis", None, f"must be one of {', '.join(AXES)}")
+    of, steps = FIGURES[shown.figure], _steps(atlas)
+    rows = _chosen(atlas, shown, steps)
+    across, up = (axis for axis in range(3) if AXES[axis] != shown.axis)
+    edge = max(2.0, 600.0 / max(atlas.grid.counts[across], atlas.grid.counts[up]))
+    colours = shades(shown.figure, atlas.rows[of.name][rows].astype(float)).tolist()
+    height = atlas.grid.counts[up] * edge
+    parts = [
+        f'<rect x="{i * edge:.1f}" y="{height - (j + 1) * edge:.1f}" width="{edge:.1f}"'
+        f' height="{edge:.1f}" fill="#{r:02x}{g:02x}{b:02x}"/>'
+        for (i, j), (r, g, b) in zip(steps[rows][:, [across, up]].tolist(), colours, strict=True)
+    ]
+    low, high = (f"{value * of.scale:g}" for value in (of.low, of.high))
+    words = (
+        f"{shown.figure}, {low} (violet) to {high} {of.unit} (yellow), at {shown.axis} ="
+        f" {1e3 * _nearest(atlas, shown):.0f} mm; {AXES[across]} to the right, {AXES[up]} up"
+    )
+    size = f'width="{max(600.0, atlas.grid.counts[across] * edge):.0f}" height="{height + 30:.0f}"'
+    inner = "\n".join(parts)
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="13">\n'
+        f'<rect width="100%" height="100%" fill="white"/>\n{inner}\n'
+        f'<text x="8" y="{height + 20:.0f}">{words}</text>\n</svg>\n'
+    )
+
+
+def _steps(atlas: Atlas) -> NDArray[np.int64]:
+    """Where the points of an atlas are in its grid, shape (n, 3)."""
+    nx, ny, _ = atlas.grid.counts
+    numbers = atlas.points
+    return np.stack([numbers % nx, numbers // nx % ny, numbers // (nx * ny)], axis=1)
+
+
+def _chosen(atlas: Atlas, shown: Shown, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+    rows = atlas.rows
+    good = (rows["ways"] > 0) & (rows["torque_left"] >= 0.0)
+    good &= rows[FIGURES[shown.figure].name] >= shown.at_least
+    if shown.axis is not None:
+        axis = AXES.index(shown.axis)
+        at = round(shown.at / atlas.grid.spacing) - atlas.grid.first[axis]
+        good &= steps[:, axis] == at
+    return np.flatnonzero(good)
+
+
+def _nearest(atlas: Atlas, shown: Shown) -> float:
+    return round(shown.at / atlas.grid.spacing) * atlas.grid.spacing
