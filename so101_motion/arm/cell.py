@@ -18,12 +18,15 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection, Iterator, Mapping
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from so101_motion.arm.team_motion import TeamPlanning
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.modes import Mode
@@ -141,39 +144,56 @@ class Cell:
             ConfigError: There is no such arm.
             PlanningError: There is no such motion, and why.
         """
-        for name in goals:
-            if name not in self._places:
-                known = ", ".join(sorted(self._places)) or "none"
-                raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
-        team = []
-        for name, place in self._places.items():
-            q = place.arm.state.q_ref
-            goal = goals.get(name) or JointGoal(q=q)
-            scene = (scenes or {}).get(name)
-            if scene is None:
-                scene = replace(place.arm.scene, attached=place.attached_to(place))
-            request = replace(place.arm.request(goal), others=(), scene=scene)
-            team.append(TeamMember(name=name, T_cell_base=place.T_cell_base, request=request))
-        worker = next(iter(self._places.values())).worker
-        return worker.plan_together(TeamRequest(team=tuple(team))).result()
+        self._refuse_unknown(goals)
+        return self._start_plan(goals, scenes or {}).result()
 
     def start_together(
         self, goals: Mapping[str, Goal], *, scenes: Mapping[str, Scene] | None = None
     ) -> dict[str, Motion]:
         """Move several arms to goals in one motion, which they begin and end together.
 
-        Blocks until all rest and the motion is planned; what moves is stopped first. Arguments and
-        errors as for ``plan_together``.
+        It is planned once all arms of the cell rest; what moves is superseded. Who stops one of
+        them ends it for all. Arguments and errors as for ``plan_together``; the motions raise what
+        is raised by planning.
 
         Returns:
             The motion of each arm of the cell, by its name.
         """
-        self.stop()
-        plans = self.plan_together(goals, scenes=scenes)
+        self._refuse_unknown(goals)
+        planning = TeamPlanning(
+            self._places, partial(self._start_plan, goals, scenes or {}), self._expect
+        )
+        motions = {
+            name: place.arm.start_planned(partial(planning.part, name))
+            for name, place in self._places.items()
+        }
+        planning.watch(motions)
+        return motions
+
+    def _refuse_unknown(self, goals: Mapping[str, Goal]) -> None:
+        for name in goals:
+            if name not in self._places:
+                known = ", ".join(sorted(self._places)) or "none"
+                raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
+
+    def _start_plan(
+        self, goals: Mapping[str, Goal], scenes: Mapping[str, Scene]
+    ) -> Future[dict[str, Plan]]:
+        team = []
+        for name, place in self._places.items():
+            goal = goals.get(name) or JointGoal(q=place.arm.state.q_ref)
+            scene = scenes.get(name)
+            if scene is None:
+                scene = replace(place.arm.scene, attached=place.attached_to(place))
+            request = replace(place.arm.request(goal), others=(), scene=scene)
+            team.append(TeamMember(name=name, T_cell_base=place.T_cell_base, request=request))
+        worker = next(iter(self._places.values())).worker
+        return worker.plan_together(TeamRequest(team=tuple(team)))
+
+    def _expect(self, plans: Mapping[str, Plan]) -> None:
         with self.entry:
             for name, plan in plans.items():
                 self._places[name].expect(plan.trajectory)
-        return {name: self._places[name].arm.start_execute(plan) for name, plan in plans.items()}
 
     def stop(self) -> None:
         """Bring all arms to rest at once; returns when they are."""

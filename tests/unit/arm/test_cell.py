@@ -10,7 +10,13 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
-from so101_motion.common.errors import ConfigError, InCollision, MotionError, So101Error
+from so101_motion.common.errors import (
+    ConfigError,
+    InCollision,
+    Interrupted,
+    MotionError,
+    So101Error,
+)
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED, first_meeting
@@ -302,3 +308,37 @@ def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):
     pair = pair_of(facing, *starts)
     with pytest.raises(ConfigError, match="left, right"):
         pair.cell.plan_together({"middle": JointGoal(q=goals[0])})
+
+
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_who_stops_one_of_the_arms_that_move_together_stops_all(pair_of, name):
+    facing = Facing(31)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    wanted = {each: JointGoal(q=q) for each, q in zip(("left", "right"), goals, strict=True)}
+    motions = pair.cell.start_together(wanted)
+    while not (pair.left.is_moving and pair.right.is_moving):
+        pair.advance(0.0)
+    for _ in range(20):
+        pair.advance()
+    pair.cell.places[name].arm.start_stop()
+    pair.finish(*motions.values())
+    said = {each: str(motion.future.exception()) for each, motion in motions.items()}
+    other = next(each for each in said if each != name)
+    assert "stop" in said[name]
+    assert f"what ended the motion of {name}" in said[other]
+
+
+def test_a_stop_while_arms_are_planned_for_together_leaves_all_where_they_are(pair_of):
+    facing = Facing(31)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    wanted = {each: JointGoal(q=q) for each, q in zip(("left", "right"), goals, strict=True)}
+    motions = pair.cell.start_together(wanted)
+    pair.right.start_stop()
+    pair.finish(*motions.values())
+    for motion in motions.values():
+        with pytest.raises(Interrupted):
+            motion.result()
+    np.testing.assert_array_equal(pair.left.state.q_ref, starts[0])
+    np.testing.assert_array_equal(pair.right.state.q_ref, starts[1])
