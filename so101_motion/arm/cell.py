@@ -205,6 +205,7 @@ class Place:
     """What one arm knows of the others of its cell, and they of it. ``Cell.add`` makes it.
 
     Attributes:
+        cell: Whose place it is.
         name: What messages call the arm.
         arm: The arm.
         T_cell_base: Where its base stands.
@@ -223,7 +224,7 @@ class Place:
     ) -> None:
         self.name, self.arm, self.T_cell_base, self.against = name, rig.arm, T_cell_base, ""
         self.worker, self.held = rig.planner, dict[str, tuple[Attached, ...]]()
-        self._cell, self._now, self._ignores = cell, rig.clock.now, ignores
+        self.cell, self._now, self._ignores = cell, rig.clock.now, ignores
         self._expected: Trajectory | None = None  # that was proven together with others'
         self._course: Course | None = None
         self._planned: Course | None = None
@@ -254,7 +255,7 @@ class Place:
         Raises:
             InCollision: It crosses another arm's motion, also when it begins later.
         """
-        with self._cell.entry:
+        with self.cell.entry:
             planned, expected, wait = self._planned, self._expected, 0.0
             self._expected = None
             if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
@@ -294,7 +295,7 @@ class Place:
         """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
         now = self._now()
         course = self._stop(q, dt, now)
-        with self._cell.lock:
+        with self.cell.lock:
             for other in self._neighbours():
                 meeting = self._meeting(course, other, now)
                 if meeting is not None:
@@ -305,7 +306,7 @@ class Place:
 
     def commit(self, q: Array, dt: float) -> None:
         """The arm stops along ``q``, whatever is there; see ``Neighbours``."""
-        with self._cell.lock:
+        with self.cell.lock:
             self._course = self._stop(q, dt, self._now())
 
     def course_at(self, now: float) -> Course:
@@ -393,4 +394,4 @@ class Place:
         if ALL in self._ignores:
             return []
         unminded = {self.name, *self._ignores}
-        return [each for key, each in self._cell.places.items() if key not in unminded]
+        return [each for key, each in self.cell.places.items() if key not in unminded]

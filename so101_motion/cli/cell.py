@@ -7,14 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE
+from so101_motion.cli.param_types import IN_FILE, Numbers
 from so101_motion.cli.shared import Verbs, have_agreed, json_option, print_json, quietly
-from so101_motion.common.units import to_deg, to_mm
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
     from so101_motion.rig.rig import Rig
     from so101_motion.setup.base_fit import BaseFit
+
+_POINT = Numbers("X", "Y", "Z", most=1e6)
+_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
 
 
 @click.group(cls=Verbs)
@@ -71,6 +74,74 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
             f" touches off by {facts['residuals_mm']} mm",
             err=True,
         )
+
+
+@cell.command()
+@click.argument("file", type=IN_FILE)
+@click.option(
+    "--joints",
+    "joints",
+    type=(str, _JOINTS),
+    multiple=True,
+    metavar="ARM ANGLES",
+    help="Bring the joints of an arm to these angles [deg].",
+)
+@click.option(
+    "--xyz",
+    "points",
+    type=(str, _POINT),
+    multiple=True,
+    metavar="ARM POINT",
+    help="Bring the tool of an arm to this point [mm], in its base frame.",
+)
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@json_option
+def move(
+    file: Path,
+    joints: tuple[tuple[str, Array], ...],
+    points: tuple[tuple[str, Array], ...],
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Move several arms of FILE in one motion, which they begin and end together.
+
+    \b
+    so101 cell move cell.json --xyz left 200,0,150 --joints right 60,0,0,30,0
+    """  # noqa: D301
+    from so101_motion.files.cell_file import read_cell
+    from so101_motion.planning.goals import Goal, JointGoal, PoseGoal
+    from so101_motion.rig.cell_rigs import open_cell
+
+    goals: dict[str, Goal] = {}
+    for name, q_deg in joints:
+        goals[name] = JointGoal(q=to_rad(q_deg))
+    for name, p_mm in points:
+        if name in goals:
+            raise click.UsageError(f"{name} has two goals; give one")
+        goals[name] = PoseGoal.at_point(to_m(p_mm))
+    if not goals:
+        raise click.UsageError("where to? give --joints or --xyz, each with the name of an arm")
+    with quietly(), open_cell(read_cell(file)) as opened:
+        plans = opened.cell.plan_together(goals)
+        duration = max(plan.duration for plan in plans.values())
+        click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
+        if not yes:
+            have_agreed("Move all of them?")
+        motions = opened.cell.start_together(goals)
+        try:
+            for motion in motions.values():
+                motion.result()
+        except KeyboardInterrupt:
+            opened.cell.stop()
+            raise
+        q = {name: opened.rigs[name].arm.state.q for name in plans}
+    reached = {
+        name: [round(float(each), 1) for each in to_deg(values)] for name, values in q.items()
+    }
+    if as_json:
+        print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
+    for name, values in reached.items():
+        click.echo(f"{name}: {values} deg", err=True)
 
 
 def _touch(

@@ -150,6 +150,16 @@ async def test_the_machine_is_planned_around(process):
     with pytest.raises(GRPCError, match="never gone through"):
         await bench.plan(*(1000.0 * met.p), constraints=except_it)
 
+    # Both in one motion.
+    there = {"left": {"joints_deg": [60, 0, 0, 0, 0]}, "arm": {"pose": {"x": 200, "z": 200}}}
+    assert (await bench.motion.do_command({"move_together": there}))["move_together"]
+    np.testing.assert_allclose(await bench.left_angles(), (60, 0, 0, 0, 0), atol=0.5)
+    reached = await bench.arm.get_end_position()
+    np.testing.assert_allclose((reached.x, reached.y, reached.z), (200, 0, 200), atol=1.0)
+    with pytest.raises(GRPCError, match=r'lft.*did you mean "left"'):
+        await bench.motion.do_command({"move_together": {"lft": {}}})
+    await bench.left.move_to_joint_positions(JointPositions(values=[100, 60, -60, 0, 0]))
+
     # Through a box that the configuration names: refused in it, and gone around.
     center, size = (220.0, 120.0, 150.0), (40.0, 40.0, 300.0)
     wall = a_box(*size, x=center[0], y=center[1], z=center[2])

@@ -57,7 +57,10 @@ from so101_motion.viam.models.dependencies import sources
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue
 from so101_motion.viam.requests.commands import Request, answer
+from so101_motion.viam.requests.together import move_together
+from so101_motion.viam.surroundings.machine_cell import refuse_through
 
+_KEYS = ("plan", "preview", "execute", "move_together")
 _COMPONENT = "component"  # what the planner calls the frame of a component that is not the arm
 
 
@@ -144,17 +147,18 @@ class So101Motion(ServiceForAnArm, MotionService):
             return PoseInFrame(reference_frame=destination_frame or WORLD, pose=pose)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``plan``, ``preview`` and ``execute``.
+        """Answer ``plan``, ``preview``, ``execute`` and ``move_together``.
 
         ``{"plan": <MoveRequest as JSON>}`` gives the joint angles of the path [rad], as the builtin
         service does; ``preview`` the same with what is known of it; ``{"execute": <that>}``
-        moves along the angles, from where the arm stands.
+        moves along the angles, from where the arm stands. ``move_together``:
+        ``viam/requests/together.py``.
         """
         with grpc_statuses():
-            return await answer(command, {}, self._by_key, ("plan", "preview", "execute"))
+            return await answer(command, {}, self._by_key, _KEYS)
 
     async def _by_key(self, request: Request) -> dict[str, Any]:
-        given = Attributes(request, ("plan", "preview", "execute"), kind="request")
+        given = Attributes(request, _KEYS, kind="request")
         result: dict[str, Any] = {}
         for key in ("plan", "preview"):
             if given.given(key):
@@ -167,6 +171,9 @@ class So101Motion(ServiceForAnArm, MotionService):
         if given.given("execute"):
             await self._execute(request["execute"])
             result["execute"] = True
+        if given.given("move_together"):
+            await move_together(request["move_together"], ArmResource.here, self._seen_through)
+            result["move_together"] = True
         return result
 
     async def _execute(self, steps: object) -> None:
@@ -251,7 +258,7 @@ class So101Motion(ServiceForAnArm, MotionService):
             wanted.constraints, counts_turn=options.metric is GoalMetric.FULL_POSE
         )
         if wanted.constraints is not None:
-            _refuse_through(arm, wanted.constraints)
+            refuse_through(arm.place, wanted.constraints)
             for specification in wanted.constraints.collision_specification:
                 scene = await allowing(scene, specification, frames)
         T_tool_component = await frames.T_tool(wanted.component)
@@ -385,23 +392,6 @@ def _attempts(goal: PoseGoal, asked: ToolConstraints) -> list[Goal]:
     if asked.wants_line:
         return lines
     return [goal, *lines] if math.isinf(asked.line_share) else [*lines, goal]
-
-
-def _refuse_through(arm: Arm, constraints: Constraints) -> None:
-    """Refuse to except another arm whose motions are known.
-
-    Raises:
-        ConfigError: A pair of frames that may touch names one.
-    """
-    for specification in constraints.collision_specification:
-        for allow in specification.allows:
-            for name in (allow.frame1, allow.frame2):
-                if arm.place is not None and name.partition(":")[0] in arm.place.minded:
-                    reason = (
-                        "is an arm of this process, and never gone through; an arm that shall not"
-                        ' keep off it names it in its "ignore_components"'
-                    )
-                    raise ConfigError("collision_specification", name, reason)
 
 
 def _check_end(goal: PoseGoal, cloud: PoseCloud, T_base_reached: SE3) -> None:

@@ -13,9 +13,11 @@ from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from typing import Protocol
 
-from so101_motion.arm.cell import Cell, RigWithExecutor
+from viam.proto.service.motion import Constraints
+
+from so101_motion.arm.cell import Cell, Place, RigWithExecutor
 from so101_motion.common.clock import Clock, MonotonicClock
-from so101_motion.common.errors import So101Error
+from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import FLOOR, LINKS, Attached
 from so101_motion.viam.conversion.world_state import UniqueNames
@@ -110,6 +112,23 @@ def held_by(bodies: Iterable[Body], arms: Collection[str]) -> dict[str, tuple[At
             thing = Attached(name=names.new(body.name), shape=body.shape, T_tool_object=body.T)
             held[body.holder].append(thing)
     return {name: tuple(things) for name, things in held.items()}
+
+
+def refuse_through(place: Place | None, constraints: Constraints) -> None:
+    """Refuse to except another arm whose motions are known.
+
+    Raises:
+        ConfigError: A pair of frames that may touch names one.
+    """
+    for specification in constraints.collision_specification:
+        for allow in specification.allows:
+            for name in (allow.frame1, allow.frame2):
+                if place is not None and name.partition(":")[0] in place.minded:
+                    reason = (
+                        "is an arm of this process, and never gone through; an arm that shall not"
+                        ' keep off it names it in its "ignore_components"'
+                    )
+                    raise ConfigError("collision_specification", name, reason)
 
 
 def _time_of(clock: Clock) -> object:

@@ -26,3 +26,18 @@ def test_touches_that_are_all_the_same_are_refused_and_the_file_stays(tmp_path):
     assert result.exit_code != 0
     assert "touch 5 of 5" in result.output
     assert path.read_text() == content
+
+
+def test_arms_are_moved_together(tmp_path):
+    path = tmp_path / "cell.json"
+    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
+    path.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+    asked = ["cell", "move", str(path), "--yes", "--json"]
+    goals = ["--joints", "left", "3,0,0,0,0", "--joints", "right", "0,0,0,3,0"]
+    result = CliRunner().invoke(main, [*asked, *goals])
+    assert result.exit_code == 0, result.output
+    reached = json.loads(result.stdout)["joints_deg"]
+    assert reached == {"left": [3, 0, 0, 0, 0], "right": [0, 0, 0, 3, 0]}
+    refused = CliRunner().invoke(main, [*asked, "--joints", "middle", "3,0,0,0,0"])
+    assert "left, right" in refused.output
+    assert CliRunner().invoke(main, asked).exit_code == 2
