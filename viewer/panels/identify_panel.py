@@ -16,7 +16,7 @@ from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 
 _OFF = Sentence(
-    text="Finds out how each servo differs from its type, in about two minutes. The arm moves."
+    text="Finds out how each servo differs from its type, in two and a half minutes. The arm moves."
 )
 _EMPTY, _CARRYING = "The hand is empty", "It carries something"
 
