@@ -153,7 +153,8 @@ class FeetechArm:
             elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
                 self._send(bus)
         q, qd = self._at.q, self._at.qd
-        silent = self._presence.unanswering
+        # Where one that did not answer is taken to be is no surer than what it said last.
+        silent = self._presence.silent
         unconfirmed = [i for i in self._at.unconfirmed() if self._maps[i].servo_id not in silent]
         out_of_range = self._out_of_range.nearest(q) if self._out_of_range else {}
         return JointReading(
@@ -162,7 +163,7 @@ class FeetechArm:
             q_jaw=q[5],
             qd_jaw=qd[5],
             out_of_range={JOINTS[i]: q_inside for i, q_inside in out_of_range.items()},
-            unanswered=frozenset(JOINTS[self._index[i]] for i in silent),
+            unanswered=frozenset(JOINTS[self._index[i]] for i in self._presence.unanswering),
             unconfirmed=frozenset(JOINTS[i] for i in unconfirmed),
         )
 

@@ -363,6 +363,18 @@ def test_a_few_lost_answers_are_no_silence(stand):
     assert sum(one.lost for one in stand.arm.health) > 100
 
 
+def test_where_a_joint_is_taken_to_be_is_no_surer_than_its_last_answer(stand):
+    stand.hold()
+    stand.follow(0.3, np.zeros(5), 1.0)
+    for loss, seconds in ((1.0, 0.3), (0.0, 0.0), (1.0, 0.05)):
+        stand.port.faults.loss = loss
+        reading = stand.follow(seconds, np.zeros(5), 1.0)
+    assert "gripper" in reading.unanswered
+    assert "gripper" in reading.unconfirmed  # or it would be held where it may not be
+    stand.port.faults.loss = 0.0
+    assert not stand.follow(0.2, np.zeros(5), 1.0).unconfirmed
+
+
 def test_an_arm_with_a_dead_joint_is_not_switched_on(stand):
     stand.port.world.disconnect(ELBOW)
     stand.look(1.0)
