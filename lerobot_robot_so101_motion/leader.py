@@ -6,26 +6,21 @@ follower is, slowly and guarded like any arm: so a person takes over from where 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from lerobot.teleoperators import Teleoperator
-from lerobot.utils.constants import HF_LEROBOT_CALIBRATION, TELEOPERATORS
+from lerobot.utils.constants import TELEOPERATORS
 
-from lerobot_robot_so101_motion.arm_on_port import ArmOnPort
-from lerobot_robot_so101_motion.arm_session import REST_WITHIN, Pace, Waiter
+from lerobot_robot_so101_motion.arm_session import REST_WITHIN, Pace
 from lerobot_robot_so101_motion.config import SO101MotionLeaderConfig
-from lerobot_robot_so101_motion.units import JOINTS, KEYS, is_number
+from lerobot_robot_so101_motion.so101_device import SO101Device
+from lerobot_robot_so101_motion.units import KEYS, is_number
 from so101_motion.common.errors import So101Error
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
-
-STOCK_FOLDER = "so_leader"
-"""LeRobot's folder for the calibrations of these arms; ours are the same files."""
 
 HANDED_OVER = 100.0
 """Cap on the acceleration of a leader that is driven [deg/s^2]; chosen, somebody may hold it."""
@@ -34,59 +29,17 @@ DRIVEN_ON = 2.0
 """For how long a leader goes on to the last place it was told [s]; chosen: it may lag behind."""
 
 
-class SO101MotionLeader(Teleoperator):
-    """An arm that leads.
-
-    Args:
-        config: Its settings.
-        open_rig: Opens the arm on a port.
-        waiter: How to wait for a motion; by default on the wall clock.
-    """
+class SO101MotionLeader(SO101Device, Teleoperator):
+    """An arm that leads; see ``SO101Device``."""
 
     config_class = SO101MotionLeaderConfig
     name = "so101_motion_leader"
-
-    def __init__(
-        self,
-        config: SO101MotionLeaderConfig,
-        *,
-        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
-        waiter: Waiter | None = None,
-    ) -> None:
-        if config.calibration_dir is None:
-            config = copy(config)
-            config.calibration_dir = HF_LEROBOT_CALIBRATION / TELEOPERATORS / STOCK_FOLDER
-        super().__init__(config)
-        self.config = config
-        self._arm = ArmOnPort(
-            str(self),
-            port=config.port,
-            file=self.calibration_fpath,
-            use_degrees=config.use_degrees,
-            open_rig=open_rig,
-            waiter=waiter,
-            disconnect=self.disconnect,
-        )
-
-    @property
-    def action_features(self) -> dict[str, Any]:
-        """The six joints."""
-        return dict.fromkeys(KEYS, float)
+    stock_folder = Path(TELEOPERATORS) / "so_leader"
 
     @property
     def feedback_features(self) -> dict[str, Any]:
         """Where the follower is: the six joints."""
         return self.action_features
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether the arm has been opened and not been given up."""
-        return self._arm.is_open
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether there is a calibration file of this arm."""
-        return all(joint in self.calibration for joint in JOINTS)
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm and let go of its joints: have a hand on it.
@@ -118,15 +71,6 @@ class SO101MotionLeader(Teleoperator):
         """Let go of the joints, and look at them in every period from now on."""
         self._arm.session.rig.executor.listen(lambda _: None)
         self.disable_torque()
-
-    def calibrate(self) -> None:
-        """Calibrate the arm with the help of a person; see ``calibration.calibrate``."""
-        self._arm.calibrate()
-        self._load_calibration()
-
-    def setup_motors(self) -> None:
-        """Give the motors their ids, one after the other, with the help of a person."""
-        self._arm.set_up_motors()
 
     def get_action(self) -> dict[str, Any]:
         """Where the hand holds the joints.

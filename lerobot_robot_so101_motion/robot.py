@@ -5,27 +5,25 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Mapping
-from copy import copy
+from collections.abc import Mapping
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot
-from lerobot.utils.constants import HF_LEROBOT_CALIBRATION, ROBOTS
+from lerobot.utils.constants import ROBOTS
 
-from lerobot_robot_so101_motion.arm_on_port import ArmOnPort
-from lerobot_robot_so101_motion.arm_session import ArmSession, Pace, Waiter
+from lerobot_robot_so101_motion.arm_session import ArmSession, Pace
 from lerobot_robot_so101_motion.config import SO101MotionConfig
-from lerobot_robot_so101_motion.units import JOINTS, KEYS, is_number
+from lerobot_robot_so101_motion.so101_device import SO101Device
+from lerobot_robot_so101_motion.units import KEYS, is_number
 from so101_motion.common.errors import So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
-from so101_motion.rig.servo_driver import ServoSettings
 
 if TYPE_CHECKING:
     from lerobot.cameras import Camera
@@ -34,46 +32,24 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-STOCK_FOLDER = "so_follower"
-"""LeRobot's folder for the calibrations of these arms; ours are the same files."""
-
 TELL_EVERY = 1.0
 """How often the log says that targets are not taken as they are sent [s]; chosen."""
 
 
-class SO101Motion(Robot):
+class SO101Motion(SO101Device, Robot):
     """One arm that is planned for, guarded and bounded; for the rest like LeRobot's own follower.
 
     Args:
         config: Its settings.
-        open_rig: Opens the arm on a port.
-        waiter: How to wait for a motion; by default on the wall clock.
+        options: As for ``SO101Device``.
     """
 
     config_class = SO101MotionConfig
     name = "so101_motion"
+    stock_folder = Path(ROBOTS) / "so_follower"
 
-    def __init__(
-        self,
-        config: SO101MotionConfig,
-        *,
-        open_rig: Callable[[ServoSettings], HardwareRig] = open_hardware,
-        waiter: Waiter | None = None,
-    ) -> None:
-        if config.calibration_dir is None:
-            config = copy(config)
-            config.calibration_dir = HF_LEROBOT_CALIBRATION / ROBOTS / STOCK_FOLDER
-        super().__init__(config)
-        self.config = config
-        self._arm = ArmOnPort(
-            str(self),
-            port=config.port,
-            file=self.calibration_fpath,
-            use_degrees=config.use_degrees,
-            open_rig=open_rig,
-            waiter=waiter,
-            disconnect=self.disconnect,
-        )
+    def __init__(self, config: SO101MotionConfig, **options: Any) -> None:
+        super().__init__(config, **options)
         self._scene = Scene() if config.scene is None else read_scene(config.scene)
         self._park = None if config.park is None else SavedPoses().find(config.park).q
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
@@ -92,21 +68,6 @@ class SO101Motion(Robot):
             if getattr(camera, "use_depth", False):
                 pictures[f"{key}_depth"] = (camera.height, camera.width, 1)
         return {**self.action_features, **pictures}
-
-    @cached_property
-    def action_features(self) -> dict[str, Any]:
-        """The six joints."""
-        return dict.fromkeys(KEYS, float)
-
-    @property
-    def is_connected(self) -> bool:
-        """Whether the arm has been opened and not been given up."""
-        return self._arm.is_open
-
-    @property
-    def is_calibrated(self) -> bool:
-        """Whether there is a calibration file of this arm; the servos are made to agree with it."""
-        return all(joint in self.calibration for joint in JOINTS)
 
     # Beginning
 
@@ -147,15 +108,6 @@ class SO101Motion(Robot):
 
     def configure(self) -> None:
         """Do nothing: the servos are set up when the arm is opened."""
-
-    def calibrate(self) -> None:
-        """Calibrate the arm with the help of a person; see ``calibration.calibrate``."""
-        self._arm.calibrate()
-        self._load_calibration()
-
-    def setup_motors(self) -> None:
-        """Give the motors their ids, one after the other, with the help of a person."""
-        self._arm.set_up_motors()
 
     # Going on
 
