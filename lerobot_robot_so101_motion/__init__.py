@@ -8,8 +8,10 @@ from lerobot_robot_so101_motion.config import (
     BiSO101MotionConfig,
     SO101MotionArmConfig,
     SO101MotionConfig,
+    SO101MotionJogConfig,
     SO101MotionLeaderConfig,
 )
+from lerobot_robot_so101_motion.jog import SO101MotionJog
 from lerobot_robot_so101_motion.leader import SO101MotionLeader
 from lerobot_robot_so101_motion.robot import SO101Motion
 
@@ -19,6 +21,8 @@ __all__ = [
     "SO101Motion",
     "SO101MotionArmConfig",
     "SO101MotionConfig",
+    "SO101MotionJog",
+    "SO101MotionJogConfig",
     "SO101MotionLeader",
     "SO101MotionLeaderConfig",
 ]

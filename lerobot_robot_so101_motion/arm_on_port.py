@@ -20,6 +20,13 @@ from so101_motion.rig.servo_driver import ServoSettings
 
 _log = logging.getLogger(__name__)
 
+_open: list[ArmOnPort] = []
+
+
+def open_arms() -> tuple[ArmOnPort, ...]:
+    """The arms of this program that are open."""
+    return tuple(_open)
+
 
 class ArmOnPort:
     """One arm, open or not.
@@ -121,6 +128,7 @@ class ArmOnPort:
         except BaseException:
             rig.close()
             raise
+        _open.append(self)
         self._ending.attend()
         if not is_calibrated:
             sources = {setup.source for setup in rig.servos.setups.values()}
@@ -136,6 +144,7 @@ class ArmOnPort:
         session, self._session = self._session, None
         self._ending.leave()
         if session is not None:
+            _open.remove(self)
             session.close()
 
     def calibrate(self) -> None:

@@ -79,3 +79,18 @@ class SO101MotionLeaderConfig(TeleoperatorConfig):
     """As for the robot; give both the same."""
     speed_degs_per_sec: float = 60.0
     """Cap on the speed of each joint while the leader is driven [deg/s]."""
+
+
+@TeleoperatorConfig.register_subclass("so101_motion_jog")
+@dataclass
+class SO101MotionJogConfig(TeleoperatorConfig):
+    """Keys or a gamepad that lead the tool, the teleoperator so101_motion_jog."""
+
+    device: str = "keyboard"
+    """The keyboard of this terminal, or a gamepad, such as /dev/input/js0."""
+    speed_mm_per_sec: float = 40.0
+    """How fast the tool goes along an axis [mm/s]."""
+    turning_degs_per_sec: float = 30.0
+    """How fast the tool turns about an axis [deg/s]."""
+    in_tool: bool = False
+    """Whether the axes are those of the tool instead of those of the base."""

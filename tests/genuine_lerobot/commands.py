@@ -10,7 +10,9 @@ import importlib.metadata
 import json
 import os
 import platform
+import pty
 import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -62,13 +64,13 @@ class Bench:
             emulator.terminate()
             emulator.wait(10)
 
-    def begin(self, command, *arguments):
+    def begin(self, command, *arguments, stdin=subprocess.PIPE):
         return Command(
             subprocess.Popen(
                 [str(BIN / f"lerobot-{command}"), *map(str, arguments)],
                 env=self.env,
                 cwd=self.folder,
-                stdin=subprocess.PIPE,
+                stdin=stdin,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 text=True,
@@ -239,6 +241,49 @@ def teleoperate(bench):
         return {"loops": loops, "dropped_deg": arm.dropped()}
 
 
+def _jog(bench, device, hold, stdin=subprocess.PIPE):
+    """Hold something for three seconds; which joints it moved, and how the command ended."""
+    with bench.arm("arm") as arm:
+        before = arm.degrees()
+        running = bench.begin(
+            "teleoperate", "--robot.type=so101_motion", f"--robot.port={arm.port}",
+            "--robot.id=arm", "--teleop.type=so101_motion_jog", f"--teleop.device={device}",
+            "--fps=30", stdin=stdin,
+        )  # fmt: skip
+        running.await_text("Teleop loop time")
+        for _ in range(75):
+            hold()
+            time.sleep(0.04)
+        running.send(signal.SIGINT)
+        running.end(30)
+        moved = np.abs(arm.degrees() - before).round(1).tolist()
+        if max(moved) < 5.0:
+            raise Failure(f"nothing moved: {moved}; {running.said[-600:]}")
+        return {"moved_deg": moved, "dropped_deg": arm.dropped()}
+
+
+def jog_with_keys(bench):
+    """lerobot-teleoperate with keys of its terminal: the tool goes up while R is held."""
+    ours, theirs = pty.openpty()
+    try:
+        return _jog(bench, "keyboard", lambda: os.write(ours, b"r"), theirs)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def jog_with_a_gamepad(bench):
+    """lerobot-teleoperate with a gamepad's events: the tool goes up while its stick is held."""
+    pad = bench.folder / "js0"
+    os.mkfifo(pad)
+    end = os.open(pad, os.O_RDWR)
+    events = struct.pack("=IhBB", 0, 1, 1, 5) + struct.pack("=IhBB", 0, -32767, 2, 4)
+    try:
+        return _jog(bench, pad, lambda: os.write(end, events))
+    finally:
+        os.close(end)
+
+
 def _ended_by(bench, number, code):
     with both(bench) as (arm, led):
         running = bench.begin("teleoperate", *robot(arm), *leader(led), "--fps=60")
@@ -329,7 +374,8 @@ def recorded_types(bench):
 
 SCENARIOS = (
     recorded_types, setup_motors, calibrate, calibrate_leader, teleoperate, interrupted,
-    terminated, killed, record, record_with_a_camera, replay, rollout,
+    terminated, killed, jog_with_keys, jog_with_a_gamepad, record, record_with_a_camera, replay,
+    rollout,
 )  # fmt: skip
 NEEDED = (calibrate, calibrate_leader)
 

@@ -25,6 +25,8 @@ from lerobot_robot_so101_motion import (  # noqa: E402
     SO101Motion,
     SO101MotionArmConfig,
     SO101MotionConfig,
+    SO101MotionJog,
+    SO101MotionJogConfig,
     SO101MotionLeader,
     SO101MotionLeaderConfig,
 )
@@ -33,6 +35,8 @@ __all__ = [
     "BiSO101Motion",
     "BiSO101MotionConfig",
     "SO101MotionArmConfig",
+    "SO101MotionJog",
+    "SO101MotionJogConfig",
     "SO101MotionLeader",
     "SO101MotionLeaderConfig",
 ]

@@ -1,0 +1,161 @@
+"""What a person holds: keys of this terminal, or the sticks of a gamepad.
+
+Each says on request which way is held, as seven numbers from -1 to 1: the tool along X, Y and Z,
+its turns about X, Y and Z, and the jaw, where 1 opens it.
+
+A terminal says that a key was pressed, and again while it is held, but never that it was let go. So
+a key counts as held for ``HELD`` after it was said: one that is tapped is a nudge, and one that is
+held goes on as soon as the terminal repeats it.
+
+A gamepad is read as Linux hands it out under ``/dev/input``, eight bytes an event. It moves the arm
+while one of its shoulder buttons is held.
+
+Source: Linux kernel, Documentation/input/joydev/joystick-api.rst.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+import termios
+import tty
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+
+AXES = 7
+
+HELD = 0.12
+"""For how long a key counts as held that the terminal does not repeat [s]; chosen: terminals repeat
+each 0.03 to 0.05 s, and a loop at 15 Hz looks each 0.07 s."""
+
+KEYS = ("sw", "da", "fr", "ju", "ki", "lo", "hy")
+"""For each of the seven the keys that take it down and up, as on the page."""
+
+HELP = (
+    "Hold a key: w/s forward and back, a/d left and right, r/f up and down, j/u, k/i, l/o turn,"
+    " y/h open and close the jaw. Ctrl-C ends it."
+)
+
+_EVENT = struct.Struct("=IhBB")  # time [ms], value, kind, number
+_BUTTON, _AXIS, _INITIAL = 1, 2, 0x80
+_SHOULDERS = (4, 5)
+_FULL = 32767.0
+_STILL = 0.15  # of a stick's travel
+
+
+class Held(Protocol):
+    """Something that a person holds."""
+
+    def read(self, now: float) -> Array:
+        """What is held at ``now`` [s], shape (``AXES``,), -1 to 1."""
+
+    def close(self) -> None:
+        """Give it up."""
+
+
+class TerminalKeys:
+    """The keys of the terminal that this program runs in. Ctrl-C still ends the program.
+
+    Raises:
+        ConnectionError: Standard input is no terminal.
+    """
+
+    def __init__(self) -> None:
+        if not sys.stdin.isatty():
+            raise ConnectionError(
+                "there is no keyboard: standard input is no terminal. Start the command in one, or"
+                " give a gamepad: --teleop.device=/dev/input/js0"
+            )
+        self._fd = sys.stdin.fileno()
+        self._before: list[Any] = termios.tcgetattr(self._fd)
+        tty.setcbreak(self._fd)
+        os.set_blocking(self._fd, False)
+        self._last: dict[str, float] = {}
+
+    def read(self, now: float) -> Array:
+        """What is held at ``now`` [s], shape (``AXES``,), -1 to 1."""
+        for key in _read(self._fd, 256).decode(errors="replace").lower():
+            self._last[key] = now
+        held = {key for key, then in self._last.items() if now - then < HELD}
+        return np.array([float(more in held) - float(less in held) for less, more in KEYS])
+
+    def close(self) -> None:
+        """Give the terminal back as it was."""
+        os.set_blocking(self._fd, True)
+        termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._before)
+
+
+class Gamepad:
+    """The sticks of a gamepad: the left one along X and Y, the right one up and round Z.
+
+    The cross turns about Y, the triggers open and close the jaw.
+
+    Args:
+        path: Of the device, such as ``/dev/input/js0``.
+
+    Raises:
+        ConnectionError: It cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._fd = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError as error:
+            raise ConnectionError(f"no gamepad at {path}: {error.strerror}; plug it in") from error
+        self._path = path
+        self._axes = {2: -1.0, 5: -1.0}  # the triggers' rest
+        self._pressed: set[int] = set()
+        self._left = b""
+
+    def read(self, now: float) -> Array:
+        """What is held, shape (``AXES``,), -1 to 1.
+
+        Raises:
+            ConnectionError: It is not there any more.
+        """
+        try:
+            while found := _read(self._fd, 512 * _EVENT.size):
+                self._take(found)
+        except OSError as error:
+            raise ConnectionError(f"the gamepad at {self._path} went away") from error
+        held = np.zeros(AXES)
+        if self._pressed.intersection(_SHOULDERS):
+            at = [self._axes.get(i, 0.0) for i in range(8)]
+            jaw = 0.5 * (at[5] - at[2])
+            held[:] = (-at[1], -at[0], -at[4], 0.0, -at[7], -at[3], jaw)
+        return np.where(np.abs(held) < _STILL, 0.0, np.clip(held, -1.0, 1.0))
+
+    def close(self) -> None:
+        """Give it up."""
+        os.close(self._fd)
+
+    def _take(self, found: bytes) -> None:
+        data = self._left + found
+        whole = len(data) - len(data) % _EVENT.size
+        self._left = data[whole:]
+        for _, value, kind, number in _EVENT.iter_unpack(data[:whole]):
+            if kind & ~_INITIAL == _AXIS:
+                self._axes[number] = value / _FULL
+            elif kind & ~_INITIAL == _BUTTON:
+                (self._pressed.add if value else self._pressed.discard)(number)
+
+
+def open_held(device: str) -> Held:
+    """What ``device`` names: ``keyboard``, or the path of a gamepad.
+
+    Raises:
+        ConnectionError: It is not there; the message says what to do.
+    """
+    return TerminalKeys() if device == "keyboard" else Gamepad(Path(device))
+
+
+def _read(fd: int, most: int) -> bytes:
+    try:
+        return os.read(fd, most)
+    except BlockingIOError:
+        return b""

@@ -1,0 +1,207 @@
+"""Lead the tool with keys or a gamepad, as a teleoperator: ``--teleop.type=so101_motion_jog``.
+
+What is held is a velocity of the tool. The Cartesian servo turns it into joint angles, on straight
+lines and clear of everything; those are the actions, which the robot follows and a data set keeps.
+The servo begins where the arm of this program is wanted, and begins anew there when the arm was
+held up, and somebody holds something again.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from lerobot.teleoperators import Teleoperator
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from lerobot_robot_so101_motion.arm_on_port import ArmOnPort, open_arms
+from lerobot_robot_so101_motion.config import SO101MotionJogConfig
+from lerobot_robot_so101_motion.held_keys import HELP, Held, open_held
+from lerobot_robot_so101_motion.units import KEYS
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_m, to_rad
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.differential.servo import Servo
+from so101_motion.planning.differential.targets import STILL, Twist
+from so101_motion.planning.timing.limits import MotionLimits
+
+_log = logging.getLogger(__name__)
+
+JAW_RATE = 0.6
+"""How fast the jaw opens and closes [1/s], shares of its travel; chosen."""
+
+CATCH_UP = 0.1
+"""How much time an action makes up for at most [s]: a loop that stalled goes on from where it was;
+chosen, more than a period at 15 Hz."""
+
+AWAY = to_rad(1.0)
+"""How far the arm must be from where the servo was for that to begin anew [rad]; chosen."""
+
+CAPS = MotionLimits.uniform(velocity=to_rad(120.0), acceleration=to_rad(300.0), jerk=100.0)
+"""Caps of the joints while the tool is led, where those of the arm are not lower. Chosen."""
+
+TOLD_EVERY = 1.0
+"""How often it is said what holds the tool [s]; chosen."""
+
+_HELD_BELOW = 0.5  # of what is wanted; below, it is said what holds the tool
+
+
+class SO101MotionJog(Teleoperator):
+    """Leads the tool of the one arm of this program.
+
+    Args:
+        config: Its settings.
+        opener: Opens what a person holds.
+    """
+
+    config_class = SO101MotionJogConfig
+    name = "so101_motion_jog"
+
+    def __init__(
+        self, config: SO101MotionJogConfig, *, opener: Callable[[str], Held] = open_held
+    ) -> None:
+        super().__init__(config)
+        self.config = config
+        self._opener = opener
+        self._device: Held | None = None
+        self._lead: _ToolLead | None = None
+
+    @property
+    def action_features(self) -> dict[str, Any]:
+        """The six joints."""
+        return dict.fromkeys(KEYS, float)
+
+    @property
+    def feedback_features(self) -> dict[str, Any]:
+        """None: nothing is felt."""
+        return {}
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the keys or the gamepad are in use."""
+        return self._device is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Always: there is nothing to calibrate."""
+        return True
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Take the keys or the gamepad.
+
+        Raises:
+            DeviceAlreadyConnectedError: It has.
+            ConnectionError: There are none; the message says what to do.
+        """
+        if self._device is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is already connected.")
+        self._device = self._opener(self.config.device)
+        if self.config.device == "keyboard":
+            _log.info(HELP)
+
+    def calibrate(self) -> None:
+        """Do nothing."""
+
+    def configure(self) -> None:
+        """Do nothing."""
+
+    def get_action(self) -> dict[str, Any]:
+        """Where the joints shall be next.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected, or no arm of this plugin's is.
+            ConnectionError: The gamepad went away, or the arm cannot be reached.
+        """
+        if self._device is None:
+            raise DeviceNotConnectedError(f"{self} is not connected. Run `.connect()` first.")
+        arm = _only_arm()
+        try:
+            if self._lead is None or self._lead.arm is not arm:
+                self._lead = _ToolLead(arm, self.config)
+            return self._lead.next(self._device.read(arm.session.rig.clock.now()))
+        except So101Error as error:
+            raise ConnectionError(f"{self} cannot lead: {error}") from error
+
+    def send_feedback(self, feedback: Mapping[str, Any]) -> None:
+        """Do nothing: keys cannot be felt."""
+
+    def disconnect(self) -> None:
+        """Give the keys or the gamepad back.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected.
+        """
+        if self._device is None:
+            raise DeviceNotConnectedError(f"{self} is not connected.")
+        device, self._device = self._device, None
+        self._lead = None
+        device.close()
+
+
+class _ToolLead:
+    """Where the joints of one arm are led."""
+
+    def __init__(self, arm: ArmOnPort, config: SO101MotionJogConfig) -> None:
+        self.arm, self._in_tool = arm, config.in_tool
+        self._speed = np.repeat(
+            (to_m(config.speed_mm_per_sec), to_rad(config.turning_degs_per_sec)), 3
+        )
+        rig = arm.session.rig
+        self._model = rig.arm.model.narrowed(*rig.arm.range)
+        self._collision = CollisionModel(self._model, rig.arm.scene)
+        self._limits = rig.arm.effective_limits(CAPS)
+        self._aperture = rig.gripper.aperture
+        self._t = self._told_at = rig.clock.now()
+        self._left = 0.0  # time that is no whole step yet [s]
+        self._is_led = False
+        self._servo = self._begin()
+
+    def next(self, held: Array) -> dict[str, float]:
+        """The next action, for what is held, shape (7,), -1 to 1."""
+        rig = self.arm.session.rig
+        now, dt = rig.clock.now(), rig.executor.dt
+        elapsed, self._t = min(now - self._t, CATCH_UP), now
+        is_led = bool(held[:6].any())
+        if is_led and not self._is_led and self._is_elsewhere():
+            self._servo = self._begin()
+        self._is_led = is_led
+        steps, self._left = divmod(self._left + elapsed, dt)
+        speeds = self._speed * held[:6]
+        twist = Twist(linear=speeds[:3], angular=speeds[3:], in_tool=self._in_tool)
+        for _ in range(int(steps)):
+            step = self._servo.step(twist if is_led else STILL, rig.gripper.q_jaw)
+            if is_led and step.share < _HELD_BELOW:
+                self._tell(now)
+        self._aperture = min(max(self._aperture + JAW_RATE * elapsed * held[6], 0.0), 1.0)
+        return self.arm.units.to_lerobot(self._servo.q, self._aperture)
+
+    def _begin(self) -> Servo:
+        rig = self.arm.session.rig
+        q, dt = self.arm.session.state.q_ref, rig.executor.dt
+        return Servo(self._model, self._collision, self._limits, dt, q)
+
+    def _is_elsewhere(self) -> bool:
+        """Whether the arm rests somewhere else than the servo does."""
+        state = self.arm.session.state
+        is_at_rest = not self._servo.qd.any() and not state.qd_ref.any()
+        return is_at_rest and float(np.max(np.abs(state.q_ref - self._servo.q))) > AWAY
+
+    def _tell(self, now: float) -> None:
+        held_by = self._servo.held_by()
+        if held_by and now - self._told_at >= TOLD_EVERY:
+            self._told_at = now
+            _log.info("the tool is held by %s", " and ".join(held_by))
+
+
+def _only_arm() -> ArmOnPort:
+    arms = open_arms()
+    if len(arms) != 1:
+        found = f"{len(arms)} are" if arms else "none is"
+        raise DeviceNotConnectedError(
+            f"keys and gamepads lead one arm of this program, and {found} connected; use"
+            " --robot.type=so101_motion"
+        )
+    return arms[0]
