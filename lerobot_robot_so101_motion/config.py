@@ -47,6 +47,8 @@ class SO101MotionArmConfig:
     stock_droop: bool = False
     """Whether nothing makes up for weight, friction and lag, as with LeRobot's own driver: for
     policies that have learnt how that one droops."""
+    record_taken: bool = False
+    """Whether the state also has what was taken of the action before, as JOINT.taken."""
     stale_after_s: float = 0.25
     """After how long without a target the arm slows to rest [s]."""
 

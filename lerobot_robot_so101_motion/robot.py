@@ -18,7 +18,7 @@ from lerobot.utils.constants import ROBOTS
 from lerobot_robot_so101_motion.arm_session import ArmSession, Pace
 from lerobot_robot_so101_motion.config import SO101MotionConfig
 from lerobot_robot_so101_motion.so101_device import SO101Device
-from lerobot_robot_so101_motion.units import KEYS, is_number
+from lerobot_robot_so101_motion.units import JOINTS, KEYS, is_number
 from so101_motion.common.errors import So101Error
 from so101_motion.common.units import to_rad
 from so101_motion.files.saved_poses import SavedPoses
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
 
 _log = logging.getLogger(__name__)
+
+TAKEN = tuple(f"{joint}.taken" for joint in JOINTS)
+"""Where an observation tells what was taken of the action before."""
 
 TELL_EVERY = 1.0
 """How often the log says that targets are not taken as they are sent [s]; chosen."""
@@ -67,7 +70,8 @@ class SO101Motion(SO101Device, Robot):
                 pictures[key] = (camera.height, camera.width, 3)
             if getattr(camera, "use_depth", False):
                 pictures[f"{key}_depth"] = (camera.height, camera.width, 1)
-        return {**self.action_features, **pictures}
+        taken = dict.fromkeys(TAKEN, float) if self.config.record_taken else {}
+        return {**self.action_features, **taken, **pictures}
 
     # Beginning
 
@@ -122,6 +126,9 @@ class SO101Motion(SO101Device, Robot):
             values: dict[str, Any] = dict(self._arm.here)
         except So101Error as error:
             raise ConnectionError(str(error)) from error
+        if self.config.record_taken:
+            taken = self._wanted or values
+            values |= {name: taken[key] for name, key in zip(TAKEN, KEYS, strict=True)}
         for key, camera in self.cameras.items():
             if getattr(camera, "use_rgb", True):
                 values[key] = _picture(camera)

@@ -93,6 +93,15 @@ def test_a_target_beyond_the_range_is_taken_within_it_and_both_are_told(bench, c
     assert "500.0 was taken as" in caplog.text
 
 
+def test_observations_tell_what_was_taken_of_an_action_if_that_is_to_be_recorded(bench):
+    robot = bench.connected(record_taken=True)
+    robot.send_action(action(500.0, *READY[1:]))
+    seen = robot.get_observation()
+    assert list(seen) == list(robot.observation_features)
+    assert 90.0 < seen["shoulder_pan.taken"] < 130.0
+    assert seen["elbow_flex.taken"] == pytest.approx(READY[2])
+
+
 def test_targets_keep_within_max_relative_target(bench):
     robot = bench.connected(max_relative_target={"shoulder_pan": 4.0})
     taken = robot.send_action(action(30.0, *READY[1:]))

@@ -185,14 +185,14 @@ class _Run:
         """Convert rows in place; say where each arm joint is beyond its new travel, (n, 5)."""
         outside = np.zeros((len(values), 5), dtype=bool)
         jaw_stays = not (self._source.is_jaw_known and self._target.is_jaw_known)
-        for i, place in enumerate(self._set.columns[name]):
+        for i, place in (each for places in self._set.angles(name) for each in enumerate(places)):
             if place is None or (i == 5 and jaw_stays):  # a share of a travel stays that share
                 continue
             q = values[:, place] * self._source.factor[i] + self._source.offset[i]
             values[:, place] = (q - self._target.offset[i]) / self._target.factor[i]
             if i < 5:
                 lower, upper = self._target.lower[i] - _BEYOND, self._target.upper[i] + _BEYOND
-                outside[:, i] = (q < lower) | (q > upper)
+                outside[:, i] |= (q < lower) | (q > upper)
         return outside
 
     # Statistics

@@ -31,6 +31,9 @@ from so101_motion.tasks.datasets.parquet import Reader, require
 
 ACTION, STATE = "action", "observation.state"
 
+TAKEN = ".taken"
+"""What follows a joint's name in the state where an arm of ours keeps what it took of an action."""
+
 MOST_OF_EPISODE = 2_000_000
 """Most frames of one episode, 9 hours at 60 a second: it is held in memory. Chosen."""
 
@@ -80,6 +83,18 @@ class DataSet:
     metadata: Metadata
     side: str
     columns: dict[str, tuple[int | None, ...]]
+
+    def angles(self, name: str) -> Iterator[tuple[int | None, ...]]:
+        """The places of ``JOINTS`` in a row of a column, for each kind of angle that it keeps.
+
+        Beside where joints are, that may be what an arm took of an action; see ``TAKEN``.
+        """
+        yield self.columns[name]
+        names = self.metadata.features[name].names
+        side = f"{self.side}_" if self.side else ""
+        kept = [f"{side}{joint}{TAKEN}" for joint in JOINTS]
+        if any(each in names for each in kept):
+            yield tuple(names.index(each) if each in names else None for each in kept)
 
     @property
     def has_state(self) -> bool:

@@ -120,6 +120,19 @@ def test_a_data_set_is_written_anew_with_other_numbers_and_statistics(tmp_path, 
     assert mean_of_first(tmp_path / "new", version) == pytest.approx(first.mean(axis=0), abs=1e-4)
 
 
+def test_what_an_arm_took_of_its_actions_is_converted_as_well(tmp_path):
+    names = (*NAMES, *(f"{joint}.taken" for joint in JOINTS))
+    rows = np.hstack([swing(), swing(phase=1.0)])
+    root = write_data_set(tmp_path / "old", [(rows, rows)], names=names)
+    source, target = units_of("degrees", stored(tmp_path)), units_of("range", stored(tmp_path))
+    convert_data_set(open_data_set(root), tmp_path / "new", source=source, target=target)
+    table = pq.read_table(tmp_path / "new/data/chunk-000/file-000.parquet")
+    new = np.array(table.column("observation.state").to_pylist())
+    for begin in (0, 6):
+        before, after = rows[:, begin : begin + 6], new[:, begin : begin + 6]
+        assert np.allclose(source.to_model(before), target.to_model(after), atol=1e-5)
+
+
 def mean_of_first(root, version):
     if version == "v3.0":
         table = pq.read_table(root / "meta/episodes/chunk-000/file-000.parquet")
