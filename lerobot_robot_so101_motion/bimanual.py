@@ -1,8 +1,8 @@
 """Two SO-101 arms as one robot of LeRobot: ``--robot.type=bi_so101_motion``.
 
 Each arm is a robot of its own, with ``left_`` or ``right_`` before its keys. Each keeps clear of
-itself, the table and its scene. Nothing keeps the two off each other yet: give each a scene that
-bounds its side, or mount them out of each other's reach.
+itself, the table and its scene, and with a cell, which says where the two stand, of the other arm
+as well.
 """
 
 from __future__ import annotations
@@ -22,8 +22,13 @@ from lerobot_robot_so101_motion.config import (
     SO101MotionConfig,
 )
 from lerobot_robot_so101_motion.robot import SO101Motion
+from so101_motion.arm.cell import Cell
+from so101_motion.common.errors import ConfigError
+from so101_motion.files.cell_file import CellFile, read_cell
 from so101_motion.rig.hardware_rig import HardwareRig, open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
+
+SIDES = ("left", "right")
 
 
 class BiSO101Motion(Robot):
@@ -51,11 +56,15 @@ class BiSO101Motion(Robot):
             f"{side}_": SO101Motion(
                 _of_side(config, side, settings), open_rig=open_rig, waiter=waiter
             )
-            for side, settings in (
-                ("left", config.left_arm_config),
-                ("right", config.right_arm_config),
+            for side, settings in zip(
+                SIDES, (config.left_arm_config, config.right_arm_config), strict=True
             )
         }
+        self._cell = None if config.cell is None else _two_of(read_cell(config.cell))
+        for each in () if self._cell is None else self._cell.arms:
+            arm = self.arms[f"{each.name}_"]
+            if arm.config.scene is None:
+                arm.scene = self._cell.scene_of(each)
         self.cameras = {
             side + key: camera
             for side, arm in self.arms.items()
@@ -88,6 +97,7 @@ class BiSO101Motion(Robot):
             for arm in self.arms.values():
                 arm.connect(calibrate)
                 undo.callback(arm.disconnect)
+            self._join()
             undo.pop_all()
 
     def configure(self) -> None:
@@ -127,10 +137,25 @@ class BiSO101Motion(Robot):
                 if arm.is_connected:
                     both.callback(arm.disconnect)
 
+    def _join(self) -> None:
+        """Let the two keep off each other, if it is known where they stand."""
+        if self._cell is None:
+            return
+        cell = Cell()
+        for each in self._cell.arms:
+            self.arms[f"{each.name}_"].join(cell, each.name, each.T_cell_base)
+
     def _joined(self, of: Callable[[SO101Motion], dict[str, Any]]) -> dict[str, Any]:
         return {
             side + key: value for side, arm in self.arms.items() for key, value in of(arm).items()
         }
+
+
+def _two_of(file: CellFile) -> CellFile:
+    names = sorted(each.name for each in file.arms)
+    if names != sorted(SIDES):
+        raise ConfigError("cell", names, 'must have the two arms "left" and "right"')
+    return file
 
 
 def _of_side(

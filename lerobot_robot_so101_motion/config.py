@@ -68,6 +68,9 @@ class BiSO101MotionConfig(RobotConfig):
     """Of the left arm."""
     right_arm_config: SO101MotionArmConfig
     """Of the right arm."""
+    cell: Path | None = None
+    """Where the two stand: a file as "so101 cell" has it, with arms "left" and "right", which then
+    keep off each other, and off the file's scene where they have none of their own."""
 
 
 @TeleoperatorConfig.register_subclass("so101_motion_leader")

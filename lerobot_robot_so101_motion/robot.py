@@ -28,7 +28,8 @@ from so101_motion.planning.collision.scene import Scene
 if TYPE_CHECKING:
     from lerobot.cameras import Camera
 
-    from so101_motion.common.geometry import Array
+    from so101_motion.arm.cell import Cell
+    from so101_motion.common.geometry import SE3, Array
 
 _log = logging.getLogger(__name__)
 
@@ -45,6 +46,9 @@ class SO101Motion(SO101Device, Robot):
     Args:
         config: Its settings.
         options: As for ``SO101Device``.
+
+    Attributes:
+        scene: What is around it, from when it is connected on.
     """
 
     config_class = SO101MotionConfig
@@ -53,7 +57,7 @@ class SO101Motion(SO101Device, Robot):
 
     def __init__(self, config: SO101MotionConfig, **options: Any) -> None:
         super().__init__(config, **options)
-        self._scene = Scene() if config.scene is None else read_scene(config.scene)
+        self.scene = Scene() if config.scene is None else read_scene(config.scene)
         self._park = None if config.park is None else SavedPoses().find(config.park).q
         self.cameras: dict[str, Camera] = make_cameras_from_configs(config.cameras)
         self._wanted: dict[str, float] = {}
@@ -96,7 +100,7 @@ class SO101Motion(SO101Device, Robot):
         )
         self._arm.open(
             pace,
-            self._scene,
+            self.scene,
             is_calibrated=self.is_calibrated,
             compensates=not config.stock_droop,
         )
@@ -112,6 +116,19 @@ class SO101Motion(SO101Device, Robot):
 
     def configure(self) -> None:
         """Do nothing: the servos are set up when the arm is opened."""
+
+    def join(self, cell: Cell, name: str, T_cell_base: SE3) -> None:
+        """Keep off the other arms of a cell from now on, until it is disconnected.
+
+        Args:
+            cell: The arms that share a space.
+            name: What messages call this one.
+            T_cell_base: Where its base stands.
+
+        Raises:
+            DeviceNotConnectedError: It is not connected.
+        """
+        cell.add(name, self._arm.session.rig, T_cell_base)
 
     # Going on
 
@@ -169,6 +186,8 @@ class SO101Motion(SO101Device, Robot):
         for key in KEYS:
             if abs(taken[key] - wanted[key]) > 1e-6:
                 self._tell(key, "%s: %.1f was taken as %.1f", key, wanted[key], taken[key])
+        if held_by := arm.session.held_by:
+            self._tell("held", "%s is held by %s", self, " and ".join(held_by))
         self._wanted = taken
         return dict(taken)
 

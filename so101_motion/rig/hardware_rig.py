@@ -109,7 +109,7 @@ class HardwareRig(Rig):
         shared.shares.append(asked)
         self.servos, rig = shared.servos, shared.rig
         self.clock, self.executor = rig.clock, rig.executor
-        self.arm, self.gripper = rig.arm, rig.gripper
+        self.arm, self.gripper, self.planner = rig.arm, rig.gripper, rig.planner
         self.first_try: Future[None] = Future()
         self.first_try.set_result(None)
         self._lease: BusLease | None = None

@@ -1,5 +1,7 @@
 """Two arms as one robot of LeRobot."""
 
+import json
+
 import numpy as np
 import pytest
 from harness.emulated_rig import MIDDLES_DEG
@@ -11,6 +13,8 @@ from harness.lerobot_bench import (
     SO101MotionArmConfig,
     action,
 )
+
+from so101_motion.common.errors import ConfigError
 
 START = (*np.radians(np.add(READY[:5], MIDDLES_DEG)), 0.5)
 
@@ -32,12 +36,16 @@ class TwoArms(LeRobotBench):
 
 
 @pytest.fixture
-def robot(tmp_path):
+def robot(tmp_path, request):
     for side in ("left", "right"):
         (tmp_path / side).mkdir()
     bench = TwoArms(tmp_path)
     sides = (SO101MotionArmConfig(port=str(each.port)) for each in (bench, bench.other))
-    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path)
+    cell = None
+    if hasattr(request, "param"):
+        cell = tmp_path / "cell.json"
+        cell.write_text(json.dumps({"arms": request.param}))
+    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cell=cell)
     robot = BiSO101Motion(config, open_rig=bench.open_rig, waiter=bench.wait)
     robot.connect(calibrate=False)
     yield robot, bench
@@ -62,6 +70,35 @@ def test_each_arm_goes_to_its_own_targets(robot):
     seen = robot.get_observation()
     assert seen["left_shoulder_pan.pos"] == pytest.approx(4.0, abs=0.5)
     assert seen["right_shoulder_pan.pos"] == pytest.approx(-4.0, abs=0.5)
+
+
+FACING = [
+    {"name": "left", "position_mm": [0, 0, 0]},
+    {"name": "right", "position_mm": [600, 0, 0], "rpy_deg": [0, 0, 180]},
+]
+
+
+@pytest.mark.parametrize("robot", [FACING], indirect=True)
+def test_with_a_cell_two_arms_that_are_sent_at_each_other_stop_short(robot, caplog):
+    robot, bench = robot
+    ahead = (0.0, 20.0, -20.0, 20.0, 0.0, 30.0)
+    for _ in range(60):
+        robot.send_action(both(ahead, ahead))
+        bench.advance(1.0 / 30.0)
+    reaches = [
+        each.rig.arm.model.frame(each.rig.arm.state.q_ref).p[0] for each in (bench, bench.other)
+    ]
+    assert sum(reaches) < 0.60
+    assert "is held by" in caplog.text
+
+
+def test_a_cell_of_other_arms_is_refused(tmp_path):
+    cell = tmp_path / "cell.json"
+    cell.write_text(json.dumps({"arms": FACING[:1]}))
+    sides = (SO101MotionArmConfig(port=str(tmp_path / side)) for side in ("left", "right"))
+    config = BiSO101MotionConfig(*sides, id="two", calibration_dir=tmp_path, cell=cell)
+    with pytest.raises(ConfigError, match='"left" and "right"'):
+        BiSO101Motion(config)
 
 
 def test_an_arm_that_cannot_be_opened_leaves_the_other_closed(robot):
