@@ -61,10 +61,11 @@ class BiSO101Motion(Robot):
             )
         }
         self._cell = None if config.cell is None else _two_of(read_cell(config.cell))
-        for each in () if self._cell is None else self._cell.arms:
-            arm = self.arms[f"{each.name}_"]
-            if arm.config.scene is None:
-                arm.scene = self._cell.scene_of(each)
+        if self._cell is not None:
+            for each in self._cell.arms:
+                arm = self.arms[f"{each.name}_"]
+                if arm.config.scene is None:
+                    arm.scene = self._cell.scene_of(each)
         self.cameras = {
             side + key: camera
             for side, arm in self.arms.items()

@@ -33,7 +33,7 @@ HELD = 0.12
 """For how long a key counts as held that the terminal does not repeat [s]; chosen: terminals repeat
 each 0.03 to 0.05 s, and a loop at 15 Hz looks each 0.07 s."""
 
-KEYS = ("sw", "da", "fr", "ju", "ki", "lo", "hy")
+KEYS = tuple(zip("sdfjklh", "waruioy", strict=True))
 """For each of the seven the keys that take it down and up, as on the page."""
 
 HELP = (
