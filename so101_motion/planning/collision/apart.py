@@ -45,6 +45,9 @@ that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line betwee
 
 _PART, _UNKNOWN = 0.5, 2  # as in apart.c and native.h
 
+_Found = tuple[float, float, int, int] | None
+"""When, how near, and which bodies of either arm."""
+
 
 class Meeting(NamedTuple):
     """Where two arms would come too near to each other.
@@ -142,20 +145,20 @@ def first_meeting(
         early: How much one may be ahead of the other [s]: the faster both are, the further apart
             they must stay.
     """
+    a, b = first[0], second[0]
+    if a.handle is not None and b.handle is not None:
+        return _told(
+            "so101_courses_apart", first, second, T_first_second, (since, STEP, room, early)
+        )
     span = max(first[1].end, second[1].end) - since
     count = max(1, math.ceil(span / STEP - 1e-9) + 1)
     times = since + STEP * np.arange(count)
     qa, qb = (np.ascontiguousarray(course.at(times)) for _, course in (first, second))
-    a, b = first[0], second[0]
-    meet = _meet if a.handle is not None and b.handle is not None else _meet_by_coal
-    found = meet(a, b, T_first_second, qa, qb, room, early / STEP)
+    found = _meet_by_coal(a, b, T_first_second, qa, qb, room, early / STEP)
     if found is None:
         return None
     step, gap, i, j = found
     return Meeting(since + STEP * step, gap, a.names[i], b.names[j])
-
-
-_Found = tuple[float, float, int, int] | None
 
 
 def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
@@ -203,26 +206,40 @@ def stops_meeting(
             if met is not None:
                 return met
         return None
-    library, placement, out = native().library, _placement(T_first_second), np.zeros(4)
+    figures = since, end, every, STEP, room, early
+    return _told("so101_stops_apart", first, second, T_first_second, figures)
+
+
+def _told(
+    question: str,
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T: SE3,
+    figures: tuple[float, ...],
+) -> Meeting | None:
+    """What the compiled library answers about two courses."""
+    (a, one), (b, other) = first, second
+    library, out = native().library, np.zeros(4)
     assert library is not None
-    times = [np.array([each.t, each.dt]) for _, each in (first, second)]
-    found = library.so101_stops_apart(
+    times = np.array([one.t, one.dt, other.t, other.dt])
+    placement, at = _placement(T), times.ctypes.data
+    found = getattr(library, question)(
         a.handle,
         b.handle,
         pointer(placement),
         a.levers_pointer,
         b.levers_pointer,
-        pointer(times[0]),
-        len(first[1].q),
-        pointer(first[1].q),
-        pointer(times[1]),
-        len(second[1].q),
-        pointer(second[1].q),
-        *(ctypes.c_double(each) for each in (since, end, every, STEP, room, early)),
+        ctypes.c_void_p(at),
+        len(one.q),
+        pointer(one.q),
+        ctypes.c_void_p(at + 2 * times.itemsize),
+        len(other.q),
+        pointer(other.q),
+        *map(ctypes.c_double, figures),
         pointer(out),
     )
-    told = _told(found, out)
-    return None if told is None else Meeting(told[0], told[1], a.names[told[2]], b.names[told[3]])
+    met = _found(found, out)
+    return None if met is None else Meeting(met[0], met[1], a.names[met[2]], b.names[met[3]])
 
 
 def _meet(
@@ -243,10 +260,10 @@ def _meet(
         ctypes.c_double(early),
         pointer(out),
     )
-    return _told(found, out)
+    return _found(found, out)
 
 
-def _told(found: int, out: Array) -> _Found:
+def _found(found: int, out: Array) -> _Found:
     if found == _UNKNOWN:
         raise MemoryError("there is no memory to prove that two arms keep apart")
     return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None

@@ -181,6 +181,28 @@ static double stop_of(const Course *c, double t, double places[PLACES][JOINTS]) 
     return duration;
 }
 
+/* As so101_apart, for two arms from `since` on along their courses, which are held against each
+ * other every `step` seconds and straight in between; see so101_stops_apart for the arguments. */
+int so101_courses_apart(const Scene *a, const Scene *b, const double *placement,
+                        const double *levers_a, const double *levers_b, const double *a_course,
+                        int na, const double *qa, const double *b_course, int nb, const double *qb,
+                        double since, double step, double margin, double skew, double *out) {
+    const Course both[2] = {{a_course[0], a_course[1], na, qa}, {b_course[0], b_course[1], nb, qb}};
+    const double end =
+        fmax(both[0].t + both[0].dt * (na - 1), both[1].t + both[1].dt * (nb - 1)) - since;
+    const int n = end > 0.0 ? (int)ceil(end / step - 1e-9) + 1 : 1;
+    double *q = malloc(sizeof(double) * 2 * (size_t)n * JOINTS);
+    if (!q) return UNKNOWN;
+    for (int which = 0; which < 2; which++)
+        for (int i = 0; i < n; i++)
+            course_at(&both[which], since + step * i, q + JOINTS * (which * n + i));
+    const int found = so101_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n, margin,
+                                  skew / step, out);
+    free(q);
+    if (found != FREE) out[0] = since + step * out[0];
+    return found;
+}
+
 /* Whether two arms keep apart if both have to stop along their courses at any of the instants from
  * `since` to `end`, `every` apart; as so101_apart, but `out` tells the time. `skew` and `step` in
  * seconds; `a_course` and `b_course`: when they begin, and the time between their configurations. */
