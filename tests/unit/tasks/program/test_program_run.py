@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -31,8 +33,33 @@ def planning_process() -> Iterator[None]:
         yield
 
 
+class PausesKnown(ManualClock):
+    """A clock that knows who pauses on it: the arm's own thread attends to it for that alone."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pausing: set[threading.Thread] = set()
+
+    @contextmanager
+    def attend(self) -> Iterator[None]:
+        me = threading.current_thread()
+        pauses = me.name.startswith("so101-arm")
+        with super().attend():
+            if pauses:
+                self.pausing.add(me)
+            try:
+                yield
+            finally:
+                self.pausing.discard(me)
+
+
 @pytest.fixture
-def rig(clock: ManualClock) -> Iterator[Rig]:
+def clock() -> PausesKnown:
+    return PausesKnown()
+
+
+@pytest.fixture
+def rig(clock: PausesKnown) -> Iterator[Rig]:
     with open_simulated(clock=clock, speed=to_rad(180.0), acceleration=to_rad(500.0)) as rig:
         yield rig
 
@@ -49,21 +76,29 @@ def start(rig: Rig, made: Program) -> ProgramRun:
     return start_program(rig.arm, rig.gripper, rig.clock, rehearse(rig.arm, rig.gripper, made))
 
 
-def until(clock: ManualClock, condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0  # the arm's thread takes real time
+def until(rig: Rig, condition: Callable[[], object]) -> None:
+    """Let time pass, but only while somebody waits for it, until ``condition`` is true.
+
+    What the arm's thread does between two motions takes real time, and none of the clock's.
+    """
+    clock, moment, end = rig.clock, threading.Event(), time.monotonic() + 60.0
+    assert isinstance(clock, PausesKnown)
     while time.monotonic() < end:
         if condition():
             return
-        clock.advance(0.02)
+        if rig.arm.is_moving or rig.gripper.is_moving or clock.pausing:
+            clock.advance(0.02)
+        else:
+            moment.wait(0.0005)
     pytest.fail("did not come true")
 
 
-def finish(clock: ManualClock, run: ProgramRun) -> None:
-    until(clock, run.future.done)
+def finish(rig: Rig, run: ProgramRun) -> None:
+    until(rig, run.future.done)
     run.future.result()
 
 
-def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: ManualClock) -> None:
+def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKnown) -> None:
     made = rehearse(rig.arm, rig.gripper, program(at(A, pause=2.0), at(B), rounds=2))
     clock.advance(1.0)
     np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
@@ -101,7 +136,7 @@ def test_of_waypoints_that_are_passed_the_slowest_step_counts_up_to_the_stop(rig
 
 
 def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
-    rig: Rig, clock: ManualClock
+    rig: Rig, clock: PausesKnown
 ) -> None:
     seen: list[tuple[int, int, str]] = []
     run = start(rig, program(at(A, aperture=0.6), at(B, aperture=0.0, pause=1.0), rounds=2))
@@ -112,7 +147,7 @@ def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
             seen.append(where)
         return run.future.done()
 
-    until(clock, look)
+    until(rig, look)
     run.future.result()
     assert run.share == 1.0
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
@@ -122,74 +157,74 @@ def test_a_run_goes_round_and_round_and_the_jaw_moves_where_it_was_told(
     assert (1, 0, "jaw") in seen
 
 
-def test_a_pause_lasts_as_long_as_it_should(rig: Rig, clock: ManualClock) -> None:
+def test_a_pause_lasts_as_long_as_it_should(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(at(np.zeros(5), pause=3.0)))
-    until(clock, lambda: run.where.doing == "pausing")
+    until(rig, lambda: run.where.doing == "pausing")
     begin = clock.now()
-    finish(clock, run)
+    finish(rig, run)
     assert clock.now() - begin == pytest.approx(3.0, abs=0.1)
 
 
 @pytest.mark.parametrize("doing", ["moving", "jaw", "pausing"])
 @pytest.mark.parametrize("how", ["run", "arm"])
 def test_stop_ends_a_run_whatever_it_is_doing(
-    rig: Rig, clock: ManualClock, doing: str, how: str
+    rig: Rig, clock: PausesKnown, doing: str, how: str
 ) -> None:
     run = start(rig, program(at(A, aperture=1.0, pause=5.0), at(B), rounds=None))
-    until(clock, lambda: run.where.doing == doing)
+    until(rig, lambda: run.where.doing == doing)
     clock.advance(0.1)
     stop = run.stop if how == "run" else lambda: rig.arm.newest_motion.interrupt("stop")
     stop()
-    until(clock, run.future.done)
+    until(rig, run.future.done)
     assert isinstance(run.future.exception(), Interrupted)
-    until(clock, lambda: not rig.arm.is_moving and not rig.gripper.is_moving)
+    until(rig, lambda: not rig.arm.is_moving and not rig.gripper.is_moving)
     stands = rig.arm.state.q
     clock.advance(8.0)
     np.testing.assert_allclose(rig.arm.state.q, stands, atol=to_rad(0.05))
 
 
-def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: ManualClock) -> None:
+def test_an_endless_run_goes_on_until_it_is_stopped(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(at(A), at(B), rounds=None))
-    until(clock, lambda: run.where.round == 3)
+    until(rig, lambda: run.where.round == 3)
     assert 0.0 <= run.share < 1.0
     run.stop()
-    until(clock, run.future.done)
+    until(rig, run.future.done)
 
 
-def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: ManualClock) -> None:
+def test_a_run_does_not_fight_with_whoever_else_moves_the_arm(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(at(A, pause=5.0), at(B)))
-    until(clock, lambda: run.where.doing == "pausing")
+    until(rig, lambda: run.where.doing == "pausing")
     newer = rig.arm.start_move(JointGoal(q=np.zeros(5)))
-    until(clock, run.future.done)
+    until(rig, run.future.done)
     error = run.future.exception()
     assert isinstance(error, Interrupted)
     assert error.by == "a newer motion"
-    until(clock, newer.future.done)
+    until(rig, newer.future.done)
     newer.result()
 
 
 def test_a_run_that_finds_the_arm_elsewhere_says_so_and_moves_nothing(
-    rig: Rig, clock: ManualClock
+    rig: Rig, clock: PausesKnown
 ) -> None:
     rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, "aside")))
     moved = rig.arm.start_move(JointGoal(q=B))
-    until(clock, moved.future.done)
+    until(rig, moved.future.done)
     run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
-    until(clock, run.future.done)
+    until(rig, run.future.done)
     with pytest.raises(MotionError, match=r"waypoint 1 \(aside\): the arm has been moved"):
         run.future.result()
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
 def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
-    rig: Rig, clock: ManualClock
+    rig: Rig, clock: PausesKnown
 ) -> None:
     rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), at(B)))
     run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
-    until(clock, lambda: run.where.doing == "pausing")
+    until(rig, lambda: run.where.doing == "pausing")
     rig.gripper.start_move(0.5)
-    until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
-    finish(clock, run)
+    until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
+    finish(rig, run)
     assert run.plan is not rehearsal.legs[1].plan
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
@@ -246,14 +281,14 @@ def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
 
 
 def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
-    rig: Rig, clock: ManualClock
+    rig: Rig, clock: PausesKnown
 ) -> None:
     aside = np.radians([50.0, 0.0, 0.0, 0.0, 0.0])
     ahead = SE3.from_translation(rig.arm.model.frame(np.zeros(5), "jaw_tip").p)
     shape = Capsule(radius=0.02, length=0.5)
     post = Obstacle(name="post", shape=shape, T_base_obstacle=ahead)
     moved = rig.arm.start_move(JointGoal(q=aside))
-    until(clock, moved.future.done)
+    until(rig, moved.future.done)
     rig.arm.scene = rig.arm.scene.with_obstacles([post])
     (leg,) = rehearse(rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
     assert len(leg.plan.path) > 3
@@ -266,7 +301,7 @@ def test_a_passed_waypoint_that_cannot_be_gone_to_is_named(rig: Rig) -> None:
         rehearse(rig.arm, rig.gripper, program(*passing(A, INTO_THE_TABLE, B)))
 
 
-def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: ManualClock) -> None:
+def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: PausesKnown) -> None:
     run = start(rig, program(*passing(*AROUND), rounds=2))
     seen: list[tuple[int, int]] = []
     slowest = np.inf
@@ -280,7 +315,7 @@ def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: ManualClock) -
             slowest = min(slowest, float(np.abs(rig.arm.state.qd_ref).max()))
         return run.future.done()
 
-    until(clock, look)
+    until(rig, look)
     run.future.result()
     assert seen[:-1] == [(lap, k) for lap in (0, 1) for k in range(4)]
     assert slowest > to_rad(10.0)
@@ -288,14 +323,14 @@ def test_a_run_goes_through_and_says_where_it_is(rig: Rig, clock: ManualClock) -
 
 
 def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
-    rig: Rig, clock: ManualClock
+    rig: Rig, clock: PausesKnown
 ) -> None:
     rehearsal = rehearse(rig.arm, rig.gripper, program(at(A, pause=1.0), *passing(*AROUND[1:])))
     run = start_program(rig.arm, rig.gripper, rig.clock, rehearsal)
-    until(clock, lambda: run.where.doing == "pausing")
+    until(rig, lambda: run.where.doing == "pausing")
     rig.gripper.start_move(0.5)
-    until(clock, lambda: run.where.index == 1 and run.where.doing == "moving")
-    finish(clock, run)
+    until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
+    finish(rig, run)
     assert run.plan is not rehearsal.legs[1].plan
     assert run.plan is not None
     assert len(run.plan.path) == 4
