@@ -1,6 +1,8 @@
 # `make demo` and `make test` are all a fresh machine needs: git, make and Python 3.11 to 3.14 with
 # venv. setup.sh looks for one; `make demo PYTHON=/path/to/python3.12` names one.
 export PYTHON
+# Compiled once instead of in each of the many processes that the tests start.
+unexport PYTHONDONTWRITEBYTECODE
 VENV := .venv
 BIN := $(VENV)/bin
 

@@ -25,7 +25,7 @@ async def emulated(tmp_path):
     await process.stdout.readline()
     yield str(link)
     process.send_signal(signal.SIGTERM)
-    await asyncio.wait_for(process.wait(), 10.0)
+    await asyncio.wait_for(process.wait(), 60.0)
 
 
 @pytest.fixture(autouse=True)

@@ -36,6 +36,7 @@ class Newcomer:
 
     def __init__(self, kit, home):
         self.kit = kit
+        self._hand = None
         self._env = {**os.environ, "XDG_DATA_HOME": str(home), "SO101_PORT": kit.port}
 
     def does(self, what):
@@ -46,6 +47,16 @@ class Newcomer:
         self.does(f"only:{joint}")
 
     async def sweeps(self):
+        """Lead the joints to their stops; again, if the command has not seen them all by then."""
+
+        async def hand():
+            while True:
+                await self._sweep()
+                await asyncio.sleep(10.0)
+
+        self._hand = asyncio.ensure_future(hand())
+
+    async def _sweep(self):
         """All joints at once to both their stops, which only an emulated hand can do."""
         self.kit.end(parse_fault("pose"))
         ends = [0.0] * 8 + [1.0] * 8
@@ -72,6 +83,8 @@ class Newcomer:
                 if match := re.search(words, said[-1]):
                     await reaction(*match.groups())
         output = (await command.stdout.read()).decode()
+        if self._hand is not None:
+            self._hand.cancel()
         assert await command.wait() == 0, "".join(said)
         return json.loads(output)
 
