@@ -315,7 +315,7 @@ def test_names_never_become_part_of_the_page_and_a_lost_page_says_so(
         window.until(lambda: picture.count() == 1)
         first = picture.get_attribute("src")
         window.until(lambda: picture.get_attribute("src") != first)
-        assert picture.evaluate("image => image.naturalWidth") == 32
+        window.until(lambda: picture.evaluate("image => image.naturalWidth") == 32)
         assert window.page.locator("#bold").count() == 0
         assert window.page.evaluate("window.PWNED") is None
         port = int(preview.url.split(":")[2].split("/")[0])

@@ -168,9 +168,13 @@ def test_a_drag_moves_the_thing_and_one_undo_takes_it_back(world: Guest, rig: Ri
 def test_a_click_on_a_thing_selects_it(world: Guest) -> None:
     first = add(world, "box")
     add(world, "capsule")
-    world.page.wait_for_timeout(300)
-    world.page.mouse.click(*on_canvas(world, first, (0.0, -0.03, -0.01)))
-    world.until(lambda: shown(world, "Name").first.input_value() == "box 1")
+
+    def is_selected() -> bool:
+        world.page.mouse.click(*on_canvas(world, first, (0.0, -0.03, -0.01)))
+        world.page.wait_for_timeout(300)  # a busy browser may not know yet that it is there
+        return shown(world, "Name").first.input_value() == "box 1"
+
+    world.until(is_selected)
     assert shown(world, "Selected").first.input_value() == "box 1"
     assert shown(world, "Size (mm)").count() >= 3
 
