@@ -272,9 +272,11 @@ def calibrate(hand: Hand, kit: Kit, middle: float) -> None:
     hand.press("Next")
     hand.expect("Still to do: shoulder_pan, shoulder_lift")
     ways = ((middle, 0.0), (0.0, 1.0), (1.0, middle))
-    for share in (share for way in ways for share in np.linspace(*way, 24)):
-        kit.put(share)
-        time.sleep(0.03)
+    while not hand.can("Finish the recording"):  # once, if all of it has been seen
+        for share in (share for way in ways for share in np.linspace(*way, 24)):
+            kit.put(share)
+            time.sleep(0.03)
+        hand.until_or(lambda: hand.can("Finish the recording"), seconds=3.0)
     hand.press("Finish the recording")
     hand.press("Next")
     hand.expect("Look at what was recorded")

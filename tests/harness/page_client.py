@@ -61,6 +61,12 @@ class Hand:
                 pytest.fail(f"{what} was not possible within {seconds:g} s: {self.words()!r}")
             time.sleep(0.02)
 
+    def until_or(self, condition: Callable[[], bool], *, seconds: float) -> None:
+        """Wait for ``condition``, but no longer than that."""
+        ends = time.monotonic() + seconds
+        while not condition() and time.monotonic() < ends:
+            time.sleep(0.02)
+
     def _buttons(self, label: str) -> Iterator[Any]:
         for handle in self._seen():
             if isinstance(handle, viser.GuiButtonHandle) and handle.label == label:

@@ -80,8 +80,8 @@ def calibrate(calibrator, kit, machine):
     until(lambda: calibrator.situation.is_connected)
     assert calibrator.situation.view.state is State.RECORDING, "it went on over there"
 
-    PAUSE.wait(kit.sweep())  # to its end: where the hand stops later is outside what was recorded
-    until(lambda: all(view.is_done for view in calibrator.situation.joints.values()))
+    while not all(view.is_done for view in calibrator.situation.joints.values()):
+        PAUSE.wait(kit.sweep())  # to its end: where the hand stops later is outside what was seen
     calibrator.step(Command.STOP_RECORDING)
     ended = calibrator.step(Command.SAVE)
     assert ended.holds

@@ -51,13 +51,13 @@ def test_a_machines_arm_is_moved_as_any_other(machine):
 
 def test_a_machines_arm_is_stopped_whoever_moves_it(machine):
     with MachineRig.connect(machine.address) as rig:
-        rig.arm.start_move(JointGoal(q=np.radians([0.0, -40.0, 40.0, 40.0, 0.0]))).result(20.0)
+        rig.arm.start_move(JointGoal(q=np.radians([0.0, -40.0, 40.0, 40.0, 0.0]))).result(60.0)
         motion = rig.arm.start_move(JointGoal(q=np.radians([100.0, -40.0, 40.0, 40.0, 0.0])))
         until(lambda: rig.arm.state.q[0] > np.radians(5.0))
         result = run("stop", "--machine", machine.address)
         assert result.exit_code == 0, result.output
         assert "holding" in result.stdout
-        assert motion.future.exception(5.0) is not None
+        assert motion.future.exception(60.0) is not None
         assert np.degrees(rig.refresh().q[0]) < 95.0
 
 

@@ -67,12 +67,12 @@ def pause():
 
 
 def move_to(rig, q):
-    rig.arm.start_move(JointGoal(q=q)).result(20.0)
+    rig.arm.start_move(JointGoal(q=q)).result(60.0)
 
 
 def under_way(rig):
     """A long, slow motion that is visibly moving."""
-    rig.arm.set_speed(np.radians(30.0))
+    rig.arm.set_speed(np.radians(15.0))
     motion = rig.arm.start_move(JointGoal(q=FAR))
     begin = rig.arm.state.q
     until(lambda: np.max(np.abs(rig.arm.state.q - begin)) > np.radians(3.0))
@@ -83,7 +83,7 @@ def test_what_is_planned_here_moves_there(rig):
     move_to(rig, READY)
     plan = rig.arm.plan(JointGoal(q=LEFT))
     begin = time.monotonic()
-    rig.arm.start_execute(plan).result(20.0)
+    rig.arm.start_execute(plan).result(60.0)
     took = time.monotonic() - begin
     assert rig.takes_streams
     np.testing.assert_allclose(rig.arm.state.q, LEFT, atol=np.radians(0.05))
@@ -117,7 +117,7 @@ def test_a_stop_ends_the_motion_at_once(rig):
     motion = under_way(rig)
     rig.arm.stop()
     with pytest.raises(Interrupted, match="stop"):
-        motion.result(5.0)
+        motion.result(60.0)
     rests = rig.arm.state.q
     assert rests[0] < FAR[0] - np.radians(5.0)
     pause()
@@ -129,8 +129,8 @@ def test_a_newer_motion_takes_over(rig):
     first = under_way(rig)
     second = rig.arm.start_move(JointGoal(q=RIGHT))
     with pytest.raises(Interrupted, match="newer"):
-        first.result(5.0)
-    second.result(20.0)
+        first.result(60.0)
+    second.result(60.0)
     np.testing.assert_allclose(rig.arm.state.q, RIGHT, atol=np.radians(0.05))
 
 
@@ -138,7 +138,7 @@ def test_retargeting_turns_without_a_stop(rig):
     move_to(rig, RIGHT)
     rig.arm.start_retarget(LEFT)
     until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
-    rig.arm.start_retarget(READY).result(20.0)
+    rig.arm.start_retarget(READY).result(60.0)
     np.testing.assert_allclose(rig.arm.state.q, READY, atol=np.radians(0.05))
 
 
@@ -149,14 +149,14 @@ def test_another_clients_motion_is_seen(machine, rig):
         until(lambda: rig.arm.state.arm_moving and rig.arm.state.mode is Mode.MOVING)
         rig.arm.stop()
         with pytest.raises(MotionError):
-            motion.result(5.0)
+            motion.result(60.0)
 
 
 def test_the_jaw_opens_and_closes(rig):
-    rig.gripper.start_move(0.8).result(10.0)
+    rig.gripper.start_move(0.8).result(60.0)
     assert rig.gripper.aperture == pytest.approx(0.8, abs=0.01)
     assert rig.arm.state.q_jaw == pytest.approx(rig.gripper.q_jaw)
-    rig.gripper.start_grab().result(10.0)
+    rig.gripper.start_grab().result(60.0)
     assert rig.gripper.aperture == pytest.approx(0.0, abs=0.01)
     assert not rig.gripper.is_holding
     with pytest.raises(ConfigError, match="aperture"):
@@ -164,12 +164,12 @@ def test_the_jaw_opens_and_closes(rig):
 
 
 def test_a_jaw_that_is_stopped_stays(rig):
-    rig.gripper.start_grab().result(10.0)
+    rig.gripper.start_grab().result(60.0)
     motion = rig.gripper.start_move(1.0)
     until(lambda: rig.gripper.aperture > 0.1)
     rig.gripper.stop()
     with pytest.raises(Interrupted):
-        motion.result(5.0)
+        motion.result(60.0)
     assert rig.gripper.aperture < 0.95
 
 
@@ -178,14 +178,14 @@ def test_a_lost_machine_is_told_and_found_again_and_nothing_moves(machine, rig):
     motion = under_way(rig)
     machine.cut()
     with pytest.raises(MachineUnavailable, match="check that the machine runs"):
-        motion.result(5.0)
+        motion.result(60.0)
     until(lambda: not rig.connection.is_up)
     assert rig.arm.state.mode is Mode.FAULT
     assert "lost" in rig.connection.words(rig.clock.now())
     with pytest.raises(MachineUnavailable):
         rig.arm.stop()
     with pytest.raises(MachineUnavailable):
-        rig.arm.start_move(JointGoal(q=READY)).result(20.0)
+        rig.arm.start_move(JointGoal(q=READY)).result(60.0)
     machine.mend()
     until(lambda: rig.connection.is_up)
     assert rig.connection.words(rig.clock.now()) == "connected"
@@ -210,7 +210,7 @@ def test_a_client_that_goes_away_takes_its_motion_with_it(machine, rig):
 def test_so_does_one_that_only_sent_a_goal(machine, rig):
     move_to(rig, RIGHT)
     with MachineRig.connect(machine.address) as other:
-        other.arm.set_speed(np.radians(30.0))
+        other.arm.set_speed(np.radians(15.0))
         other.arm.start_retarget(FAR)
         until(lambda: rig.arm.state.q[0] > RIGHT[0] + np.radians(5.0))
     until(lambda: not rig.arm.state.arm_moving)
@@ -261,7 +261,7 @@ def test_what_the_module_knows_of_the_arm_is_planned_with():
             rig.arm.plan(PoseGoal.at_point(np.array([0.25, 0.0, 0.05])))
         assert not rig.has_gripper
         with pytest.raises(ConfigError, match="the machine has none"):
-            rig.gripper.start_move(0.5).result(5.0)
+            rig.gripper.start_move(0.5).result(60.0)
 
 
 def test_nobody_at_the_address_is_a_sentence():
@@ -306,7 +306,7 @@ def test_a_module_that_takes_no_trajectory_gets_the_corners_of_the_way(rig, monk
     monkeypatch.setattr(ArmClient, "move_through_joint_positions", note)
     corner = READY + np.radians([25.0, 0.0, -20.0, 0.0, 0.0])
     plan = rig.arm.plan(PathGoal(waypoints=np.array([corner, LEFT])))
-    rig.arm.start_execute(plan).result(20.0)
+    rig.arm.start_execute(plan).result(60.0)
     assert not rig.takes_streams
     assert all(len(each) == 1 for each in sent)
     assert 2 <= len(sent) <= 8
