@@ -103,7 +103,7 @@ class ChannelPlayer:
         self.neighbours: Neighbours | None = None
         self._motion: _Motion | None = None
         self._k = 0  # the tick that ``reference`` was commanded in
-        self.reference = _at_rest(np.zeros(len(channel.joints)))
+        self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
 
@@ -149,13 +149,13 @@ class ChannelPlayer:
 
     def rest_at(self, q: Array) -> None:
         """Set the reference to ``q``, at rest; no motion is under way then."""
-        self.reference = _at_rest(q)
+        self.reference = Setpoint.at_rest(q)
 
     def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
         """Note the measured angles, shape (n,), [rad], and the joints outside their limits."""
         self._recovery.update(q, out_of_range)
         if self._recovery and self._motion is None:
-            self.reference = _at_rest(self._recovery.inside(self.reference.q))
+            self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
 
     def yield_to_push(self, alarms: Mapping[str, str], q: Array) -> bool:
         """Let a resting joint that is in trouble stay where it has been pushed, shape (n,), [rad].
@@ -168,7 +168,7 @@ class ChannelPlayer:
         pushed = np.isin(self._channel.joints, list(alarms))
         pushed &= (np.abs(q - self.reference.q) > _PUSHED) & ~self._recovery.mask
         if pushed.any():
-            self.reference = _at_rest(np.where(pushed, q, self.reference.q))
+            self.reference = Setpoint.at_rest(np.where(pushed, q, self.reference.q))
         return bool(pushed.any())
 
     # Beginning and ending
@@ -231,7 +231,7 @@ class ChannelPlayer:
         """End the motion where the joints stand, because no command went out for too long."""
         motion = self._motion
         if motion is not None and motion.last is None:
-            self.reference = _at_rest(self.reference.q)
+            self.reference = Setpoint.at_rest(self.reference.q)
             self._stop_alone(motion)
             motion.ending, motion.waits_until = motion.ending or error, None
 
@@ -246,14 +246,14 @@ class ChannelPlayer:
         source = motion.source
         resumed: MotionSource | None = None
         if isinstance(source, Following):
-            source.take_over(_at_rest(self.reference.q), None)
+            source.take_over(Setpoint.at_rest(self.reference.q), None)
             resumed = source
         elif isinstance(source, PlannedMotion) and motion.ending is None:
             resumed = source.resumed()
         if resumed is None:
             self.halt(error)
         else:
-            self.reference = _at_rest(self.reference.q)
+            self.reference = Setpoint.at_rest(self.reference.q)
             motion.source, motion.start = resumed, self._k
 
     def fail(self, error: BaseException) -> None:
@@ -445,8 +445,3 @@ class ChannelPlayer:
                 f"{self._channel.joints[i]} would jump by {in_unit(float(jump[i])):.3g} {unit}:"
                 " this motion does not begin where the arm is; plan again from there"
             )
-
-
-def _at_rest(q: Array) -> Setpoint:
-    zeros = np.zeros(len(q))
-    return Setpoint(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)

@@ -104,7 +104,7 @@ class JointController:
         self._arm = player(Channel.ARM, stop_limits, tolerances)
         self._jaw = player(
             Channel.JAW,
-            jaw_stop_limits or _smallest(stop_limits),
+            jaw_stop_limits or stop_limits.for_one(),
             jaw_tolerances or tolerances,
         )
 
@@ -442,12 +442,3 @@ class JointController:
         if isinstance(error, FollowingError | ServoAlarm):
             self.recent.notify(error, error.recent)
         self.outcomes.conclude(future, error)
-
-
-def _smallest(limits: MotionLimits) -> MotionLimits:
-    return MotionLimits.uniform(
-        velocity=float(np.min(limits.velocity)),
-        acceleration=float(np.min(limits.acceleration)),
-        jerk=float(np.min(limits.jerk)),
-        n=1,
-    )

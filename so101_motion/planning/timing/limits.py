@@ -55,6 +55,15 @@ class MotionLimits:
             tool_speed=tool_speed,
         )
 
+    def for_one(self) -> MotionLimits:
+        """The smallest cap of each kind, for a single joint."""
+        return MotionLimits.uniform(
+            velocity=float(np.min(self.velocity)),
+            acceleration=float(np.min(self.acceleration)),
+            jerk=float(np.min(self.jerk)),
+            n=1,
+        )
+
     def eased(self, share: float) -> MotionLimits:
         """These limits with no more than this share of velocity and acceleration, 0 to 1."""
         if share >= 1.0:

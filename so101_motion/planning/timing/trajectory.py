@@ -23,6 +23,12 @@ class Setpoint:
     qd: Array
     qdd: Array
 
+    @classmethod
+    def at_rest(cls, q: Array) -> Setpoint:
+        """At ``q``, shape (n,), [rad], without any motion; takes a copy."""
+        zeros = np.zeros(len(q))
+        return cls(q=np.array(q, dtype=np.float64), qd=zeros, qdd=zeros)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Trajectory:
