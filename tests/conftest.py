@@ -76,7 +76,7 @@ def in_turns(items):
         files.setdefault(item.path, []).append(item)
     real = [path for path in files if path.parent.name in ("browser", "module")]
     pretended = [path for path in files if path not in set(real)]
-    place = {path: k / len(real) for k, path in enumerate(real)}
+    place = {path: 0.85 * k / len(real) for k, path in enumerate(real)}
     place |= {path: (k + 1) / len(pretended) for k, path in enumerate(pretended)}
     return [item for path in sorted(files, key=place.__getitem__) for item in files[path]]
 
