@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from harness.emulated_joints import MAPS
+from harness.settled_clock import SettledClock
 from referee import CommandCaps, match_of
 
-from so101_motion.common.clock import ManualClock
 from so101_motion.control.executor import Executor, Tolerances
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.feetech import gravity_compensation
@@ -78,7 +78,7 @@ class Bench:
         executor: Moves it.
     """
 
-    clock: ManualClock
+    clock: SettledClock
     emulator: Emulator
     arm: Any = None
     driver: Any = None
@@ -161,6 +161,11 @@ class Bench:
 def weight():
     """The torque that holds the arm of the robot description."""
     return RobotModel.load().gravity_torque
+
+
+@pytest.fixture
+def clock():
+    return SettledClock()
 
 
 @pytest.fixture

@@ -10,7 +10,15 @@ All angles in here are degrees, as in the rules.
 """
 
 from referee.command import STOP_JERK, CommandCaps
-from referee.official import RULES, Caps, Finding, Referee, match_of, refereed
+from referee.official import (
+    RULES,
+    Caps,
+    Finding,
+    Referee,
+    all_is_heard,
+    match_of,
+    refereed,
+)
 
 __all__ = [
     "RULES",
@@ -19,6 +27,7 @@ __all__ = [
     "CommandCaps",
     "Finding",
     "Referee",
+    "all_is_heard",
     "match_of",
     "refereed",
 ]
