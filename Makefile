@@ -12,8 +12,10 @@ demo:
 	@./setup.sh --with viewer
 	$(BIN)/so101 demo
 
+# Two at a time on a machine of two cores: what is real must not wait for a processor.
+WORKERS ?= 2
 test: browser
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 # LeRobot's own commands through the plugin, on emulated arms. LeRobot needs Python 3.12 or newer and
 # some gigabytes; LEROBOT_PYTHON=/path/to/python3.12 names one.
@@ -25,7 +27,7 @@ check: browser
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 
 bench: browser
 	@./setup.sh --with bench

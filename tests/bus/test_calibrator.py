@@ -3,10 +3,10 @@
 import math
 
 import pytest
-from harness.settled_clock import SettledClock
 
 from so101_motion.calib.procedure.steps import Command
 from so101_motion.calib.record import store
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
@@ -22,7 +22,7 @@ class Arm:
     """A new arm on a port, and a calibrator on it; nothing has weight."""
 
     def __init__(self, folder):
-        self.clock = SettledClock()
+        self.clock = ManualClock()
         self.emulator = Emulator(
             EmulatorOptions(link=folder / "port", calibrated=False), now=self.clock.now
         )

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 from referee import CommandCaps, match_of
 
-from harness.settled_clock import SettledClock
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
 from so101_motion.drivers.emulator.hand import Hand, Waypoint
@@ -187,7 +187,7 @@ class TeleopBench:
     """
 
     def __init__(self, folder, *, reply_timeout=2.0, phase=0.004, leader=None, follower=None):
-        self.clock = SettledClock()
+        self.clock = ManualClock()
         self.leader = Arm(folder, "leader", self.clock, reply_timeout, **(leader or {}))
         self.clock.advance(phase)  # the two threads do not tick at the same instant
         self.follower = Arm(folder, "follower", self.clock, reply_timeout, **(follower or {}))

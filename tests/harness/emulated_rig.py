@@ -21,8 +21,8 @@ from viam.components.gripper.service import GripperRPCService
 from viam.proto.app.robot import ComponentConfig
 from viam.resource.manager import ResourceManager
 
-from harness.settled_clock import SettledClock
 from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -73,7 +73,7 @@ class HardwareBench:
     """
 
     def __init__(self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, clock=None, **options):
-        self.clock, self.reply_timeout = clock or SettledClock(), reply_timeout
+        self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
         self.port = folder / "arm"
         weight = loaded(held_kg).gravity_torque
         self.emulator = Emulator(
