@@ -288,7 +288,8 @@ async def test_every_command_of_the_motor_setup_answers_as_published(tmp_path):
                     setup = await motor_setup(sensor)
             assert "answer" in (await motor_setup(sensor))["status"]
             scanned = await heard(
-                lambda: do(sensor, "motor_setup_scan_bus"), lambda answer: answer["servos_found"]
+                lambda: do(sensor, "motor_setup_scan_bus"),
+                lambda answer: answer["servos_found"] == 1,
             )
             assert (scanned["servos_found"], scanned["unexpected_count"]) == (1, 0)
             assert scanned["servos"] == [
