@@ -6,6 +6,7 @@ workers gain by the wall clock, for which nothing else should be running.
 
 from __future__ import annotations
 
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -36,6 +37,37 @@ def wall(sweep: Sweep, workers: int) -> float:
         begin = time.perf_counter()
         run_sweep(sweep, Path(folder) / "out", workers=workers)
         return time.perf_counter() - begin
+
+
+def shares(sweep: Sweep) -> _common.Row:
+    """Processor time of the process that runs a sweep, and of one worker and of two.
+
+    What two workers gain on two free cores follows: all of it is shared by two, and one worker has
+    to do all but what the running process does beside it.
+    """
+    spent = {}
+    for workers in (1, 2):
+        before = [_processor_time(who) for who in _WHO]
+        wall(sweep, workers)
+        spent[workers] = [_processor_time(who) - at for who, at in zip(_WHO, before, strict=True)]
+    (own, one), (also_own, two) = spent[1], spent[2]
+    return {
+        "what": "atlas, 10 mm, processor time",
+        "n": sweep.items,
+        "running process [s]": own,
+        "one worker [s]": one,
+        "two workers [s]": two,
+        "share of the running process": own / (own + one),
+        "two workers, times one, from these": one / (0.5 * (also_own + two)),
+    }
+
+
+_WHO = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+
+
+def _processor_time(who: int) -> float:
+    used = resource.getrusage(who)
+    return used.ru_utime + used.ru_stime
 
 
 def question() -> dict[str, float]:
@@ -74,6 +106,7 @@ def main() -> None:
             }
         )
     rows.append({"what": "question to an atlas", **question()})
+    rows.append(shares(ATLAS))
     one, two = wall(ATLAS, 1), wall(ATLAS, 2)
     rows += [
         {"what": "atlas, 10 mm, two workers, times one", "n": ATLAS.items, "times one": one / two}
