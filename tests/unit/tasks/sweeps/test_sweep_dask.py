@@ -1,6 +1,6 @@
 """A sweep on a real Dask cluster on loopback, one of whose workers is killed in the middle.
 
-Needs the extra ``cluster``, which the tests do not bring: ``pip install -e '.[cluster]'`` first.
+The extra ``dev`` brings Dask; it is skipped where that has not been installed yet.
 """
 
 import json
@@ -17,7 +17,7 @@ from so101_motion.tasks.sweeps import ReachSweep, run_sweep, scene_text
 pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
-PATIENCE = 60.0
+PATIENCE = 240.0
 
 
 @contextmanager
@@ -56,10 +56,10 @@ def test_a_killed_worker_changes_nothing(tmp_path):
             for _ in range(2)
         )
         eventually(lambda: "Registered to" in first.stdout.readline())
-        asked = ("reach", "--spacing-mm", "15", "--out", str(out), "--dask", address)
+        asked = ("reach", "--spacing-mm", "20", "--out", str(out), "--dask", address)
         sweep = stack.enter_context(running("so101_motion.cli", "sweep", *asked))
         eventually(lambda: list(out.glob("shards/*.npz")))
         first.kill()
         said = sweep.communicate(timeout=PATIENCE)[0]
-    expected = run_sweep(ReachSweep(spacing=0.015, scene=scene_text(Scene())), tmp_path / "whole")
+    expected = run_sweep(ReachSweep(spacing=0.02, scene=scene_text(Scene())), tmp_path / "whole")
     assert said.splitlines()[-1] == f"sha256 {expected.sha256}"
