@@ -22,8 +22,8 @@ from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.plans import episodes_of
-from so101_motion.tasks.sweeps.sweep import Columns
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,8 @@ from typing import Any
 
 from so101_motion.common.errors import WorkerError
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
-from so101_motion.tasks.sweeps.folder import SweepFolder, combined, digest
+from so101_motion.tasks.sweeps.folder import SweepFolder, combined
+from so101_motion.tasks.sweeps.packed import digest
 from so101_motion.tasks.sweeps.sweep import Outcome, Sweep, compute
 
 _AHEAD = 3
@@ -226,10 +227,11 @@ class _Run:
                 self._take(shard, outcome)
 
     def _take(self, shard: int, outcome: Outcome) -> None:
-        if outcome.columns is None:
+        if outcome.shard is None:
             self._failed[shard] = outcome.why
         else:
-            self._digests[shard] = self._folder.write(shard, outcome.columns)
+            self._folder.write(shard, outcome.shard)
+            self._digests[shard] = outcome.shard.digest
         if self._on_progress is not None:
             self._on_progress(self._progress())
 

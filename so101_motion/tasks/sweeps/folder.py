@@ -17,7 +17,6 @@ the compressor changes nothing about it.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import zipfile
 import zlib
@@ -31,7 +30,8 @@ from so101_motion import __version__
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import atomic
 from so101_motion.planning.native.library import native
-from so101_motion.tasks.sweeps.sweep import Columns, Sweep
+from so101_motion.tasks.sweeps.packed import Packed
+from so101_motion.tasks.sweeps.sweep import Sweep
 
 MANIFEST = "sweep.json"
 _SHARDS = "shards"
@@ -122,12 +122,9 @@ class SweepFolder:
         data = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
         atomic.write(self.path / MANIFEST, data.encode())
 
-    def write(self, shard: int, columns: Columns) -> str:
-        """Write a shard in one step; its digest."""
-        packed = io.BytesIO()
-        np.savez_compressed(packed, **columns)  # type: ignore[arg-type]  # arrays by name only
-        atomic.write(self._file(shard), packed.getvalue())
-        return digest(columns)
+    def write(self, shard: int, packed: Packed) -> None:
+        """Write a shard in one step."""
+        atomic.write(self._file(shard), packed.data)
 
     def read(self, shard: int) -> dict[str, np.ndarray] | None:
         """The arrays of a shard; None if there is none, or a damaged one."""
@@ -142,16 +139,6 @@ class SweepFolder:
 
     def _refused(self, reason: str) -> ConfigError:
         return ConfigError("out", str(self.path), reason)
-
-
-def digest(columns: Columns) -> str:
-    """The SHA-256 of arrays: their names, types, shapes and values, in the order of the names."""
-    whole = hashlib.sha256()
-    for name in sorted(columns):
-        array = np.ascontiguousarray(columns[name])
-        whole.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
-        whole.update(array.tobytes())
-    return whole.hexdigest()
 
 
 def combined(digests: Mapping[int, str], shards: int) -> str:

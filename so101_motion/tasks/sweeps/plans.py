@@ -37,8 +37,8 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
 from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
-from so101_motion.tasks.sweeps.sweep import Columns
 
 PROBLEMS = 100
 """Problems of a shard. Chosen: a second or two of work, some hundred kilobytes."""

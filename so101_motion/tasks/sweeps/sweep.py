@@ -11,14 +11,10 @@ from __future__ import annotations
 import threading
 import traceback
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, Protocol
-
-from numpy.typing import NDArray
+from typing import NamedTuple, Protocol
 
 from so101_motion.common.errors import So101Error, clipped
-
-Columns = Mapping[str, NDArray[Any]]
-"""The arrays of a shard by name."""
+from so101_motion.tasks.sweeps.packed import Columns, Packed, packed
 
 _LONGEST = 500
 """How much of an error's message is kept. Chosen."""
@@ -54,18 +50,18 @@ class Outcome(NamedTuple):
     """What became of one shard.
 
     Attributes:
-        columns: Its arrays, or None.
+        shard: What goes into its file, or None.
         why: Why there are none.
     """
 
-    columns: Columns | None
+    shard: Packed | None
     why: str = ""
 
 
 def compute(sweep: Sweep, shard: int) -> Outcome:
     """Compute one shard, in whichever process this runs."""
     try:
-        return Outcome(_opened(sweep)(shard))
+        return Outcome(packed(_opened(sweep)(shard)))
     except So101Error as error:
         return Outcome(None, clipped(str(error), _LONGEST))
     except Exception as error:  # it becomes a sentence in the manifest; the others go on
