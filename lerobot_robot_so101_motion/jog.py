@@ -40,6 +40,10 @@ chosen, more than a period at 15 Hz."""
 AWAY = to_rad(1.0)
 """How far the arm must be from where the servo was for that to begin anew [rad]; chosen."""
 
+LEFT_BEHIND = to_rad(4.0)
+"""An arm that rests so far from where it is led does not follow [rad]; chosen, nearer than what an
+arm that waits after trouble takes up again."""
+
 CAPS = MotionLimits.uniform(velocity=to_rad(120.0), acceleration=to_rad(300.0), jerk=100.0)
 """Caps of the joints while the tool is led, where those of the arm are not lower. Chosen."""
 
@@ -156,7 +160,7 @@ class _ToolLead:
         self._aperture = rig.gripper.aperture
         self._t = self._told_at = rig.clock.now()
         self._left = 0.0  # time that is no whole step yet [s]
-        self._is_led = False
+        self._was_held = self._is_refused = False
         self._servo = self._begin()
 
     def next(self, held: Array) -> dict[str, float]:
@@ -164,10 +168,11 @@ class _ToolLead:
         rig = self.arm.session.rig
         now, dt = rig.clock.now(), rig.executor.dt
         elapsed, self._t = min(now - self._t, CATCH_UP), now
-        is_led = bool(held[:6].any())
-        if is_led and not self._is_led and self._is_elsewhere():
+        is_held = bool(held[:6].any())
+        if is_held and not self._was_held and not self._servo.qd.any() and self._is_off(AWAY):
             self._servo = self._begin()
-        self._is_led = is_led
+        self._is_refused = is_held and (self._is_refused or self._is_left_behind())
+        self._was_held, is_led = is_held, is_held and not self._is_refused
         steps, self._left = divmod(self._left + elapsed, dt)
         speeds = self._speed * held[:6]
         twist = Twist(linear=speeds[:3], angular=speeds[3:], in_tool=self._in_tool)
@@ -183,11 +188,18 @@ class _ToolLead:
         q, dt = self.arm.session.state.q_ref, rig.executor.dt
         return Servo(self._model, self._collision, self._limits, dt, q)
 
-    def _is_elsewhere(self) -> bool:
-        """Whether the arm rests somewhere else than the servo does."""
+    def _is_off(self, far: float) -> bool:
+        """Whether the arm rests further than ``far`` [rad] from where the servo is."""
         state = self.arm.session.state
-        is_at_rest = not self._servo.qd.any() and not state.qd_ref.any()
-        return is_at_rest and float(np.max(np.abs(state.q_ref - self._servo.q))) > AWAY
+        off = float(np.max(np.abs(state.q_ref - self._servo.q)))
+        return not state.qd_ref.any() and off > far
+
+    def _is_left_behind(self) -> bool:
+        """Whether the arm does not follow; it is led no further until that is let go."""
+        if not self._is_off(LEFT_BEHIND):
+            return False
+        _log.warning("the arm does not follow; let go, then hold again")
+        return True
 
     def _tell(self, now: float) -> None:
         held_by = self._servo.held_by()
