@@ -41,8 +41,8 @@ AWAY = to_rad(1.0)
 """How far the arm must be from where the servo was for that to begin anew [rad]; chosen."""
 
 LEFT_BEHIND = to_rad(4.0)
-"""An arm that rests so far from where it is led does not follow [rad]; chosen, nearer than what an
-arm that waits after trouble takes up again."""
+"""An arm that is so far from where it is led is waited for [rad]; chosen, nearer than what an arm
+that waits after trouble takes up again."""
 
 CAPS = MotionLimits.uniform(velocity=to_rad(120.0), acceleration=to_rad(300.0), jerk=100.0)
 """Caps of the joints while the tool is led, where those of the arm are not lower. Chosen."""
@@ -160,7 +160,7 @@ class _ToolLead:
         self._aperture = rig.gripper.aperture
         self._t = self._told_at = rig.clock.now()
         self._left = 0.0  # time that is no whole step yet [s]
-        self._was_held = self._is_refused = False
+        self._was_held = False
         self._servo = self._begin()
 
     def next(self, held: Array) -> dict[str, float]:
@@ -169,10 +169,9 @@ class _ToolLead:
         now, dt = rig.clock.now(), rig.executor.dt
         elapsed, self._t = min(now - self._t, CATCH_UP), now
         is_held = bool(held[:6].any())
-        if is_held and not self._was_held and not self._servo.qd.any() and self._is_off(AWAY):
+        if is_held and not self._was_held and self._is_elsewhere():
             self._servo = self._begin()
-        self._is_refused = is_held and (self._is_refused or self._is_left_behind())
-        self._was_held, is_led = is_held, is_held and not self._is_refused
+        self._was_held, is_led = is_held, is_held and self._off() <= LEFT_BEHIND
         steps, self._left = divmod(self._left + elapsed, dt)
         speeds = self._speed * held[:6]
         twist = Twist(linear=speeds[:3], angular=speeds[3:], in_tool=self._in_tool)
@@ -188,18 +187,14 @@ class _ToolLead:
         q, dt = self.arm.session.state.q_ref, rig.executor.dt
         return Servo(self._model, self._collision, self._limits, dt, q)
 
-    def _is_off(self, far: float) -> bool:
-        """Whether the arm rests further than ``far`` [rad] from where the servo is."""
-        state = self.arm.session.state
-        off = float(np.max(np.abs(state.q_ref - self._servo.q)))
-        return not state.qd_ref.any() and off > far
+    def _off(self) -> float:
+        """How far the arm is from where the servo is [rad]."""
+        return float(np.max(np.abs(self.arm.session.state.q_ref - self._servo.q)))
 
-    def _is_left_behind(self) -> bool:
-        """Whether the arm does not follow; it is led no further until that is let go."""
-        if not self._is_off(LEFT_BEHIND):
-            return False
-        _log.warning("the arm does not follow; let go, then hold again")
-        return True
+    def _is_elsewhere(self) -> bool:
+        """Whether the arm rests somewhere else than the servo does."""
+        is_at_rest = not self._servo.qd.any() and not self.arm.session.state.qd_ref.any()
+        return is_at_rest and self._off() > AWAY
 
     def _tell(self, now: float) -> None:
         held_by = self._servo.held_by()

@@ -98,7 +98,7 @@ def test_what_is_held_again_after_the_arm_was_moved_begins_where_it_is(bench, pa
 
 
 def test_an_arm_that_does_not_follow_is_not_run_away_from_and_goes_on_when_held_anew(
-    bench, pad, jog, caplog
+    bench, pad, jog
 ):
     robot, say = bench.connected(), pad[1]
     shaft = bench.world.servo("shoulder_pan").drive.shaft  # between two things that do not yield
@@ -106,7 +106,7 @@ def test_an_arm_that_does_not_follow_is_not_run_away_from_and_goes_on_when_held_
     shaft.lower, shaft.upper = shaft.output - 3.0, shaft.output + 3.0
     say((BUTTON, 5, 1), (AXIS, 0, -32767))
     lead(bench, robot, jog, 3.0)
-    assert "the arm does not follow" in caplog.text
+    assert abs(jog.get_action()["shoulder_pan.pos"]) < 20.0
     say((BUTTON, 5, 0))
     lead(bench, robot, jog, 0.3)
     shaft.lower, shaft.upper = lower, upper
