@@ -190,7 +190,9 @@ def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig
     for step in range(1, 9):
         mouse.move(x, y - 6 * step)
         guest.page.wait_for_timeout(60)
+    guest.until(lambda: "/reach" in guest.nodes())  # what is within reach is shaded meanwhile
     mouse.up()
+    guest.until(lambda: "/reach" not in guest.nodes())
     guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != ghost_before)
     after = guest.pose_of("/target")["position"]
     assert after[2] - before[2] > 0.01

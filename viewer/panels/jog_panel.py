@@ -44,7 +44,7 @@ class JogPart(Part):
         self._mode = MODES[0]
         self._shown: object = None
         gui = context.gui
-        with context.tabs.add_tab("Jog", viser.Icon.ARROWS_MOVE):
+        with context.tabs.add_tab("Jog"):
             self._sentence = gui.add_html("")
             self._switch = gui.add_button("Start jogging", icon=viser.Icon.HAND_FINGER)
             modes = gui.add_button_group("Moves", MODES, hint="Joints, or the tool along axes")

@@ -18,6 +18,7 @@ from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.click import hit
 from ..scene.measuring import Measuring
+from ..scene.reach_view import ReachView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
 from .arm_panel import ArmPanel
@@ -58,11 +59,13 @@ class MovePart(Part):
         )
         if plan is not None:
             self.page.show(plan)
+        self._reach = ReachView(context.server.scene, model)
         self._stage = Stage(
             context,
             model=model,
             on_drag=self._dragged,
             on_turn=self.page.set_turn,
+            on_release=self._reach.hide,
             on_click=self._clicked,
         )
         self.stop_button = add_stop(context.gui, *stops)
@@ -92,6 +95,7 @@ class MovePart(Part):
     def _dragged(self, p_base: Array) -> None:
         self._stage.dragged_to(p_base)
         self.page.set_target_point(p_base)
+        self._reach.show(self.page.target.frame, float(p_base[2]))
 
     @property
     def arm_panel(self) -> viser.PanelHandle:

@@ -33,7 +33,7 @@ from .plots import PlanPlots
 from .pose_folder import PoseFolder
 from .poses import PoseList
 
-_PLOT_SIZE = (390, 280)  # between the panels of the narrowest window that has both
+_PLOT_SIZE = (390, 305)  # between the panels of the narrowest window that has both
 _MARGIN = 12
 
 _FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
@@ -56,7 +56,9 @@ class PlanPanel:
     Args:
         on_click: Told what clicks in the picture do, one of ``CLICKS``.
 
-    Nothing in it comes and goes: what cannot be used is grey, so no button takes another's place.
+    What is used for every motion comes first, so that Plan and Execute are seen on a phone without
+    scrolling. Nothing comes and goes: what cannot be used is grey, so no button takes another's
+    place.
 
     Attributes:
         plan_button: What plans.
@@ -73,12 +75,13 @@ class PlanPanel:
         self._page, self._context, self._on_click = page, context, on_click
         self._range: tuple[Array, Array] | None = None
         gui = context.gui
-        with context.tabs.add_tab("Move", viser.Icon.ROUTE):
+        with context.tabs.add_tab("Move"):
             self._sentence = gui.add_html("")
             self._add_target(gui)
-            self._own_poses = PoseFolder(context, poses)
             self._add_plan(gui)
             self._add_jaw(gui)
+            self._add_choices(gui)
+            self._own_poses = PoseFolder(context, poses)
         self._plots_panel = gui.add_panel()
         self._plots = PlanPlots(gui, self._plots_panel)
         width, height = _PLOT_SIZE
@@ -96,18 +99,17 @@ class PlanPanel:
             self._context,
             shown=tenths,
         )
-        self._frame = SharedField(
-            gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
-            lambda name: self._page.set_target_frame(name.replace(" ", "_")),
-            self._context,
-            shown=str,
-        )
         self._nearest = gui.add_button_group(
             "Out of reach",
             (_NEAREST,),
             hint="Sets the target to where the ghost stands, the nearest place within reach",
         )
         self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
+        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
+        self._context.on_choice(poses, self._choose)
+
+    def _add_choices(self, gui: viser.GuiApi) -> None:
+        gui.add_divider()
         click = gui.add_dropdown(
             "A click",
             CLICKS,
@@ -118,8 +120,12 @@ class PlanPanel:
         self._context.on_choice(
             self._history, lambda name: self._page.undo() if name == "undo" else self._page.redo()
         )
-        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
-        self._context.on_choice(poses, self._choose)
+        self._frame = SharedField(
+            gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
+            lambda name: self._page.set_target_frame(name.replace(" ", "_")),
+            self._context,
+            shown=str,
+        )
         with gui.add_folder("Direction", expand_by_default=False):
             kind = gui.add_dropdown(
                 "Keeps", DIRECTIONS, hint="What of the gripper's direction a target keeps"
@@ -145,10 +151,6 @@ class PlanPanel:
         self._page.set_target_joint(i, to_rad(angle_deg))
 
     def _add_plan(self, gui: viser.GuiApi) -> None:
-        self._speed_deg = self._add_cap(gui, "Speed (°/s)", SPEED_RANGE_DEG, self._page.set_speed)
-        self._acceleration_deg = self._add_cap(
-            gui, "Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration
-        )
         # The key P presses it, and none executes: what moves the arm is pressed after looking.
         self.plan_button = gui.add_button("Plan", icon=viser.Icon.ROUTE)
         self._context.on_press(self.plan_button, self._page.plan)
@@ -170,6 +172,10 @@ class PlanPanel:
         self._facts = gui.add_html(markup.facts(texts.NO_FACTS))
         self._comparison = Comparison(self._context)
         self._now = gui.add_html("", visible=False)
+        self._speed_deg = self._add_cap(gui, "Speed (°/s)", SPEED_RANGE_DEG, self._page.set_speed)
+        self._acceleration_deg = self._add_cap(
+            gui, "Accel. (°/s²)", ACCELERATION_RANGE_DEG, self._page.set_acceleration
+        )
         sweep = gui.add_checkbox("Swept motion", True)
         self._sweeps = SharedField(sweep, self._page.show_sweep, self._context, shown=bool)
 

@@ -46,7 +46,7 @@ class SharePart(Part):
         self._orders: list[_PendingFile] = []
         self._status: Sentence | None = None
         gui = context.gui
-        with context.tabs.add_tab("Share", viser.Icon.SHARE):
+        with context.tabs.add_tab("Share"):
             self._sentence = gui.add_html("")
             self._what = gui.add_dropdown("Motion", (PLAN, RUN), visible=False)
             self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))

@@ -55,7 +55,7 @@ class ProgramPart(Part):
             RobotModel.load(),
             lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
         )
-        with context.tabs.add_tab("Program", viser.Icon.LIST_NUMBERS):
+        with context.tabs.add_tab("Program"):
             self._add_recording(context.gui)
             self._add_waypoint(context.gui)
             self._add_run(context.gui)
@@ -111,15 +111,18 @@ class ProgramPart(Part):
             self._chosen, self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
         )  # fmt: skip
         self._order = gui.add_button_group(
-            "Waypoint", ("up", "down", "duplicate", "take arm's place", "delete"), visible=False
+            "Waypoint",
+            ("up", "down", "copy", "re-record", "delete"),
+            hint="re-record: it moves to where the arm is now",
+            visible=False,
         )
         self._on_choice(
             self._order,
             {
                 "up": partial(model.move, -1),
                 "down": partial(model.move, 1),
-                "duplicate": model.duplicate,
-                "take arm's place": model.take_place,
+                "copy": model.duplicate,
+                "re-record": model.take_place,
                 "delete": model.remove,
             },
         )

@@ -33,6 +33,7 @@ class Stage:
         model: Kinematics; used by the thread that calls ``show`` alone.
         on_drag: Called with the new target point, shape (3,), [m].
         on_turn: Called with how the target was turned, shape (3, 3).
+        on_release: Called when the target is let go.
         on_click: Called with the ray of a click, while clicks are wanted: where it begins, shape
             (3,), [m], and its direction, shape (3,).
     """
@@ -44,6 +45,7 @@ class Stage:
         model: RobotModel,
         on_drag: Callable[[Array], None],
         on_turn: Callable[[Array], None],
+        on_release: Callable[[], None],
         on_click: Callable[[Array, Array], None],
     ) -> None:
         self._scene, self._model = context.server.scene, model
@@ -59,7 +61,7 @@ class Stage:
         )
         self._on_drag, self._on_turn = on_drag, on_turn
         context.on_drag(self._target, self._dragged)
-        context.on_release(self._target, lambda _: self._show_handles())
+        context.on_release(self._target, lambda _: self._released(on_release))
         self._sweep = SweepView(self._scene, "/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
@@ -102,6 +104,10 @@ class Stage:
             self._on_turn(np.array(SO3(np.array(handle.wxyz)).as_matrix(), dtype=np.float64))
         else:
             self._on_drag(p_base)
+
+    def _released(self, on_release: Callable[[], None]) -> None:
+        self._show_handles()
+        on_release()
 
     def _show_handles(self) -> None:
         self._target.position, self._target.wxyz = (

@@ -41,7 +41,7 @@ class TeachPart(Part):
         if self.teaching is None and self.leading is None:
             return
         self._context = context
-        with context.tabs.add_tab("Teach", viser.Icon.HAND_GRAB):
+        with context.tabs.add_tab("Teach"):
             if self.teaching is not None:
                 self._add_path(context.gui, self.teaching)
             if self.leading is not None:

@@ -92,7 +92,7 @@ class WorldPart(Part):
         self._handled: str | None = None
         self._context.on_drag(self._gizmo, self._dragged)
         self._context.on_release(self._gizmo, lambda _handle: self.world.drop())
-        with context.tabs.add_tab("World", viser.Icon.CUBE):
+        with context.tabs.add_tab("World"):
             self._add_widgets(context.gui)
 
     # Widgets
