@@ -315,7 +315,7 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
     person.reloads("This will move:")
     person.presses("Let go to change the pose")
     person.presses("It will sink: press again to let go")
-    person.sees("Bring the arm to a pose like the blue ghost's")
+    person.sees("Move the arm to a pose like the blue ghost's")
     assert not any(kit.driven)
     person.presses("Hold the joints")
     person.sees("This will move:")

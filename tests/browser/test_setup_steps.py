@@ -112,7 +112,7 @@ def test_what_is_wrong_is_named_with_what_to_do_and_a_crash_forgets_nothing(
         hand.expect("connect only the motor of wrist_roll")
         hand.press("Abort the setup")
         hand.press("Press again to abort")
-        hand.expect("Aborted: nothing was moved")
+        hand.expect("Aborted: nothing moved")
         hand.until(lambda: hand.can("Motor Setup Only"), "Motor Setup Only")
         hand.press("Motor Setup Only")
         hand.press("Next")
@@ -256,7 +256,7 @@ def test_a_recording_that_a_restart_has_ended_sends_back_for_the_pose(tmp_path: 
         with serve_it() as app:
             hand = hand_on(app)
             hand.press("Next")
-            hand.expect("Press Back, and take it again")
+            hand.expect("Press Back and take it again")
             assert not hand.can("Next")
             hand.press("Back")
             hand.expect("it sinks at once")
