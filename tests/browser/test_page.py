@@ -253,9 +253,13 @@ def test_a_target_out_of_reach_says_so_in_millimetres_and_cannot_be_planned_for(
 
 def test_the_joint_sliders_and_the_tool_aim_as_well(guest: Guest, rig: Rig) -> None:
     guest.page.get_by_text("Joints (°)").click()
-    slider = guest.page.get_by_role("slider").nth(4)
-    slider.press("End")
-    guest.until(lambda: slider.get_attribute("aria-valuenow") == "162.7")
+    slider = guest.page.locator('[role="slider"][aria-valuemax="162.7"]')  # the wrist's roll
+
+    def at_its_end() -> bool:
+        slider.press("End")  # again, if the page was still unfolding
+        return slider.get_attribute("aria-valuenow") == "162.7"
+
+    guest.until(at_its_end)
     guest.page.get_by_text("Joints (°)").click()
 
     q = READY.copy()
