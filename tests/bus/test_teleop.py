@@ -236,7 +236,7 @@ def test_the_guard_stops_short_of_the_table_and_lets_go_when_the_leader_comes_ba
     bench.leader.lead_to([0.0, -10.0, 20.0, 60.0, 0.0, 20.0], 1.5)
     bench.advance(3.5)
     assert mirroring(bench)
-    assert not bench.teleop.status.is_held
+    bench.until(lambda: not bench.teleop.status.is_held)
     assert bench.follower.q_deg == pytest.approx(bench.leader.q_deg, abs=2.0)
     assert np.abs(setpoints(bench, begin)[2]).max() < 100.0
 

@@ -50,9 +50,13 @@ class Arm:
     def __init__(self, limits: MotionLimits, scene: Scene) -> None:
         self.limits, self.scene = limits, scene
 
-    def plan(self, goal, *, q_start, q_jaw) -> Plan:
+    def plan(self, goal, *, q_start, q_jaw, limits=None) -> Plan:
         request = PlanRequest(
-            q_start=q_start, goal=goal, limits=self.limits, q_jaw=q_jaw, scene=self.scene
+            q_start=q_start,
+            goal=goal,
+            limits=limits or self.limits,
+            q_jaw=q_jaw,
+            scene=self.scene,
         )
         return self.PLANNER.plan(request)
 
