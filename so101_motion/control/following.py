@@ -57,6 +57,10 @@ SHORT_AFTER, NEARER = 0.5, to_rad(0.5)
 """Joints have stopped short when for so long [s] something holds them and they have come no nearer
 to their target than this [rad]; chosen: joints that creep along an obstacle may take for ever."""
 
+GENTLE = 0.3
+"""For so long after the guard has refused a step, steps take no more jerk than a stop undoes [s]: a
+sudden one leaves a long way to rest, and near a table there may be no room for that. Chosen."""
+
 CLOSE = 0.02
 """A joint is said to be at its limit when it is so near it [rad]; chosen."""
 
@@ -148,6 +152,7 @@ class Following(LedMotion):
         self._t = self._t_seen = self._t_nearest = 0.0
         self._nearest = math.inf
         self._held: tuple[str, ...] = ()
+        self._t_gentle = -math.inf
         self._slowing: PlannedMotion | None = None
         self._k = 0  # of the next setpoint of what is slowing
         self._begin_at(Setpoint(q=frozen_array(q_start, (n,)), qd=np.zeros(n), qdd=np.zeros(n)))
@@ -337,6 +342,8 @@ class Following(LedMotion):
         """Go on towards a target, or brake where that must not be."""
         off = aim.q - self.now.q
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
+        if self._t < self._t_gentle:
+            limits = replace(limits, jerk=np.minimum(limits.jerk, self._stop_limits.jerk))
         fastest = _SLOWER * limits.velocity
         q, qd = aim.q, np.clip(aim.qd, -fastest, fastest)
         if self._guard is not None:
@@ -355,6 +362,7 @@ class Following(LedMotion):
         path = np.concatenate((self.now.q[None], path))
         if self._guard is not None and not self._guard.admits(path):
             self._held = self._held or ("too little room to brake",)
+            self._t_gentle = self._t + GENTLE
             return self._brake()
         if not self._keeps_off(led):
             return self._brake()
