@@ -8,11 +8,12 @@ setpoint whose commanded velocity is below that of the cruise has been handed to
 wrapper in the module's process notes every write. What lies between them is the figure, in seconds
 and in control cycles.
 
-Meanwhile another process attacks the module. ``ATTACKS`` is the table of what it does: a coroutine
-that goes on until it is cancelled; add a line for another one.
+Meanwhile another process attacks the module: ``stop_attacks``.
 
-Every row has its own module process. A witness keeps time before everybody else: where a stop was
-late while the witness was late as well, the whole machine stood still; such stops are told apart.
+Every row has its own module process. The processors are kept awake, as in a computer that has more
+to do: of a virtual machine they are woken late. A witness keeps time before everybody else: where a
+stop was late while the witness was late as well, the whole machine stood still; such stops are told
+apart.
 """
 
 from __future__ import annotations
@@ -22,14 +23,11 @@ import asyncio
 import contextlib
 import importlib
 import json
-import math
 import os
-import signal
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +35,12 @@ import numpy as np
 from grpclib.client import Channel
 from viam.components.arm import JointPositions
 from viam.components.arm.client import ArmClient
-from viam.services.motion import MotionClient
 
-from benchmarks import _common, stop_attacks
-from benchmarks.bench_stream import LATENCY, PERIOD, witnessed
+from benchmarks import _common
+from benchmarks._machine import awake, witnessed
+from benchmarks.bench_stream import LATENCY, PERIOD
 from benchmarks.bench_stream import _parent as parent
+from benchmarks.stop_attacks import ARM, ATTACKS, PLANNER, Target
 from so101_motion.common.geometry import Array
 
 STOPS = 1000
@@ -92,174 +91,14 @@ def module() -> None:
 # The attacks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
-    """The module under attack.
-
-    Attributes:
-        socket: Where it listens.
-        pid: Its process.
-    """
-
-    socket: str
-    pid: int
-
-    @contextlib.contextmanager
-    def connected(self) -> Any:
-        """A connection of its own."""
-        channel = Channel(path=self.socket)
-        try:
-            yield channel
-        finally:
-            channel.close()
-
-
-async def nothing(target: Target) -> None:
-    """Leave it alone."""
-    await asyncio.Event().wait()
-
-
-def sending(
-    send: Callable[..., Awaitable[None]], *numbers: int
-) -> Callable[[Target], Awaitable[None]]:
-    """Send large messages; see ``stop_attacks``."""
-
-    async def attack(target: Target) -> None:
-        with target.connected() as channel:
-            await send(channel, *numbers)
-
-    return attack
-
-
-async def planning(target: Target) -> None:
-    """Ask for one plan after the other."""
-    with target.connected() as channel:
-        planner = MotionClient("planner", channel)
-        while True:
-            await planner.do_command({"preview": _request(y=120.0)})
-            await planner.do_command({"preview": _request(y=-120.0)})
-
-
-async def abandoned_plans(target: Target) -> None:
-    """Ask for 50 plans at once that take long, and give them all up; again and again."""
-    with target.connected() as channel:
-        planner = MotionClient("planner", channel)
-        while True:
-            request = {"preview": _hopeless()}
-            plans = [asyncio.ensure_future(planner.do_command(request)) for _ in range(50)]
-            try:
-                await asyncio.wait(plans, timeout=0.5)
-            finally:
-                for plan in plans:
-                    plan.cancel()
-                await asyncio.gather(*plans, return_exceptions=True)  # refusals are expected
-
-
-async def hung_planner(target: Target) -> None:
-    """Ask for plans, and stop the planning process as soon as there is one; again and again."""
-    with target.connected() as channel:
-        planner = MotionClient("planner", channel)
-        while True:
-            plan = asyncio.ensure_future(planner.do_command({"preview": _request(y=120.0)}))
-            await asyncio.sleep(0.2)
-            for child in _children(target.pid):
-                os.kill(child, signal.SIGSTOP)
-            await asyncio.wait([plan], timeout=10.0)
-            plan.cancel()
-            await asyncio.gather(plan, return_exceptions=True)
-
-
-def _children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-async def polling(target: Target, clients: int = 20, rate: float = 10.0) -> None:
-    """Many clients, each asking for the joints ``rate`` times a second."""
-
-    async def poll() -> None:
-        with target.connected() as channel:
-            arm = ArmClient("arm", channel)
-            while True:
-                await arm.get_joint_positions()
-                await asyncio.sleep(1.0 / rate)
-
-    await asyncio.gather(*(poll() for _ in range(clients)))
-
-
-ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
-    "nothing else": nothing,
-    "one plan after the other": planning,
-    "50 abandoned plans": abandoned_plans,
-    "a hung planner": hung_planner,
-    "20 polling clients": polling,
-    "200 clients, 1 Hz each": lambda target: polling(target, clients=200, rate=1.0),
-    "texts of 1 MB": sending(stop_attacks.long_texts),
-    "1,000 boxes": sending(stop_attacks.many_boxes, 1_000),
-    "100,000 boxes": sending(stop_attacks.many_boxes, 100_000),
-    "a mesh of 250,000 triangles": sending(stop_attacks.large_mesh, 250_000),
-    "a mesh of 1,000,000 triangles": sending(stop_attacks.large_mesh, 1_000_000),
-    "a cloud of 1,000,000 points": sending(stop_attacks.large_cloud, 1_000_000),
-}
-"""What the module is busy with, by the name of the row."""
-
-
-def _request(*, y: float) -> dict[str, Any]:
-    """A MoveRequest as JSON."""
-    there = {"reference_frame": "arm_origin", "pose": {"x": 200, "y": y, "z": 150, "o_z": 1}}
-    return {"component_name": "arm", "destination": there}
-
-
-def _hopeless() -> dict[str, Any]:
-    """The same behind a wall, under a roof: both ends are free, the way between them is not."""
-    azimuth = math.radians(50.0)
-    wall = {
-        "label": "wall",
-        "box": {"dims_mm": {"x": 700, "y": 6, "z": 900}},
-        "center": {
-            "x": 430.0 * math.cos(azimuth),
-            "y": 430.0 * math.sin(azimuth),
-            "z": 350,
-            "o_z": 1,
-            "theta": 50,
-        },
-    }
-    roof = {
-        "label": "roof",
-        "box": {"dims_mm": {"x": 1000, "y": 1000, "z": 10}},
-        "center": {"z": 280, "o_z": 1},
-    }
-    around = {"reference_frame": "arm_origin", "geometries": [wall, roof]}
-    there = {"x": -65, "y": 241, "z": 120, "o_z": 1}
-    return {
-        "component_name": "arm",
-        "destination": {"reference_frame": "arm_origin", "pose": there},
-        "world_state": {"obstacles": [around]},
-    }
-
-
-def attack(name: str, socket: str, pid: str) -> None:
-    """Be the attacker until terminated; a refusal of the module is none of its business."""
-
-    async def go_on() -> None:
-        me = asyncio.current_task()
-        assert me is not None
-        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, me.cancel)
-        print("begun", flush=True)
-        while True:
-            with contextlib.suppress(Exception):
-                await ATTACKS[name](Target(socket=socket, pid=int(pid)))
-            await asyncio.sleep(0.01)
-
-    with contextlib.suppress(asyncio.CancelledError):
-        asyncio.run(go_on())
+# The attacker
 
 
 @contextlib.asynccontextmanager
 async def attacked(name: str, target: Target) -> AsyncIterator[None]:
     """Have an attacker in a process of its own."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "benchmarks.bench_stop",
-        "--attack", name, target.socket, str(target.pid),
+        sys.executable, "-m", "benchmarks.stop_attacks", name, target.socket, str(target.pid),
         stdout=asyncio.subprocess.PIPE,
     )  # fmt: skip
     assert process.stdout is not None
@@ -337,7 +176,7 @@ async def stops(name: str, n: int, record: Path) -> list[float]:
         fast = {"speed_degs_per_sec": SPEED_DEG, "acceleration_degs_per_sec_per_sec": 500.0}
         await running.add(parent.ARM, parent.HARDWARE_ARM, {"port": servos.port, **fast}, "arm")
         await running.add(parent.MOTION, MOTION_MODEL, {"arm": "arm"}, "planner")
-        other, planner = stop_attacks.ARM, stop_attacks.PLANNER
+        other, planner = ARM, PLANNER
         await running.add(parent.ARM, parent.SIMULATED, {}, other)
         await running.add(parent.MOTION, MOTION_MODEL, {"arm": other}, planner)
         target = Target(socket=str(running.socket), pid=running.process.pid)
@@ -400,7 +239,7 @@ def row(name: str, n: int) -> dict[str, Any]:
     """One line of the table."""
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "record.json"
-        with witnessed() as standstills:
+        with awake(), witnessed() as standstills:
             arrivals = asyncio.run(stops(name, n, record))
         written = np.array(json.loads(record.read_text()))
     counted = delays(arrivals, written)
@@ -447,7 +286,5 @@ if __name__ == "__main__":
     if "--module" in sys.argv:
         sys.argv.remove("--module")
         module()
-    elif "--attack" in sys.argv:
-        attack(*sys.argv[2:5])
     else:
         main()

@@ -13,7 +13,7 @@ A fifth process only keeps time, before everybody else: the witness. When it is 
 as a whole has stood still (a virtual one does, now and then), and no program could have been on
 time. Cycles lost then are told apart.
 
-Run by hand, ``--module`` and ``--witness`` are processes of it and not for people.
+``--module`` is a process of it and not for people.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ import numpy as np
 from viam.components.arm import JointPositions
 
 from benchmarks import _common
+from benchmarks._machine import witnessed
 from so101_motion.common.geometry import Array
 from so101_motion.planning.goals import JointGoal
 
@@ -103,39 +104,7 @@ def _posture(rng: np.random.Generator) -> Array:
     return np.asarray(middle + rng.uniform(-1.0, 1.0, 5) * reach)
 
 
-# The witness
-
-LOOK_PERIOD = 0.002
-LATE_WITNESS = 0.005
-
-
-def witness() -> None:
-    """Keep time until standard input ends; then say when that was not possible."""
-    with contextlib.suppress(OSError):  # before the control loop, if that is allowed
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
-    stops, here = [], time.monotonic()
-    ended = threading.Thread(target=sys.stdin.read, daemon=True)
-    ended.start()
-    while ended.is_alive():
-        time.sleep(LOOK_PERIOD)
-        before, here = here, time.monotonic()
-        if here - before > LOOK_PERIOD + LATE_WITNESS:
-            stops.append((before, here))
-    json.dump(stops, sys.stdout)
-
-
-@contextlib.contextmanager
-def witnessed() -> Iterator[list[tuple[float, float]]]:
-    """Have a witness; what it says is in the list when the block has ended."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.bench_stream", "--witness"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    stops: list[tuple[float, float]] = []
-    yield stops
-    stops += map(tuple, json.loads(process.communicate()[0]))
+# The figures
 
 
 def excused(writes: Array, stops: list[tuple[float, float]]) -> int:
@@ -256,7 +225,5 @@ if __name__ == "__main__":
     if "--module" in sys.argv:
         sys.argv.remove("--module")
         module()
-    elif "--witness" in sys.argv:
-        witness()
     else:
         main()

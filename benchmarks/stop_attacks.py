@@ -1,16 +1,27 @@
-"""What ``bench_stop`` has a hostile client send: large messages, over and over again.
+"""What a module is attacked with while ``bench_stop`` stops its arm, by a process of its own.
 
-Each is made once, in the attacker's process, and sent as it is.
+``ATTACKS`` is the table: a coroutine that goes on until it is cancelled; add a line for another
+one. Large messages are made once and sent as they are.
 """
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import math
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from google.protobuf.struct_pb2 import Struct
 from grpclib import GRPCError
 from grpclib.client import Channel
+from viam.components.arm.client import ArmClient
 from viam.gen.component.arm.v1.arm_grpc import ArmServiceStub
 from viam.gen.service.motion.v1.motion_grpc import MotionServiceStub
 from viam.proto.common import (
@@ -26,12 +37,109 @@ from viam.proto.common import (
     WorldState,
 )
 from viam.proto.service.motion import MoveRequest
+from viam.services.motion import MotionClient
 
 ARM, PLANNER = "other", "other planner"
 """What the large worlds are sent to: another arm of the same module, for a move ends an older one
 of its own arm."""
 
 SEED = 7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """The module under attack.
+
+    Attributes:
+        socket: Where it listens.
+        pid: Its process.
+    """
+
+    socket: str
+    pid: int
+
+    @contextlib.contextmanager
+    def connected(self) -> Any:
+        """A connection of its own."""
+        channel = Channel(path=self.socket)
+        try:
+            yield channel
+        finally:
+            channel.close()
+
+
+async def nothing(target: Target) -> None:
+    """Leave it alone."""
+    await asyncio.Event().wait()
+
+
+def sending(
+    send: Callable[..., Awaitable[None]], *numbers: int
+) -> Callable[[Target], Awaitable[None]]:
+    """Send large messages; see ``stop_attacks``."""
+
+    async def attack(target: Target) -> None:
+        with target.connected() as channel:
+            await send(channel, *numbers)
+
+    return attack
+
+
+async def planning(target: Target) -> None:
+    """Ask for one plan after the other."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            await planner.do_command({"preview": _request(y=120.0)})
+            await planner.do_command({"preview": _request(y=-120.0)})
+
+
+async def abandoned_plans(target: Target) -> None:
+    """Ask for 50 plans at once that take long, and give them all up; again and again."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            request = {"preview": _hopeless()}
+            plans = [asyncio.ensure_future(planner.do_command(request)) for _ in range(50)]
+            try:
+                await asyncio.wait(plans, timeout=0.5)
+            finally:
+                for plan in plans:
+                    plan.cancel()
+                await asyncio.gather(*plans, return_exceptions=True)  # refusals are expected
+
+
+async def hung_planner(target: Target) -> None:
+    """Ask for plans, and stop the planning process as soon as there is one; again and again."""
+    with target.connected() as channel:
+        planner = MotionClient("planner", channel)
+        while True:
+            plan = asyncio.ensure_future(planner.do_command({"preview": _request(y=120.0)}))
+            await asyncio.sleep(0.2)
+            for child in _children(target.pid):
+                os.kill(child, signal.SIGSTOP)
+            await asyncio.wait([plan], timeout=10.0)
+            plan.cancel()
+            await asyncio.gather(plan, return_exceptions=True)
+
+
+def _children(pid: int) -> list[int]:
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+async def polling(target: Target, clients: int = 20, rate: float = 10.0) -> None:
+    """Many independent clients, each asking for the joints ``rate`` times a second."""
+    begins = np.random.default_rng(SEED).uniform(0.0, 1.0 / rate, clients)
+
+    async def poll(begin: float) -> None:
+        await asyncio.sleep(begin)
+        with target.connected() as channel:
+            arm = ArmClient("arm", channel)
+            while True:
+                await arm.get_joint_positions()
+                await asyncio.sleep(1.0 / rate)
+
+    await asyncio.gather(*map(poll, begins))
 
 
 async def long_texts(channel: Channel) -> None:
@@ -83,6 +191,40 @@ async def _move(channel: Channel, geometries: list[Geometry]) -> None:
             await motion.Move(move)
 
 
+def _request(*, y: float) -> dict[str, Any]:
+    """A MoveRequest as JSON."""
+    there = {"reference_frame": "arm_origin", "pose": {"x": 200, "y": y, "z": 150, "o_z": 1}}
+    return {"component_name": "arm", "destination": there}
+
+
+def _hopeless() -> dict[str, Any]:
+    """The same behind a wall, under a roof: both ends are free, the way between them is not."""
+    azimuth = math.radians(50.0)
+    wall = {
+        "label": "wall",
+        "box": {"dims_mm": {"x": 700, "y": 6, "z": 900}},
+        "center": {
+            "x": 430.0 * math.cos(azimuth),
+            "y": 430.0 * math.sin(azimuth),
+            "z": 350,
+            "o_z": 1,
+            "theta": 50,
+        },
+    }
+    roof = {
+        "label": "roof",
+        "box": {"dims_mm": {"x": 1000, "y": 1000, "z": 10}},
+        "center": {"z": 280, "o_z": 1},
+    }
+    around = {"reference_frame": "arm_origin", "geometries": [wall, roof]}
+    there = {"x": -65, "y": 241, "z": 120, "o_z": 1}
+    return {
+        "component_name": "arm",
+        "destination": {"reference_frame": "arm_origin", "pose": there},
+        "world_state": {"obstacles": [around]},
+    }
+
+
 def _ply(triangles: int) -> bytes:
     n = int(np.ceil(np.sqrt(triangles / 2)))
     x, y = np.meshgrid(np.linspace(0.4, 0.6, n + 1), np.linspace(-0.1, 0.1, n + 1))
@@ -108,3 +250,41 @@ def _pcd(points: int) -> bytes:
         f"WIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA binary\n"
     )
     return head.encode() + seen.tobytes()
+
+
+ATTACKS: Mapping[str, Callable[[Target], Awaitable[None]]] = {
+    "nothing else": nothing,
+    "one plan after the other": planning,
+    "50 abandoned plans": abandoned_plans,
+    "a hung planner": hung_planner,
+    "20 polling clients": polling,
+    "200 clients, 1 Hz each": lambda target: polling(target, clients=200, rate=1.0),
+    "texts of 1 MB": sending(long_texts),
+    "1,000 boxes": sending(many_boxes, 1_000),
+    "100,000 boxes": sending(many_boxes, 100_000),
+    "a mesh of 250,000 triangles": sending(large_mesh, 250_000),
+    "a mesh of 1,000,000 triangles": sending(large_mesh, 1_000_000),
+    "a cloud of 1,000,000 points": sending(large_cloud, 1_000_000),
+}
+"""What the module is busy with, by the name of the row."""
+
+
+def attack(name: str, socket: str, pid: str) -> None:
+    """Be the attacker until terminated; a refusal of the module is none of its business."""
+
+    async def go_on() -> None:
+        me = asyncio.current_task()
+        assert me is not None
+        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, me.cancel)
+        print("begun", flush=True)
+        while True:
+            with contextlib.suppress(Exception):
+                await ATTACKS[name](Target(socket=socket, pid=int(pid)))
+            await asyncio.sleep(0.01)
+
+    with contextlib.suppress(asyncio.CancelledError):
+        asyncio.run(go_on())
+
+
+if __name__ == "__main__":
+    attack(*sys.argv[1:])
