@@ -18,39 +18,58 @@ from collections.abc import Iterator
 
 LOOK_PERIOD = 0.002
 LATE_WITNESS = 0.005
+WITNESS = 4
+"""The witness's real-time priority: before whatever is measured."""
 
 
 @contextlib.contextmanager
 def witnessed() -> Iterator[list[tuple[float, float]]]:
-    """Have a witness; when the machine stood still is in the list when the block has ended [s]."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks._machine", "witness"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    """Have a witness on every processor; the list has its standstills after the block [s].
+
+    A standstill of one processor is one of a whole Python program, if the thread that holds the
+    interpreter lock was on it.
+    """
     standstills: list[tuple[float, float]] = []
-    yield standstills
-    standstills += map(tuple, json.loads(process.communicate()[0]))
+    with _one_on_each("witness") as witnesses:
+        yield standstills
+        for witness in witnesses:
+            standstills += map(tuple, json.loads(witness.communicate()[0]))
 
 
 @contextlib.contextmanager
 def awake() -> Iterator[None]:
-    """Keep every processor busy with a process that anybody else's goes before."""
-    command = [sys.executable, "-m", "benchmarks._machine", "busy"]
-    busy = [subprocess.Popen(command, stdin=subprocess.PIPE) for _ in range(os.cpu_count() or 1)]
-    try:
+    """Keep every processor busy with a process that gives way to all others."""
+    with _one_on_each("busy"):
         yield
+
+
+@contextlib.contextmanager
+def _one_on_each(task: str) -> Iterator[list[subprocess.Popen[str]]]:
+    """Have one process on each processor that ends with the block."""
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-m", "benchmarks._machine", task, str(processor)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for processor in sorted(os.sched_getaffinity(0))
+    ]
+    try:
+        yield processes
     finally:
-        for process in busy:
+        for process in processes:
             process.kill()
-            process.communicate()
+            process.wait()
+            for pipe in (process.stdin, process.stdout):
+                assert pipe is not None
+                pipe.close()
 
 
 def _witness() -> None:
     """Keep time until standard input ends; then say when that was not possible."""
     with contextlib.suppress(OSError):  # before the control loop, if that is allowed
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(2))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(WITNESS))
     standstills, here = [], time.monotonic()
     ended = threading.Thread(target=sys.stdin.read, daemon=True)
     ended.start()
@@ -69,4 +88,5 @@ def _be_busy() -> None:
 
 
 if __name__ == "__main__":
+    os.sched_setaffinity(0, {int(sys.argv[2])})
     _witness() if sys.argv[1] == "witness" else _be_busy()
