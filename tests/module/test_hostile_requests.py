@@ -16,7 +16,7 @@ from viam.proto.common import DoCommandRequest
 from viam.resource.manager import ResourceManager
 from viam.rpc.server import _patch_mappings
 
-from so101_motion.viam.requests.large_messages import LARGEST_REST, LargeCodec
+from so101_motion.viam.requests.large_messages import LARGEST_STRUCT, LargeCodec
 from so101_motion.viam.requests.request_guard import DEEPEST, MOST_VALUES, guard
 
 LONGEST_GAP = 0.5
@@ -142,10 +142,10 @@ def struct_of(value):
 
 async def test_a_struct_of_too_many_values_or_bytes_is_refused_with_the_limit():
     many = struct_of({"command": "x", "v": [0.0] * (MOST_VALUES + 1)})
-    large = struct_of({"command": "x" * (LARGEST_REST + 1)})
+    large = struct_of({"command": "x" * (LARGEST_STRUCT + 1)})
     async with guarded_arm() as arm:
         stub = ArmServiceStub(arm.channel)
-        for struct, limit in ((many, f"{MOST_VALUES} values"), (large, f"{LARGEST_REST}")):
+        for struct, limit in ((many, f"{MOST_VALUES} values"), (large, f"{LARGEST_STRUCT}")):
             error = await refusal(stub.DoCommand(DoCommandRequest(name="arm", command=struct)))
             assert error.status is Status.INVALID_ARGUMENT
             assert limit in error.message

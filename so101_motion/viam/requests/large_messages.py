@@ -1,11 +1,12 @@
 """Read large messages without holding up the event loop.
 
 Protobuf decodes a message in one piece and holds the interpreter lock meanwhile: 15 ms for a mesh
-of 31 MiB or for 100,000 boxes, and whoever takes the mesh out copies it once more. So
-``LargeCodec`` looks through a large message before it is decoded. Large contents (meshes, point
-clouds) are taken out without a copy; a short reference is decoded in their place, and
-``content_of`` finds the content again. What then remains is bounded in bytes and in fields, and is
-refused before it is decoded if it exceeds them.
+of 31 MiB or for 100,000 boxes, and whoever takes the mesh out copies it once more; grpclib joins
+the pieces of that mesh in one go, which takes as long again. So ``receive_in_pieces`` puts them
+together one by one, and ``LargeCodec`` looks through a large message before it is decoded. Large
+contents (meshes, point clouds) are taken out without a copy; a short reference is decoded in their
+place, and ``content_of`` finds the content again. What then remains is bounded in bytes and in
+fields, and is refused before it is decoded if it exceeds them.
 
 The wire format: https://protobuf.dev/programming-guides/encoding
 """
@@ -13,7 +14,9 @@ The wire format: https://protobuf.dev/programming-guides/encoding
 from __future__ import annotations
 
 import os
+from collections.abc import Awaitable, Callable
 from contextvars import ContextVar
+from mmap import mmap
 from typing import Any
 
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
@@ -28,6 +31,13 @@ LARGE = 1 << 16
 LARGEST_REST = 1 << 20
 """Most bytes of a message besides large contents. Chosen: a plan of a thousand steps has a tenth of
 that, and protobuf takes a millisecond to decode it."""
+
+LARGEST_STRUCT = 1 << 18
+"""Most bytes of a struct. The most values that are read (``request_guard``) take 200 kB as numbers;
+a text of a megabyte keeps the event loop for 10 ms."""
+
+_PIECE = 1 << 16
+"""So much of a large message is put together at once [byte]. Chosen: it takes 20 us."""
 
 MOST_FIELDS = 5_000
 """Most fields of a large message. Chosen: they take 4 ms to look through; 1,000 geometries have
@@ -45,15 +55,40 @@ _STRUCT = "google.protobuf.Struct"
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5  # wire types
 
 
+async def receive_in_pieces(
+    receive: Callable[[int], Awaitable[bytes]], size: int
+) -> bytes | memoryview:
+    """Receive ``size`` bytes without holding the interpreter lock for long.
+
+    Args:
+        receive: Receives so many bytes of a message.
+        size: How many are wanted.
+
+    Returns:
+        The bytes; fewer if the message ends early.
+    """
+    if size <= LARGE:
+        return await receive(size)
+    whole = memoryview(mmap(-1, size))  # its pages are made when they are written
+    at = 0
+    while at < size:
+        piece = await receive(min(_PIECE, size - at))
+        if not piece:
+            break
+        whole[at : at + len(piece)] = piece
+        at += len(piece)
+    return whole[:at]
+
+
 class LargeCodec(ProtoCodec):
     """Protobuf as gRPC carries it, with large contents taken out of messages that are received."""
 
-    def decode(self, data: bytes, message_type: Any) -> Any:
+    def decode(self, data: bytes | memoryview, message_type: Any) -> Any:
         """The message in ``data``.
 
         Raises:
             DecodeError: It is garbled.
-            ConfigError: It has too many bytes or fields.
+            ConfigError: It has too many bytes or fields, or a struct in it has.
         """
         if len(data) <= LARGE:
             return message_type.FromString(data)
@@ -135,7 +170,15 @@ def _slim(
         slim = _REFERENCE + len(contents).to_bytes(4, "big")
         contents.append(value)
         count.add(len(slim))
-    elif field.message_type is None or field.message_type.full_name == _STRUCT:
+    elif field.message_type is None:
+        count.add(len(value))
+    elif field.message_type.full_name == _STRUCT:
+        if len(value) > LARGEST_STRUCT:
+            raise ConfigError(
+                field.name,
+                f"{len(value)} bytes",
+                f"is more than the {LARGEST_STRUCT} bytes that are read; send less",
+            )
         count.add(len(value))
     else:
         slim = _without_contents(value, field.message_type, contents, count)

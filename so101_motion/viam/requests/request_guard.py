@@ -11,6 +11,7 @@ gRPC can encode without delay.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from numbers import Real
 from typing import Any
 
@@ -24,7 +25,7 @@ from viam.rpc.server import Server
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.viam.conversion.convert import grpc_statuses, on_the_wire
-from so101_motion.viam.requests.large_messages import LargeCodec
+from so101_motion.viam.requests.large_messages import LargeCodec, receive_in_pieces
 
 MOST_VALUES = 10_000
 """Most values in the structs of a request. Chosen: the SDK takes 15 ms to read so many."""
@@ -58,7 +59,8 @@ async def _guarded(event: RecvRequest) -> None:
     answer = event.method_func
 
     async def answered(stream: Stream[Any, Any]) -> None:
-        receive = stream.recv_message
+        receive, transport = stream.recv_message, stream._stream
+        transport.recv_data = partial(receive_in_pieces, transport.recv_data)  # type: ignore[method-assign, assignment]
 
         async def received() -> Any:
             with grpc_statuses():

@@ -20,9 +20,11 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.viam.requests.large_messages import (
     LARGE,
     LARGEST_REST,
+    LARGEST_STRUCT,
     MOST_FIELDS,
     LargeCodec,
     content_of,
+    receive_in_pieces,
 )
 
 CONTENT = bytes(range(256)) * (LARGE // 128)
@@ -77,6 +79,36 @@ def test_a_thousand_geometries_are_not_too_many():
 def test_what_is_neither_a_mesh_nor_a_cloud_is_bounded(message):
     with pytest.raises(ConfigError, match=f"over {LARGEST_REST} bytes"):
         decoded(message)
+
+
+def test_a_struct_of_more_bytes_than_its_values_can_need_is_refused():
+    request = DoCommandRequest(name="arm")
+    request.command.update({"text": "a" * LARGEST_STRUCT})
+    with pytest.raises(ConfigError, match=f"more than the {LARGEST_STRUCT} bytes"):
+        decoded(request)
+
+
+@pytest.mark.parametrize("size", [0, 5, LARGE, LARGE + 1, 5 * LARGE - 3])
+async def test_a_message_is_received_whole(size):
+    sent = bytes(range(251)) * (size // 251 + 1)
+    asked = []
+
+    async def receive(size):
+        asked.append(size)
+        begin = sum(asked[:-1])
+        return sent[begin : begin + size]
+
+    assert bytes(await receive_in_pieces(receive, size)) == sent[:size]
+    assert max(asked) <= LARGE
+
+
+async def test_a_message_that_ends_early_is_received_up_to_there():
+    pieces = [b"a" * LARGE, b"b", b""]
+
+    async def receive(size):
+        return pieces.pop(0)
+
+    assert len(await receive_in_pieces(receive, 3 * LARGE)) == LARGE + 1
 
 
 def test_a_large_struct_is_left_as_it_is():
