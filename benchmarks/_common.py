@@ -16,6 +16,7 @@ import os
 import platform
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -35,6 +36,7 @@ _OWN_RESULTS = "benchmarks/results"
 Input = TypeVar("Input")
 Output = TypeVar("Output")
 Row = Mapping[str, Any]
+Piece = TypeVar("Piece")
 
 
 def single_thread() -> None:
@@ -121,6 +123,33 @@ def summary(times: ArrayLike) -> dict[str, float]:
         "p99": float(np.percentile(values, 99.0)),
         "max": float(values.max()),
     }
+
+
+def in_pieces(name: str, pieces: Mapping[str, Callable[[], Piece]]) -> list[Piece]:
+    """What each piece of a long benchmark found; a run that was ended goes on where it was.
+
+    Each result is kept in the system's temporary folder as it comes, as JSON, and used again by
+    the next run of the same commit; of a tree with changes nothing is used again.
+
+    Args:
+        name: The benchmark.
+        pieces: What to call, by a name that says which piece it is.
+    """
+    commit, known = _commit(), {}
+    file = Path(tempfile.gettempdir()) / f"{name}-{commit}.jsonl"
+    if file.exists() and commit.isalnum() and commit != "unknown":
+        known = dict(map(json.loads, file.read_text().splitlines()))
+    found = []
+    with file.open("a" if known else "w") as kept:
+        for key, call in pieces.items():
+            if key not in known:
+                begin = time.process_time()
+                known[key] = json.loads(json.dumps(call()))
+                kept.write(json.dumps([key, known[key]]) + "\n")
+                kept.flush()
+                print(f"{key}: {time.process_time() - begin:.0f} s of processor time", flush=True)
+            found.append(known[key])
+    return found
 
 
 def write(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:

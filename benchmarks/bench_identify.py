@@ -17,6 +17,7 @@ import math
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -131,12 +132,10 @@ def one_arm(seed: int, plans: int) -> dict[str, Any]:
     found = carrying.found.load
     assert found is not None
     place = np.linalg.norm(np.array(found.com) - place_in_hand(RobotModel.load()))
-    row = {
-        "seed": seed, "joints": by_joint, "took": took, "ratio": after / before,
+    return {
+        "seed": seed, "joints": by_joint, "took": took, "before": before, "after": after,
         "mass": abs(found.mass - load), "place": float(place),
     }  # fmt: skip
-    print(row, flush=True)
-    return row
 
 
 def main() -> None:
@@ -146,7 +145,13 @@ def main() -> None:
     parser.add_argument("--arms", type=int, default=20)
     parser.add_argument("--plans", type=int, default=2)
     asked = parser.parse_args()
-    arms = [one_arm(seed, asked.plans) for seed in range(1, asked.arms + 1)]
+    pieces = {
+        f"arm {seed}, {asked.plans} plans": partial(one_arm, seed, asked.plans)
+        for seed in range(1, asked.arms + 1)
+    }
+    arms = _common.in_pieces("bench_identify", pieces)
+    for arm in arms:
+        arm["ratio"] = arm["after"] / arm["before"]
     rows: list[dict[str, Any]] = []
     for what, bar in (("droop", 0.1), ("break-away", 0.2), ("lag", 0.1), ("play", 0.1)):
         for joints in (ARM_JOINTS[1:4], (ARM_JOINTS[0], ARM_JOINTS[4])):
@@ -165,6 +170,8 @@ def main() -> None:
         ("mass of the load off [g]", "mass", 1e3, 15.0),
         ("its place off [mm]", "place", 1e3, 10.0),
         ("duration [s]", "took", 1.0, 180.0),
+        ("tracking error before [deg]", "before", 1.0, None),
+        ("tracking error after [deg]", "after", 1.0, None),
         ("tracking error after, share of before", "ratio", 1.0, 0.6),
     ):
         values = scale * np.array([arm[key] for arm in arms])

@@ -3,7 +3,8 @@
 Every arm has servos of its own (spread 0.2: friction, play, torque, dead time, zero), holds 0 to
 0.3 kg and moves through random waypoints. Rig, driver and bus are the real ones, on one clock that
 drives all. Angles are the joints' true ones; nothing is taken out of them, no lag either. Beside it
-is the same with goals that are the setpoints themselves, nothing made up for.
+is the same with goals that are the setpoints themselves, nothing made up for. Each arm is a piece:
+a run that was ended goes on where it was.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
 """
@@ -17,6 +18,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -107,7 +109,8 @@ def main() -> None:
 
 def measured(what: str, kind: ServoType, count: int, plans: int) -> dict[str, Any]:
     """A row of the results."""
-    arms = [seen(seed, plans, kind) for seed in range(count)]
+    pieces = {f"{what}: {seed}": partial(seen, seed, plans, kind) for seed in range(count)}
+    arms = _common.in_pieces("bench_true_arm", pieces)
     found = {name: [x for arm in arms for x in arm[name]] for name in arms[0]}
     return {
         "what": what,
