@@ -225,6 +225,10 @@ class Executor:
         """The limits with which a stop of ``channel`` brakes, whatever the motion's own caps."""
         return self._control.stop_limits(channel)
 
+    def set_stop_limits(self, limits: MotionLimits) -> None:
+        """Brake the arm within ``limits`` from the next stop on."""
+        self._control.set_stop_limits(limits)
+
     def stop(self, channel: Channel | None = None, *, by: str = "stop") -> Future[None]:
         """Slow down to rest from the next setpoint on, along the path that was being followed.
 

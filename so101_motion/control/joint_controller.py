@@ -122,6 +122,10 @@ class JointController:
         """The limits with which a stop of ``channel`` brakes."""
         return self._player(channel).stop_limits
 
+    def set_stop_limits(self, limits: MotionLimits) -> None:
+        """Brake the arm within ``limits`` from the next stop on; from any thread."""
+        self._arm.stop_limits = limits
+
     def keep_off(self, neighbours: Neighbours | None) -> None:
         """Keep the arm off other arms in every tick; None ends that."""
         self._arm.neighbours = neighbours

@@ -36,7 +36,7 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import gravity_per_kg
-from so101_motion.rig.rig import TICK, Rig
+from so101_motion.rig.rig import HARD_STOP, TICK, Rig
 from so101_motion.rig.servo_driver import ServoDriver, ServoSettings
 
 _log = logging.getLogger(__name__)
@@ -170,11 +170,14 @@ class SharedPort:
         return device in (self._device, os.path.realpath(self.servos.settings.port))
 
     def take_ranges(self) -> None:
-        """Set the joint ranges of arm and gripper, and what the servos bear and keep up with."""
+        """Set the ranges of arm and gripper, and what the servos bear, keep up with and brake."""
         self.rig.arm.set_range(self.servos.lower, self.servos.upper)
         models = [self.servos.models[j] for j in ARM_JOINTS if j in self.servos.models]
         if models:
-            self.rig.arm.servo_acceleration = KEPT_UP * np.array([each.braking for each in models])
+            brakes = np.array([each.braking for each in models])
+            self.rig.arm.servo_acceleration = KEPT_UP * brakes
+            stop = HARD_STOP.scaled_to(HARD_STOP.velocity, brakes)  # or joints swing past its end
+            self.rig.executor.set_stop_limits(stop)
             self.rig.arm.set_servo_strength([each.figures.torque for each in models])
         jaw = self.servos.setups.get(GRIPPER_JOINT)
         if jaw is not None:

@@ -393,6 +393,23 @@ def test_it_stops_at_what_it_grabs_and_holds_it_gently(bench, width_mm):
     assert not rig.gripper.is_holding
 
 
+def test_a_stop_brakes_each_joint_no_harder_than_its_servo_does(tmp_path, planning_process):
+    with hardware_bench(tmp_path, reply_timeout=2.0) as bench:
+        rig = bench.open()
+        bench.advance(1.0)
+        rig.arm.set_speed(rad(90.0))
+        rig.arm.set_acceleration(rad(300.0))
+        motion = bench.go(rig, 0, -55, 0, 0, 0)
+        bench.under_way(motion, rig, 0.5)
+        assert np.degrees(rig.arm.state.qd_ref[1]) < -80.0
+        stopped, lowest = rig.arm.start_stop(), np.inf
+        for _ in range(60):
+            bench.advance(0.01)
+            lowest = min(lowest, bench.arm_deg(rig)[1])
+        bench.finish(stopped)
+        assert np.degrees(rig.arm.state.q_ref[1]) - lowest < 4.2, "else it swings past by 4.8"
+
+
 def test_a_stop_of_the_gripper_leaves_the_arm_alone(bench):
     rig = bench.open()
     arm = bench.go(rig, 30, 0, 0, 0, 0)
