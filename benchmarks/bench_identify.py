@@ -170,8 +170,8 @@ def main() -> None:
         ("mass of the load off [g]", "mass", 1e3, 15.0),
         ("its place off [mm]", "place", 1e3, 10.0),
         ("duration [s]", "took", 1.0, 180.0),
-        ("tracking error before [deg]", "before", 1.0, None),
-        ("tracking error after [deg]", "after", 1.0, None),
+        ("tracking error before [deg]", "before", 1.0, math.inf),
+        ("tracking error after [deg]", "after", 1.0, math.inf),
         ("tracking error after, share of before", "ratio", 1.0, 0.6),
     ):
         values = scale * np.array([arm[key] for arm in arms])
@@ -181,7 +181,7 @@ def main() -> None:
                 "median": float(np.median(values)),
                 "p90": float(np.percentile(values, 90.0)),
                 "worst": float(np.max(values)),
-                "bar": bar,
+                "bar": bar if bar < math.inf else "-",
             }
         )
     _common.write("bench_identify", rows)
