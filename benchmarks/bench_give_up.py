@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from benchmarks import _common
+from benchmarks._machine import awake
 from benchmarks.plan_problems import SCENES, problems
 from so101_motion.arm.planning_process import PlanningProcess
 from so101_motion.arm.planning_worker import PlanningWorker
@@ -168,9 +169,10 @@ def main() -> None:
         ("behind a wall", unreachable, ""),
         ("a million points", clouds, ""),
     )
-    rows = [row(process, what, make(model, name)) for what, make, name in kinds]
-    process.close()
-    rows.append(closing_row())
+    with awake():
+        rows = [row(process, what, make(model, name)) for what, make, name in kinds]
+        process.close()
+        rows.append(closing_row())
     _common.write("bench_give_up", rows)
 
 
