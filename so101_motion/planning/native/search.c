@@ -12,6 +12,7 @@
 
 #define STEP 0.20  /* as in rrt_connect.py */
 #define TRIES 16   /* random configurations at a time; chosen, as wide as vectors get */
+#define AS_LONG 512 /* nodes that take as long to compare as a configuration to look at */
 #define PIECE 0.25 /* as in shorten.py, and what follows */
 #define CUTS 60
 #define MOST_FAILED_CUTS 14
@@ -99,9 +100,10 @@ static double distance(const Search *h, const double *a, const double *b) {
     return sqrt(square);
 }
 
-static int nearest(const Search *h, const Tree *t, const double *q) {
+static int nearest(Scene *s, const Search *h, const Tree *t, const double *q) {
     float at[5], least = INFINITY, squares[64];
     int found = 0;
+    s->next_ask -= t->count / AS_LONG; /* a search that finds nothing has large trees */
     for (int j = 0; j < 5; j++) at[j] = (float)(q[j] * h->weights[j]);
     for (int i = 0; i < t->count; i += 64) {
         const int m = t->count - i < 64 ? t->count - i : 64;
@@ -125,7 +127,7 @@ static int grow(Scene *s, Search *h, Tree *t, const Checker *c) {
         double q[5];
         for (int j = 0; j < 5; j++)
             q[j] = h->lower[j] + (h->upper[j] - h->lower[j]) * drawn(&h->random);
-        parents[i] = nearest(h, t, q);
+        parents[i] = nearest(s, h, t, q);
         const double *origin = t->points + 5 * parents[i];
         const double part = STEP / fmax(distance(h, q, origin), STEP);
         for (int j = 0; j < 5; j++) ends[6 * i + j] = origin[j] + part * (q[j] - origin[j]);
@@ -145,7 +147,7 @@ static int grow(Scene *s, Search *h, Tree *t, const Checker *c) {
 
 /* Grows towards a configuration: the last node if it was reached, -1 if not, -2 at an end. */
 static int follow(Scene *s, Search *h, Tree *t, const Checker *c, const double *target) {
-    int parent = nearest(h, t, target);
+    int parent = nearest(s, h, t, target);
     double q[5], origin[5], left;
     memcpy(origin, t->points + 5 * parent, sizeof origin);
     for (left = distance(h, target, origin); left > STEP; left -= STEP) {

@@ -10,8 +10,9 @@ from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
-from so101_motion.planning.paths.path import PathFinder
-from so101_motion.planning.paths.rrt_connect import Deadline
+from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds
+from so101_motion.planning.paths.path import SPACING, PathFinder
+from so101_motion.planning.paths.rrt_connect import Deadline, Space
 
 pytestmark = pytest.mark.skipif(native().library is None, reason=native().reason or "there")
 
@@ -60,7 +61,8 @@ def test_of_several_goals_the_one_that_is_reached_is_told(model):
     np.testing.assert_array_equal(found.waypoints[-1], goals[found.goal])
 
 
-def test_a_search_that_fails_says_what_was_in_the_way(model):
+def walled_in():
+    """A scene without a way from straight ahead to the right."""
     turn = np.array([0.75, 0.75 + np.pi])
     at = np.column_stack((0.039 + 0.32 * np.cos(turn), 0.32 * np.sin(turn), (0.6, 0.6)))
     walls = tuple(
@@ -76,7 +78,11 @@ def test_a_search_that_fails_says_what_was_in_the_way(model):
         shape=Box(size=np.array([0.3, 0.3, 0.01])),
         T_base_obstacle=SE3.from_translation((0.039, 0.0, 0.3)),
     )
-    finder = PathFinder(model, CollisionModel(model, Scene(obstacles=(*walls, lid))))
+    return Scene(obstacles=(*walls, lid))
+
+
+def test_a_search_that_fails_says_what_was_in_the_way(model):
+    finder = PathFinder(model, CollisionModel(model, walled_in()))
     with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
         finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.05)
     assert "wall 0" in caught.value.blockers
@@ -96,6 +102,26 @@ def test_a_search_that_nobody_wants_any_more_ends(model):
         finder.find(LEFT, [RIGHT], 10.0)
     wanted = True
     assert len(finder.find(LEFT, [RIGHT], 10.0).waypoints) > 2
+
+
+def test_a_search_asks_as_often_when_its_trees_are_large(model):
+    asked = 0
+
+    def ask():
+        nonlocal asked
+        asked += 1
+
+    collision = CollisionModel(model, walled_in(), ask)
+    checker = collision.sampled_check(0.0, spacing=SPACING)
+    goal = np.array([-1.5, 0.0, 0.2, 0.9, 0.0])
+    space = Space(lower=model.lower, upper=model.upper, weights=collision.reach)
+    search = CompiledSearch(space, checker, np.zeros(5), [goal], Seeds(0))
+    apart = []
+    for _ in range(2):
+        before = checker.batch.tally()[0], asked
+        assert search.run(Deadline(60.0), most=2_000) is None
+        apart.append((checker.batch.tally()[0] - before[0]) / (asked - before[1]))
+    assert apart[1] < 0.8 * apart[0]  # configurations between two asks; comparing nodes takes long
 
 
 def test_a_deadline_that_has_passed_ends_it_at_once(model):
