@@ -15,13 +15,13 @@ import numpy as np
 
 from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
-from so101_motion.cli.sweep_place import place
-from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
-    HEAVIEST,
-    SERVO_VOLTAGES,
-    SPEED_RANGE_DEG,
+from so101_motion.cli.sweep_options import (
+    caps_options,
+    computing_options,
+    payload_option,
+    voltage_option,
 )
+from so101_motion.cli.sweep_place import place
 from so101_motion.common.units import to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
@@ -48,20 +48,12 @@ def sweep() -> None:
 def _run_options(verb: F) -> F:
     """The options of every sweep; the verb gets ``run``, which runs one and prints its end."""
 
-    @click.option(
-        "--out", type=click.Path(path_type=Path, file_okay=False), required=True,
-        help="Folder of the result.",
-    )  # fmt: skip
-    @click.option("--workers", type=click.IntRange(1, 256), help="Number of processes.")
-    @click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786.")
+    @computing_options
     @json_option
     @functools.wraps(verb)
     def with_run(
         *args: Any, out: Path, workers: int | None, dask: str | None, as_json: bool, **kwargs: Any
     ) -> Any:
-        if workers is not None and dask is not None:
-            raise click.UsageError("--workers or --dask, not both")
-
         def run(work: Sweep, summary: Callable[[Path], dict[str, object]]) -> None:
             result = _run(work, out, workers, dask)
             facts = summary(out) if not result.failed else {}
@@ -92,13 +84,8 @@ def _run_options(verb: F) -> F:
     "--tolerance-deg", type=Finite(0.1, 90.0), default=5.0, show_default=True,
     help="How far the approach may be off.",
 )  # fmt: skip
-@click.option(
-    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
-)
-@click.option(
-    "--servo-voltage", type=click.Choice([f"{each:g}" for each in SERVO_VOLTAGES]),
-    default=f"{SERVO_VOLTAGES[0]:g}", show_default=True, help="The servos' rated voltage.",
-)  # fmt: skip
+@payload_option
+@voltage_option
 @_run_options
 def reach(
     run: Callable[..., None],
@@ -153,17 +140,8 @@ def reach(
     "--fps", type=click.IntRange(1, 100), default=30, show_default=True,
     help="Setpoints a second.",
 )  # fmt: skip
-@click.option(
-    "--speed", type=Finite(*SPEED_RANGE_DEG), default=170.0, show_default=True, metavar="DEG/S",
-    help="Joint speed cap.",
-)  # fmt: skip
-@click.option(
-    "--acceleration", type=Finite(*ACCELERATION_RANGE_DEG), default=430.0, show_default=True,
-    metavar="DEG/S2", help="Joint acceleration cap.",
-)  # fmt: skip
-@click.option(
-    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
-)
+@caps_options
+@payload_option
 @_run_options
 def plans(
     run: Callable[..., None],
@@ -292,6 +270,8 @@ def computers(workers: int | None, dask: str | None, out: Path) -> Iterator[dict
     """Who computes, as arguments for ``run_sweep``; says where an interrupted sweep is kept."""
     from so101_motion.tasks.sweeps import WorkerPool, default_workers
 
+    if workers is not None and dask is not None:
+        raise click.UsageError("--workers or --dask, not both")
     try:
         if dask is None:
             pool = WorkerPool(default_workers() if workers is None else workers)

@@ -11,11 +11,11 @@ import click
 
 from so101_motion.cli.param_types import IN_FILE, Finite
 from so101_motion.cli.shared import CHECK_FAILED, aside, json_option, print_json
-from so101_motion.common.attributes import (
-    ACCELERATION_RANGE_DEG,
-    HEAVIEST,
-    SERVO_VOLTAGES,
-    SPEED_RANGE_DEG,
+from so101_motion.cli.sweep_options import (
+    caps_options,
+    computing_options,
+    payload_option,
+    voltage_option,
 )
 from so101_motion.common.units import to_m, to_rad
 
@@ -95,27 +95,10 @@ class FromTo(click.ParamType[tuple[float, float]]):
     "--tolerance-deg", type=Finite(0.1, 90.0), default=10.0, show_default=True,
     help="How far the tool's approach may be off at a program's waypoints.",
 )  # fmt: skip
-@click.option(
-    "--speed", type=Finite(*SPEED_RANGE_DEG), default=170.0, show_default=True, metavar="DEG/S",
-    help="Joint speed cap.",
-)  # fmt: skip
-@click.option(
-    "--acceleration", type=Finite(*ACCELERATION_RANGE_DEG), default=430.0, show_default=True,
-    metavar="DEG/S2", help="Joint acceleration cap.",
-)  # fmt: skip
-@click.option(
-    "--payload-g", type=Finite(0.0, 1e3 * HEAVIEST), default=0.0, help="What the hand carries."
-)
-@click.option(
-    "--servo-voltage", type=click.Choice([f"{each:g}" for each in SERVO_VOLTAGES]),
-    default=f"{SERVO_VOLTAGES[0]:g}", show_default=True, help="The servos' rated voltage.",
-)  # fmt: skip
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), required=True,
-    help="Folder of the result.",
-)  # fmt: skip
-@click.option("--workers", type=click.IntRange(1, 256), help="So many processes.")
-@click.option("--dask", metavar="ADDRESS", help="A Dask scheduler: tcp://scheduler:8786.")
+@caps_options
+@payload_option
+@voltage_option
+@computing_options
 @json_option
 def place(
     task_file: Path,
@@ -159,8 +142,6 @@ def place(
     from so101_motion.tasks.sweeps.placement_files import write_placement
     from so101_motion.tasks.sweeps.placement_task import read_task, task_text
 
-    if workers is not None and dask is not None:
-        raise click.UsageError("--workers or --dask, not both")
     task = read_task(task_file, approach_tolerance=to_rad(tolerance_deg))
     region = Region(
         x=_each(to_m, x_mm), y=_each(to_m, y_mm), z=_each(to_m, z_mm), turn=_each(to_rad, turn_deg),
