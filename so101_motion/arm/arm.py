@@ -8,27 +8,23 @@ stop in between.
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from contextlib import nullcontext, suppress
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
-from so101_motion.arm.led_motions import LedMotions, Situation
+from so101_motion.arm.led_motions import LedMotions
 from so101_motion.arm.motion_handle import Motion
 from so101_motion.arm.motion_queue import MotionQueue, Opening
-from so101_motion.arm.protocols import ArmExecutor
-from so101_motion.common.attributes import LoadConfig
+from so101_motion.arm.planned_arm import ArmParts, PlannedArm
 from so101_motion.common.compliance import Compliance
 from so101_motion.common.errors import SUPERSEDED, InCollision, MotionError, NotHolding
-from so101_motion.common.geometry import SE3, Array, frozen_array
+from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.modes import Mode
-from so101_motion.common.state import JointState, lent_out
+from so101_motion.common.state import lent_out
 from so101_motion.common.units import to_deg
 from so101_motion.control.approach import APPROACH, GATE
 from so101_motion.control.cartesian_jog import Jog
@@ -36,16 +32,12 @@ from so101_motion.control.following import STALE_AFTER, Following, FollowingSett
 from so101_motion.control.joint_group import Channel
 from so101_motion.control.motion_source import S
 from so101_motion.control.streamed_trajectory import Stream
-from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import Goal
-from so101_motion.planning.request import Plan, PlanRequest, Search
+from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
     from so101_motion.arm.cell import Place
-    from so101_motion.planning.kinematics.model import RobotModel
-
 
 PLANS = 3
 """So often a motion is planned that other arms get in the way of before it begins; chosen."""
@@ -54,106 +46,26 @@ START_TOLERANCE = 1e-4
 """How far the arm may be from a plan's start when the plan is executed [rad]; the executor's."""
 
 
-class Arm(CappedJoints):
+class Arm(PlannedArm):
     """Five joints that can be planned for, moved and stopped.
 
     Args:
-        model: Kinematics and limits.
-        executor: Moves them; owned by the rig.
-        planner: Takes a request to the planning process.
-        speed: Joint speed cap [rad/s].
-        acceleration: Joint acceleration cap [rad/s^2].
-        scene: What is around it and in its hand.
+        parts: See ``ArmParts``.
 
     Attributes:
-        scene: The same, for plans made from now on.
-        newest: The newest plan and its request, to be shown; None before the first.
         compliance: How it yields to a hand in manual mode.
-        place: Its place in a cell with other arms; None if it stands alone.
     """
 
-    def __init__(
-        self,
-        *,
-        model: RobotModel,
-        executor: ArmExecutor,
-        planner: Callable[[PlanRequest], Future[Plan]],
-        speed: float,
-        acceleration: float,
-        scene: Scene,
-    ) -> None:
-        self.model = model
-        self.scene = scene
-        self._executor = executor
-        self._planner = planner
-        super().__init__(JointCaps(speed=speed, acceleration=acceleration))
-        self._range = JointRange(model.lower, model.upper)
-        self._strength = Strength.of_servos(LoadConfig().servo_voltage)
-        self.set_load(LoadConfig())
-        self.newest: tuple[PlanRequest, Plan] | None = None
+    def __init__(self, **parts: Unpack[ArmParts]) -> None:
+        super().__init__(**parts)
         self.compliance = Compliance()
-        self.place: Place | None = None
-        self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
-        self._led = LedMotions(model, executor)
+        self._led = LedMotions(self.model, self._executor)
         self._motions = MotionQueue(self._come_to_rest)
-
-    @property
-    def state(self) -> JointState:
-        """The newest snapshot; never waits."""
-        return self._executor.state
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether a motion is under way, planning not included."""
-        return self.state.arm_moving
-
-    @property
-    def in_manual(self) -> bool:
-        """Whether the joints are to be moved by hand: guided, or limp."""
-        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
 
     @property
     def newest_motion(self) -> Motion:
         """The motion asked for last, planning included; over when nothing is under way."""
         return self._motions.current
-
-    def T_base(self, frame: str = "tool") -> SE3:
-        """Where ``frame`` is now, from the measured joints; maps to the base frame."""
-        with self._kinematics:
-            return self.model.frame(self.state.q, frame)
-
-    def T_base_links(self) -> dict[str, SE3]:
-        """Where all seven links are now, by name, the jaw included."""
-        state = self.state
-        with self._kinematics:
-            return self.model.link_placements(state.q, state.q_jaw)
-
-    def set_load(self, load: LoadConfig) -> None:
-        """Set what the gripper always carries and what the servos bear, for plans from now on.
-
-        Raises:
-            ConfigError: A mass or a place out of range, or unknown servos.
-        """
-        self._payload = Payload.of(load, self.model)
-        self._strength = replace(
-            Strength.of_servos(load.servo_voltage), shares=self._strength.shares
-        )
-
-    def set_servo_strength(self, shares: Sequence[float]) -> None:
-        """Set what share of its type's torque each joint's servo has, for plans from now on.
-
-        A stronger one counts as its type: more torque makes more heat as well.
-        """
-        self._strength = replace(self._strength, shares=tuple(min(each, 1.0) for each in shares))
-
-    @property
-    def range(self) -> JointRange:
-        """The range of joint angles that it may be sent to."""
-        return self._range
-
-    def set_range(self, lower: Array, upper: Array) -> None:
-        """Narrow the joint limits to those of the calibration, shapes (5,), [rad]."""
-        self._range = JointRange(self.model.lower, self.model.upper).narrowed(lower, upper)
 
     # Planning and moving
 
@@ -185,12 +97,6 @@ class Arm(CappedJoints):
         plan = planning.result() if motion is None else motion.wait_for(planning)
         self.newest = (request, plan)
         return plan
-
-    def start_plan(
-        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
-    ) -> Future[Plan]:
-        """Like ``plan``, but returns at once; cancelling the future gives the plan up."""
-        return self._start_plan(goal, limits, search)[1]
 
     def start_move(
         self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
@@ -361,53 +267,6 @@ class Arm(CappedJoints):
 
     # How
 
-    def _start_plan(
-        self,
-        goal: Goal,
-        limits: MotionLimits | None,
-        search: Search | None,
-        q_start: Array | None = None,
-        q_jaw: float | None = None,
-    ) -> tuple[PlanRequest, Future[Plan]]:
-        request = self.request(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
-        planning = self._planner(request)
-
-        def note(done: Future[Plan]) -> None:
-            if not done.cancelled() and done.exception() is None:
-                self.newest = (request, done.result())
-
-        planning.add_done_callback(note)
-        return request, planning
-
-    def request(
-        self,
-        goal: Goal,
-        *,
-        limits: MotionLimits | None = None,
-        search: Search | None = None,
-        q_start: Array | None = None,
-        q_jaw: float | None = None,
-    ) -> PlanRequest:
-        """What ``plan`` asks the planner for; arguments as there."""
-        state, search = self.state, search or Search()
-        lower, upper = self._range.with_tolerance()
-        return PlanRequest(
-            q_start=state.q_ref if q_start is None else q_start,
-            goal=goal,
-            limits=self.effective_limits(limits),
-            q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
-            scene=search.scene or self.scene,
-            others=() if self.place is None else self.place.others(),
-            payload=self._payload,
-            strength=self._strength,
-            frames=search.frames,
-            lower=lower,
-            upper=upper,
-            dt=self._executor.dt,
-            seed=search.seed,
-            time_budget=search.time_budget,
-        )
-
     def _execute(self, motion: Motion, plan: Plan) -> None:
         self._leave_manual(motion)
         off = float(np.max(np.abs(plan.q_start - self.state.q_ref)))
@@ -421,10 +280,6 @@ class Arm(CappedJoints):
             motion.plan = plan
             execute = partial(self._executor.execute, trajectory, channel=Channel.ARM)
             motion.begin(execute, self._executor.interrupt).result()
-
-    @property
-    def _situation(self) -> Situation:
-        return Situation(self.scene, self._range, self._payload, self._strength)
 
     def _follow(
         self, limits: MotionLimits | None, *, guarded: bool, **how: Unpack[FollowingSettings]

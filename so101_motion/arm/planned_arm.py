@@ -1,0 +1,184 @@
+"""What an arm plans from: where it is, its range, its load and its surroundings.
+
+Nothing here moves it; see ``arm.py``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypedDict, Unpack
+
+from so101_motion.arm.joint_caps import CappedJoints, JointCaps, JointRange
+from so101_motion.arm.led_motions import Situation
+from so101_motion.arm.protocols import ArmExecutor
+from so101_motion.common.attributes import LoadConfig
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import JointState
+from so101_motion.planning.collision.scene import Scene
+from so101_motion.planning.goals import Goal
+from so101_motion.planning.request import Plan, PlanRequest, Search
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength
+
+if TYPE_CHECKING:
+    from so101_motion.arm.cell import Place
+    from so101_motion.planning.kinematics.model import RobotModel
+
+
+class ArmParts(TypedDict):
+    """What an arm is made of.
+
+    Attributes:
+        model: Kinematics and limits.
+        executor: Moves the joints; owned by the rig.
+        planner: Takes a request to the planning process.
+        speed: Joint speed cap [rad/s].
+        acceleration: Joint acceleration cap [rad/s^2].
+        scene: What is around it and in its hand.
+    """
+
+    model: RobotModel
+    executor: ArmExecutor
+    planner: Callable[[PlanRequest], Future[Plan]]
+    speed: float
+    acceleration: float
+    scene: Scene
+
+
+class PlannedArm(CappedJoints):
+    """Five joints that can be planned for.
+
+    Args:
+        parts: See ``ArmParts``.
+
+    Attributes:
+        model: Kinematics and limits.
+        scene: What is around it and in its hand, for plans made from now on.
+        newest: The newest plan and its request, to be shown; None before the first.
+        place: Its place in a cell with other arms; None if it stands alone.
+    """
+
+    def __init__(self, **parts: Unpack[ArmParts]) -> None:
+        super().__init__(JointCaps(speed=parts["speed"], acceleration=parts["acceleration"]))
+        self.model, self.scene = parts["model"], parts["scene"]
+        self._executor, self._planner = parts["executor"], parts["planner"]
+        self._range = JointRange(self.model.lower, self.model.upper)
+        self._strength = Strength.of_servos(LoadConfig().servo_voltage)
+        self.set_load(LoadConfig())
+        self.newest: tuple[PlanRequest, Plan] | None = None
+        self.place: Place | None = None
+        self._kinematics = threading.Lock()  # Pinocchio's data is for one thread at a time
+
+    @property
+    def state(self) -> JointState:
+        """The newest snapshot; never waits."""
+        return self._executor.state
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether a motion is under way, planning not included."""
+        return self.state.arm_moving
+
+    @property
+    def in_manual(self) -> bool:
+        """Whether the joints are to be moved by hand: guided, or limp."""
+        return self.state.mode in (Mode.GUIDING, Mode.LIMP)
+
+    def T_base(self, frame: str = "tool") -> SE3:
+        """Where ``frame`` is now, from the measured joints; maps to the base frame."""
+        with self._kinematics:
+            return self.model.frame(self.state.q, frame)
+
+    def T_base_links(self) -> dict[str, SE3]:
+        """Where all seven links are now, by name, the jaw included."""
+        state = self.state
+        with self._kinematics:
+            return self.model.link_placements(state.q, state.q_jaw)
+
+    def set_load(self, load: LoadConfig) -> None:
+        """Set what the gripper always carries and what the servos bear, for plans from now on.
+
+        Raises:
+            ConfigError: A mass or a place out of range, or unknown servos.
+        """
+        self._payload = Payload.of(load, self.model)
+        self._strength = replace(
+            Strength.of_servos(load.servo_voltage), shares=self._strength.shares
+        )
+
+    def set_servo_strength(self, shares: Sequence[float]) -> None:
+        """Set what share of its type's torque each joint's servo has, for plans from now on.
+
+        A stronger one counts as its type: more torque makes more heat as well.
+        """
+        self._strength = replace(self._strength, shares=tuple(min(each, 1.0) for each in shares))
+
+    @property
+    def range(self) -> JointRange:
+        """The range of joint angles that it may be sent to."""
+        return self._range
+
+    def set_range(self, lower: Array, upper: Array) -> None:
+        """Narrow the joint limits to those of the calibration, shapes (5,), [rad]."""
+        self._range = JointRange(self.model.lower, self.model.upper).narrowed(lower, upper)
+
+    def start_plan(
+        self, goal: Goal, *, limits: MotionLimits | None = None, search: Search | None = None
+    ) -> Future[Plan]:
+        """Like ``plan``, but returns at once; cancelling the future gives the plan up."""
+        return self._start_plan(goal, limits, search)[1]
+
+    def request(
+        self,
+        goal: Goal,
+        *,
+        limits: MotionLimits | None = None,
+        search: Search | None = None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> PlanRequest:
+        """What ``plan`` asks the planner for; arguments as there."""
+        state, search = self.state, search or Search()
+        lower, upper = self._range.with_tolerance()
+        return PlanRequest(
+            q_start=state.q_ref if q_start is None else q_start,
+            goal=goal,
+            limits=self.effective_limits(limits),
+            q_jaw=state.q_jaw_ref if q_jaw is None else q_jaw,
+            scene=search.scene or self.scene,
+            others=() if self.place is None else self.place.others(),
+            payload=self._payload,
+            strength=self._strength,
+            frames=search.frames,
+            lower=lower,
+            upper=upper,
+            dt=self._executor.dt,
+            seed=search.seed,
+            time_budget=search.time_budget,
+        )
+
+    def _start_plan(
+        self,
+        goal: Goal,
+        limits: MotionLimits | None,
+        search: Search | None,
+        q_start: Array | None = None,
+        q_jaw: float | None = None,
+    ) -> tuple[PlanRequest, Future[Plan]]:
+        request = self.request(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
+        planning = self._planner(request)
+
+        def note(done: Future[Plan]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self.newest = (request, done.result())
+
+        planning.add_done_callback(note)
+        return request, planning
+
+    @property
+    def _situation(self) -> Situation:
+        return Situation(self.scene, self._range, self._payload, self._strength)
