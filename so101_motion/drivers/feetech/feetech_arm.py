@@ -49,7 +49,11 @@ from so101_motion.drivers.feetech.hand_guiding import HandGuiding
 from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
 from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
-from so101_motion.drivers.feetech.presence import missing_servos, unconfirmed_position
+from so101_motion.drivers.feetech.presence import (
+    missing_servos,
+    restarted_servos,
+    unconfirmed_position,
+)
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
 from so101_motion.drivers.goal_limiter import GoalLimiter
@@ -350,12 +354,7 @@ class FeetechArm:
         if refusals:
             raise refusals[0]
         if restarted:
-            names = ", ".join(bus.label(servo_id) for servo_id in restarted)
-            raise ServoFault(
-                f"{names} restarted and holds where it is now; its power must have failed: check"
-                " its cable and the supply, then let the arm hold again",
-                servo_id=restarted[0],
-            )
+            raise restarted_servos(bus, restarted)
 
     def _catch(self, bus: Bus, servo_id: int) -> None:
         """Hold a limp joint where it is."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from so101_motion.common.errors import NoReply
+from so101_motion.common.errors import NoReply, ServoFault
 from so101_motion.drivers.bus.bus import Bus
 
 SILENT_AFTER = 0.25
@@ -103,6 +103,16 @@ def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
         " try again",
         servo_id=servo_id,
         register="present_position",
+    )
+
+
+def restarted_servos(bus: Bus, restarted: Sequence[int]) -> ServoFault:
+    """The error for servos that lost their power for a moment and are held again."""
+    names = ", ".join(bus.label(servo_id) for servo_id in restarted)
+    return ServoFault(
+        f"{names} restarted and holds where it is now; its power must have failed: check"
+        " its cable and the supply, then let the arm hold again",
+        servo_id=restarted[0],
     )
 
 
