@@ -12,8 +12,8 @@ demo:
 	@./setup.sh --with viewer
 	$(BIN)/so101 demo
 
-# Two at a time on a machine of two cores: what is real must not wait for a processor.
-WORKERS ?= 2
+# On two cores: two workers that compute, one that mostly waits (tests/harness/lanes.py).
+WORKERS ?= 3
 test: browser
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from harness import lanes
 from hypothesis import settings
 from referee import refereed
 
@@ -50,14 +51,20 @@ def pytest_report_header(config):
     return lines
 
 
-def pytest_collection_modifyitems(config, items):
-    """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo.
+def pytest_sessionstart(session):
+    if hasattr(session.config, "workerinput"):
+        lanes.yield_processor(session.config.workerinput)
 
-    Files of real time mostly wait. Among the others they cost workers no time: one waits while the
-    other computes.
-    """
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    return lanes.Lanes(config, log) if config.getvalue("dist") == "loadfile" else None
+
+
+def pytest_collection_modifyitems(config, items):
+    """With an arm, only what is written for one: it uses ``arm_port`` and troubles no servo."""
     if hasattr(config, "workerinput"):
-        items[:] = in_turns(items)
+        items[:] = lanes.longest_first(items)
     if not config.getoption("--hardware"):
         return
     left_out = [
@@ -67,18 +74,6 @@ def pytest_collection_modifyitems(config, items):
     ]
     config.hook.pytest_deselected(items=left_out)
     items[:] = [item for item in items if item not in left_out]
-
-
-def in_turns(items):
-    """The tests in another order of their files: those of real time evenly among the others."""
-    files = {}
-    for item in items:
-        files.setdefault(item.path, []).append(item)
-    real = [path for path in files if path.parent.name in ("browser", "module")]
-    pretended = [path for path in files if path not in set(real)]
-    place = {path: 0.85 * k / len(real) for k, path in enumerate(real)}
-    place |= {path: (k + 1) / len(pretended) for k, path in enumerate(pretended)}
-    return [item for path in sorted(files, key=place.__getitem__) for item in files[path]]
 
 
 @pytest.fixture(autouse=True)
