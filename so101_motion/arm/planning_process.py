@@ -1,29 +1,23 @@
 """Start the planning process, ask it for plans, and detect when it dies or hangs.
 
-Why not ``multiprocessing``: its ``spawn`` runs the user's own script a second time in the child,
-which surprises everyone whose script opens an arm at top level, and it keeps a tracker process
-beside ours. A socket to a plain child does neither, and when the parent dies, even by ``kill -9``,
-the child sees the end of it and leaves.
-
-The child imports nothing from the current folder, whatever lies there: it is started with ``-P``,
-and the folder is taken out of the search path that is handed on.
+Parent and child talk over a socket: when the parent dies, even by ``kill -9``, the child sees the
+end of it and leaves.
 """
 
 from __future__ import annotations
 
 import contextlib
-import os
 import select
 import signal
 import socket
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from so101_motion.arm.plan_messages import Kind, MessageSocket, Scenes, packed, unpacked
+from so101_motion.common.child_process import spawn
 from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
@@ -38,13 +32,7 @@ _SILENT = 30.0
 """One that shows none for so long hangs, whatever it does [s]. Chosen: the largest scenes that are
 accepted take a tenth of that in one piece."""
 
-_START = """\
-import sys
-sys.path.append(sys.argv.pop(2))
-from so101_motion.arm.planning_child import main
-main()
-"""
-"""What the child runs. Where this package lies comes last, in case it is the current folder."""
+_CHILD = "so101_motion.arm.planning_child"
 
 
 class ChildDied(Exception):
@@ -62,7 +50,8 @@ class PlanningProcess:
         ours, theirs = socket.socketpair()
         with theirs:
             try:
-                self._child = _spawn(theirs.fileno())
+                line = theirs.fileno()
+                self._child = spawn(_CHILD, str(line), pass_fds=(line,))
             except OSError as error:
                 ours.close()
                 raise WorkerError(f"the planning process could not be started: {error}") from error
@@ -172,44 +161,6 @@ class PlanningProcess:
         silent = now - self._sign
         if silent > _SILENT or (silent > self._hang_timeout and _stands_still(self._child.pid)):
             raise ChildDied(f"showed no sign of life for {silent:.1f} s")
-
-
-def _spawn(line: int) -> subprocess.Popen[bytes]:
-    environment = dict(os.environ)
-    environment["PYTHONPATH"] = os.pathsep.join(_search_path())
-    environment["OPENBLAS_NUM_THREADS"] = "1"  # the matrices are 6x5: threads only cost memory
-    ours = str(Path(__file__).resolve().parent.parent)
-    with _deaf():
-        return subprocess.Popen(
-            [sys.executable, "-P", "-c", _START, str(line), ours],
-            stdin=subprocess.DEVNULL,
-            env=environment,
-            pass_fds=(line,),
-        )
-
-
-def _search_path() -> list[str]:
-    """Where this process finds modules, without the current folder."""
-    try:
-        here = os.path.realpath(os.curdir)
-    except OSError:  # it has been deleted
-        here = ""
-    return [path for path in sys.path if path and os.path.realpath(path) != here]
-
-
-@contextlib.contextmanager
-def _deaf() -> Iterator[None]:
-    """Block signals such as Ctrl-C, so that a child started in this block ignores them.
-
-    A terminal sends them to parent and child alike, a service manager may; what this thread blocks,
-    the child inherits. Its parent decides when it ends.
-    """
-    signals = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _stands_still(pid: int) -> bool:

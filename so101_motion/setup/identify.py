@@ -3,7 +3,7 @@
 From a pose with the hand up and forward one joint after the other goes to and fro through a wide
 part of its range, once slowly and once less slowly, clear of everything that is known; the shoulder
 once more with the wrist folded either way. Goals, positions and supply are recorded;
-``calib/procedure/servo_fit.py`` makes figures of them.
+``identify_figures.py`` makes figures of them.
 
 ``Identification.outline`` plans all of it and moves nothing; a person is told what will move how
 far and agrees. ``move_and_record`` moves; Stop and ``cancel`` end it at any instant.
@@ -21,33 +21,21 @@ import numpy as np
 
 from so101_motion.arm.joint_caps import JERK_TIME
 from so101_motion.arm.motion_handle import Motion
-from so101_motion.calib.procedure.servo_fit import (
-    Gravity,
-    Identified,
-    Load,
-    identify,
-    weights_of,
-)
+from so101_motion.calib.procedure.servo_fit import Load, weights_of
 from so101_motion.calib.procedure.servo_twin import JointRecord
 from so101_motion.calib.record import servo_file
+from so101_motion.common.child_process import OwnProcess
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.drivers.command_record import SentCommand
-from so101_motion.drivers.servo_types import ServoFigures
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import place_in_hand
 from so101_motion.rig.hardware_rig import HardwareRig
-from so101_motion.setup.identify_report import (
-    IdentifyReport,
-    predictions,
-    record_of,
-    write_recordings,
-)
+from so101_motion.setup.identify_figures import figures, gravity_of
+from so101_motion.setup.identify_report import IdentifyReport, record_of, write_recordings
 
 BASE = to_rad(np.array([0.0, 0.0, -45.0, 0.0, 0.0]))
 """The pose from which each joint is moved [rad]; chosen: hand up and forward, 0.4 m over the table,
@@ -145,6 +133,7 @@ class Identification:
         self._plan = partial(rig.arm.plan, search=search)
         self._motion: Motion | None = None
         self._cancelled = threading.Event()
+        self._computing = OwnProcess()
         self._records: dict[str, JointRecord] = {}
         self._load: Load | None = None
 
@@ -168,6 +157,7 @@ class Identification:
     def cancel(self) -> None:
         """End it; the arm slows to rest and holds. Any thread may call; returns at once."""
         self._cancelled.set()
+        self._computing.kill()
         if self._motion is not None:
             self._motion.interrupt("stop")
 
@@ -213,6 +203,8 @@ class Identification:
     def report(self, *, hand_is_empty: bool, keeps: bool) -> IdentifyReport:
         """Compute the figures from what was recorded, and keep them beside the calibration.
 
+        It takes some seconds of a processor, in a process of its own: an arm may be moving.
+
         Args:
             hand_is_empty: Whether it is known that the hand carries nothing.
             keeps: Whether to keep them; else the figures that are kept are compared with the arm.
@@ -220,14 +212,15 @@ class Identification:
         Raises:
             CalibrationError: What is kept cannot be used.
             OSError: They cannot be kept.
+            WorkerError: It was cancelled, or there is no process to compute in.
         """
         file = self._rig.settings.file
         before = None if file is None else servo_file.read(file)
         known = {} if before is None else before.servos
-        found = identified(self._records, hand_is_empty=hand_is_empty, known=known)
+        found, told = self._computing.call(
+            figures, self._records, hand_is_empty=hand_is_empty, known=known, judges_found=keeps
+        )
         now, self._load = record_of(found), found.load
-        weights = weights_of(self._records, gravity_of, found.load)
-        told = predictions(self._records, weights, now.servos if keeps else known)
         kept = servo_file.save(file, now) if keeps and file is not None else None
         return IdentifyReport(found=now, before=before, predictions=told, file=kept)
 
@@ -276,35 +269,6 @@ class Identification:
             tape.joint = sweep.joint
             for q_end, speed in _legs(sweep):
                 yield self._plan(_to(q_end), limits=self._limits(speed))
-
-
-def identified(
-    records: Mapping[str, JointRecord],
-    *,
-    hand_is_empty: bool,
-    known: Mapping[str, ServoFigures] | None = None,
-) -> Identified:
-    """Compute figures from records; those of all joints are needed to weigh a load.
-
-    Args:
-        records: What each joint did, by name.
-        hand_is_empty: Whether it is known that the hand carries nothing.
-        known: Figures of an earlier time with an empty hand; only a load is then looked for with
-            an open mind.
-    """
-    believed = None if hand_is_empty else known  # an empty hand leaves no doubt, so look anew
-    return identify(
-        records,
-        gravity_of,
-        hand=None if hand_is_empty else place_in_hand(RobotModel.load()),
-        known=believed,
-    )
-
-
-def gravity_of(mass: float, place: Array) -> Gravity:
-    """The holding torques of the arm with ``mass`` [kg] at ``place`` in the tool frame [m]."""
-    model = RobotModel.load()
-    return (model.with_payload(mass, place) if mass else model).holding_torques
 
 
 class _Tape:

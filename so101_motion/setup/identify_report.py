@@ -11,31 +11,18 @@ from typing import Any
 import numpy as np
 
 from so101_motion.calib.procedure.servo_fit import Identified
-from so101_motion.calib.procedure.servo_twin import JointRecord, predicted
+from so101_motion.calib.procedure.servo_twin import JointRecord
 from so101_motion.calib.record import servo_file
 from so101_motion.calib.record.servo_file import HandLoad, ServoRecord
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.drivers.emulator.hardware import SO101
-from so101_motion.drivers.servo_types import AS_SOLD, ServoFigures
+from so101_motion.setup.identify_figures import Prediction
 
 CHANGED = 0.25
 """By which share friction or torque must differ from the last time to be worth a word. Chosen:
 twice what two identifications of one arm differ by."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
-    """How far an emulated joint was from the real one, mean of its whole motion [rad].
-
-    Attributes:
-        as_sold: With the figures of the servo's type.
-        as_known: With the figures that are kept, or were just found.
-    """
-
-    as_sold: float
-    as_known: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,32 +133,6 @@ def record_of(found: Identified) -> ServoRecord:
         servos=found.servos,
         load=None if load is None else HandLoad(mass=load.mass, com=load.com),
     )
-
-
-def predictions(
-    records: Mapping[str, JointRecord],
-    weights: Mapping[str, Any],
-    servos: Mapping[str, ServoFigures],
-) -> dict[str, Prediction]:
-    """How well figures predict what joints did.
-
-    Args:
-        records: What they did, by joint.
-        weights: The torque that held them at each sample [N m], by joint.
-        servos: The figures, by joint.
-    """
-
-    def off(joint: str, figures: ServoFigures) -> float:
-        record = records[joint]
-        found = predicted(record, figures, weights[joint])
-        return float(np.mean(np.abs(found - record.ticks))) * RAD_PER_TICK
-
-    return {
-        joint: Prediction(
-            as_sold=off(joint, AS_SOLD), as_known=off(joint, servos.get(joint, AS_SOLD))
-        )
-        for joint in records
-    }
 
 
 def write_recordings(

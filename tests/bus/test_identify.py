@@ -1,5 +1,6 @@
 """An arm that finds out what one of its servos is like, keeps it, and uses it."""
 
+import resource
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -81,7 +82,10 @@ async def test_a_servo_is_identified_by_a_request_kept_and_used_at_once(model_be
         await bench.pass_time(1.0)
         assert bench.q_deg == pytest.approx(here, abs=0.5), "a client that goes away stops the arm"
 
+        before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
         answer = await bench.in_time(ask(), at_most=1000.0)  # time passes while it computes
+        spent = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
+        assert spent > 0.5, "it is computed in a process of its own, for an arm may be moving"
         told = answer["joints"]["shoulder_pan"]
         assert told["off_as_known_deg"] < 0.8 * told["off_as_sold_deg"], "better than its type"
         assert answer["file"] == str(servo_file.servos_path(file))

@@ -1,0 +1,41 @@
+"""A call that is carried out in a process of its own."""
+
+import os
+import threading
+import time
+
+import pytest
+
+from so101_motion.common.child_process import OwnProcess
+from so101_motion.common.errors import WorkerError
+from so101_motion.common.units import to_deg
+
+
+def test_it_is_another_process_that_computes():
+    assert OwnProcess().call(os.getpid) != os.getpid()
+
+
+def test_what_it_raises_comes_back():
+    with pytest.raises(TypeError, match="str"):
+        OwnProcess().call(to_deg, "much")
+
+
+def test_one_that_ends_without_an_answer_says_so():
+    with pytest.raises(WorkerError, match="code 3"):
+        OwnProcess().call(os._exit, 3)
+
+
+def test_nobody_waits_for_what_was_cancelled():
+    computing, ended = OwnProcess(), []
+
+    def wait():
+        try:
+            computing.call(time.sleep, 600.0)
+        except WorkerError as error:
+            ended.append(str(error))
+
+    waiting = threading.Thread(target=wait)
+    waiting.start()
+    computing.kill()
+    waiting.join(timeout=60.0)
+    assert ended == ["the computation was cancelled"]
