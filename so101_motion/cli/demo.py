@@ -7,9 +7,9 @@ import sys
 import click
 import numpy as np
 
+from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import INTERRUPTED
 from so101_motion.cli.sources import Source
-from so101_motion.cli.tables import plan_table
 from so101_motion.cli.view import Page, page_options, show
 from so101_motion.common.units import to_mm
 

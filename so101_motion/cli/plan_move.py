@@ -17,6 +17,7 @@ import numpy as np
 
 from so101_motion.cli.completion_values import completed_poses
 from so101_motion.cli.param_types import IN_FILE, Numbers, OutFile
+from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import (
     F,
     aside,
@@ -30,7 +31,6 @@ from so101_motion.cli.shared import (
     yes_option,
 )
 from so101_motion.cli.sources import AnySource, Source, any_source_options, pace_options
-from so101_motion.cli.tables import plan_table
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 from so101_motion.common.state import ARM_JOINTS

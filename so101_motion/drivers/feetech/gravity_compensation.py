@@ -1,4 +1,4 @@
-"""Making joints come to rest where they were sent, in spite of weight and friction.
+"""Bring joints to rest where they were sent, in spite of weight and friction.
 
 ``Trim`` makes the goals wrong in advance by as much as the servos will give way, in two parts:
 

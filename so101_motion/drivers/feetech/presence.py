@@ -1,4 +1,4 @@
-"""Tell one lost reply from a servo that has fallen silent."""
+"""Tell one lost reply from a servo that has fallen silent; word the errors about such servos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Print a plan as a table in the terminal."""
+"""Lay out a plan as a table for the terminal."""
 
 from __future__ import annotations
 
