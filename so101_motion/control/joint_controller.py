@@ -32,16 +32,13 @@ from so101_motion.control.joint_group import Channel, Tolerances
 from so101_motion.control.motion_source import MotionSource
 from so101_motion.control.recent_states import RecentStates
 from so101_motion.control.request_queue import Outcomes
+from so101_motion.drivers.goal_limiter import PAUSE
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.timing.limits import MotionLimits
 
 T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
-
-PAUSE = 0.1
-"""After how long without a setpoint a motion goes on from rest [s]. Chosen: three times what servos
-lag behind; they have reached the last goal and stand there."""
 
 STANDSTILL = 1.0
 """After how long without a setpoint a motion is given up [s]. It could go on from where the joints

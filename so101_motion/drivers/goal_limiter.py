@@ -10,6 +10,7 @@ command that was sent and when, and keeps these promises for each joint:
    ``speed`` and change by no more than ``acceleration`` allows. So a motion with a cap of 30 deg/s
    is held to 30 deg/s, because that is what its setpoints say; and whatever says nothing is held to
    ``speed``. ``speed`` and ``acceleration`` are the hard caps, which the servos keep as well.
+   A joint that got no command for ``PAUSE`` stands: it may go on from rest, or at its old speed.
 2. *A command begins where its joint is.* The first one after torque was off, after a fault or after
    a hand has guided the arm must be where the joint is known to be. So must one that breaks promise
    1 because a joint that did not follow is told to stay where it is; it comes without a velocity.
@@ -44,6 +45,10 @@ CATCH_UP = 0.03
 delays by up to three leaves out two, and the one after that is in time. Seen under load: a command
 14 ms late, and the next but one 6 ms after it."""
 
+PAUSE = 0.1
+"""After how long without a command a joint stands [s]. Chosen: three times what servos lag behind;
+they have reached the last goal."""
+
 OFFSET_SPEED = to_rad(60.0)
 """How fast what is added for the weight may change [rad/s]. Chosen: twice what the weight asks for
 at 180 deg/s, and more than the integral in ``gravity_compensation.py`` ever learns."""
@@ -73,7 +78,7 @@ class GoalLimiter:
         self._q, self._qd = [0.0] * n, [0.0] * n
         self._goal, self._offset, self._lead = [0.0] * n, [0.0] * n, [0.0] * n
         self._at_rest = [0.0] * n
-        self._t = self._t_goal = 0.0
+        self._t = self._t_before = self._t_goal = 0.0
         self._spare = SLACK
         self._kept = [CATCH_UP] * n
         self._begins = True
@@ -100,7 +105,8 @@ class GoalLimiter:
                     " sent. Let the arm hold again",
                     joint=self._names[i],
                 )
-        self._q, self._qd, self._t = list(q_cmd), [0.0] * len(self._q), now
+        self._q, self._qd = list(q_cmd), [0.0] * len(self._q)
+        self._t = self._t_before = now
         self._kept = [CATCH_UP] * len(self._q)
         self._begins = True
 
@@ -125,6 +131,8 @@ class GoalLimiter:
             CommandRefused: It moves more than the caps allow; the last command is still the last.
         """
         elapsed = max(now - self._t, 0.0)
+        # The pause may have ended just before the last command: nothing moved in a single period.
+        has_paused = now - self._t_before >= PAUSE
         change = self._acceleration * (elapsed + CATCH_UP)
         bend = 0.25 * self._acceleration * (elapsed + SLACK) ** 2
         given = () if qd_cmd is None else qd_cmd
@@ -134,7 +142,8 @@ class GoalLimiter:
             time, v, more = elapsed + self._kept[i], self._speed, 0.0
             if i < known and given[i] == given[i]:
                 qd, before = given[i], self._qd[i]
-                if not abs(qd) <= self._speed + _ROUNDING or not abs(qd - before) <= change:
+                reached = _between(qd, before) if has_paused else before
+                if not abs(qd) <= self._speed + _ROUNDING or not abs(qd - reached) <= change:
                     self._refuse_velocity(i, before, qd, change, free)
                 v, more = min(max(abs(qd), abs(before)), v), bend
             elif (i < known or step > v * time) and abs(q - here(i)) <= SEED:
@@ -152,7 +161,8 @@ class GoalLimiter:
                 )
             used = (step - more) / v if v > 0.0 and step > more else 0.0
             kept[i] = min(max(time - used, 0.0), CATCH_UP)
-        self._q[:], self._t, self._kept = q_cmd, now, kept
+        self._q[:], self._kept = q_cmd, kept
+        self._t_before, self._t = self._t, now
         self._qd = [qd if qd == qd else 0.0 for qd in given] + self._at_rest[known:]
 
     def goals(
@@ -223,6 +233,11 @@ def _near(wanted: float, before: float, change: float) -> float:
     if wanted > before + change:
         return before + change
     return before - change if wanted < before - change else wanted
+
+
+def _between(value: float, end: float) -> float:
+    """What is nearest to ``value`` from 0 to ``end``."""
+    return min(max(value, min(end, 0.0)), max(end, 0.0))
 
 
 def _bounded(value: float, most: float) -> float:

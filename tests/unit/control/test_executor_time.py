@@ -94,6 +94,27 @@ def test_after_a_pause_in_which_joints_came_to_rest_they_speed_up_again(make_sim
     assert max(on_path) < 2e-4
 
 
+@pytest.mark.parametrize(("before", "after"), [(0.12, 0.0), (0.5, 0.0), (0.06, 0.06), (0.0, 0.11)])
+def test_a_pause_around_a_setpoint_is_no_sudden_stop(make_sim, taped_arm, clock, before, after):
+    class BusyArm(taped_arm):
+        """Somebody else has the processor in mid-motion, just before a goal goes out and after."""
+
+        def write(self, q_cmd, q_jaw_cmd, qd_cmd=None, qdd_cmd=None):
+            is_now = len(self.tape) == 150
+            if is_now and before:
+                clock.wait(clock.now() + before, threading.Event())
+            super().write(q_cmd, q_jaw_cmd, qd_cmd, qdd_cmd)
+            if is_now and after:
+                clock.wait(clock.now() + after, threading.Event())
+
+    sim = make_sim(BusyArm(clock))
+    sim.executor.start()
+    trajectory = sim.slow_move(3.0)
+    assert np.degrees(trajectory.qd.max()) > 100.0
+    sim.after(6.0, sim.executor.execute(trajectory))
+    np.testing.assert_array_equal(sim.arm.goals[-1], trajectory.q[-1])
+
+
 @pytest.mark.parametrize("pause", [0.15, 0.9])
 def test_a_stop_under_way_in_a_pause_is_over_after_it(make_sim, taped_arm, clock, pause):
     sim = make_sim(freezing(taped_arm, clock, pause))

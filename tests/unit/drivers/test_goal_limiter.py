@@ -7,6 +7,7 @@ from so101_motion.common.errors import CommandRefused
 from so101_motion.drivers.goal_limiter import (
     CATCH_UP,
     OFFSET_SPEED,
+    PAUSE,
     SEED,
     SLACK,
     GoalLimiter,
@@ -91,6 +92,20 @@ def test_no_command_goes_on_faster_than_the_speed_it_came_with(limiter):
             limiter.follow(six(2.0 * slow[0] * k * DT), slow, k * DT, nowhere)
             sent = k
     assert 0 < sent < 10
+
+
+@pytest.mark.parametrize("after", [PAUSE, 0.5 * PAUSE, DT])
+def test_after_a_pause_a_joint_goes_on_from_rest_or_at_its_speed(limiter, after):
+    qd = math.radians(180.0)
+    for k in range(1, 19):
+        limiter.follow(NONE, [0.1 * qd * min(k, 10), 0.0, 0.0, 0.0, 0.0], k * DT, nowhere)
+    with pytest.raises(CommandRefused, match="from 180 to 0 deg/s at once"):
+        limiter.follow(NONE, NONE[:5], 19 * DT, nowhere)
+    t = 18 * DT + PAUSE - after + DT
+    limiter.follow(NONE, [qd, 0.0, 0.0, 0.0, 0.0], t, nowhere)
+    with pytest.raises(CommandRefused, match="from 180 to -180 deg/s"):
+        limiter.follow(NONE, [-qd, 0.0, 0.0, 0.0, 0.0], t + after, nowhere)
+    limiter.follow(NONE, NONE[:5], t + after, nowhere)
 
 
 @pytest.mark.parametrize("qd", [math.radians(230.0), math.inf, -math.inf])
