@@ -196,6 +196,15 @@ def added(one, other):
     return total
 
 
+def commit():
+    """Which code this is; ``-dirty`` if files differ from it."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty", "--exclude=*"],
+        cwd=Path(__file__).parent, check=False, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    return told.stdout.strip() or "unknown"
+
+
 def keep(part, figures, file, *, fresh):
     """Add a piece to what is written down."""
     with atomic.locked(file.parent):
@@ -230,8 +239,9 @@ def main():
         begin = time.monotonic()
         figures = attack_it(asked.seed, unit * share, count)
         figures |= {"seeds": [asked.seed], "minutes": round((time.monotonic() - begin) / 60.0, 1)}
-        keep(name, figures, asked.results, fresh=asked.fresh)
         plain = {key: value for key, value in figures.items() if isinstance(value, int | float)}
+        figures["pieces"] = [{"seed": asked.seed, "commit": commit(), **plain}]
+        keep(name, figures, asked.results, fresh=asked.fresh)
         print(f"{name}, seed {asked.seed}: {plain}, {len(figures['failures'])} failures")
         for text in figures["failures"]:
             print(f"  {text}")
