@@ -63,7 +63,7 @@ class PortsSeen:
 
 
 def look(named: Collection[str] = (), *, reply_timeout: float = REPLY_TIMEOUT) -> PortsSeen:
-    """Look at the adapters that are plugged in; takes less than two seconds.
+    """Look at the adapters that are plugged in; takes as long as ``discover``.
 
     Args:
         named: Ports that are looked at whatever they are. If there are any, no other is.

@@ -72,7 +72,7 @@ def test_a_port_is_listed_with_what_is_on_it(arm):
     assert "a follower arm with 5 joints and a gripper" in result.stdout
     told = json.loads(run("ports", "--port", arm.port, "--json").stdout)
     found = on_port(told, arm)
-    assert found["has_arm"]
+    assert found["has_arm"], found["found"]
     assert found["servo_ids"] == [1, 2, 3, 4, 5, 6]
 
 
