@@ -181,6 +181,23 @@ def write(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:
     return path
 
 
+def update(name: str, rows: Sequence[Row], *, peers: Sequence[str] = ()) -> Path:
+    """Like ``write``, but rows of the file that are not measured now stay, in their order.
+
+    Each row says of which commit it is.
+    """
+    path = RESULTS / f"{name}.json"
+    known: dict[str, Row] = {}
+    if path.exists():
+        record = json.loads(path.read_text())
+        for row in record["rows"]:
+            known[row["what"]] = {"commit": record["commit"], **row}
+    now = _commit()
+    for row in rows:
+        known[row["what"]] = {**row, "commit": now}
+    return write(name, [*known.values()], peers=peers)
+
+
 def print_table(title: str, rows: Sequence[Row]) -> None:
     """Print rows under the union of their keys, columns aligned."""
     keys = list(dict.fromkeys(key for row in rows for key in row))

@@ -1,11 +1,13 @@
 """Placement: the best base that a search finds, beside the best of a hundred times as much work.
 
 The long way knows no bounds: it draws bases of the same fine lattice at random and plans from each,
-until it has used a hundred times the search's processor time.
+until it has used a hundred times the search's processor time. That takes hours; a run with
+``--seconds`` ends earlier, the next one goes on, and the rows say how far it came.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import tempfile
 import time
@@ -19,7 +21,9 @@ from so101_motion.tasks.sweeps import PlaceSweep, Region, find_bases
 from so101_motion.tasks.sweeps.mounting import COARSE, Cell
 
 TIMES = 100.0
-DRAWN = 256
+DRAWN = 64
+KEPT = Path(tempfile.gettempdir()) / "so101-bench-place"
+"""What a run that was ended early has found out."""
 
 
 def _pose(name: str, x: float, y: float, z: float, **rest: object) -> dict[str, object]:
@@ -68,44 +72,83 @@ def drawn(random: np.random.Generator) -> tuple[Cell, ...]:
     return tuple((x, y, z, turn) for x, y, z, turn in cells)
 
 
-def long_way(sweep: PlaceSweep, seconds: float) -> tuple[float, int]:
-    """The best time [s] of so many seconds of processor time, and how many bases that were."""
-    random, best, looked = np.random.default_rng(0), np.inf, 0
-    begin = time.process_time()
-    while time.process_time() - begin < seconds:
-        batch = replace(sweep, cells=drawn(random), planned=True)
+class LongWay:
+    """Looks at random bases for a task, batch by batch; what it knows is kept in a file.
+
+    Args:
+        name: The task.
+        folder: Where the file is.
+    """
+
+    def __init__(self, name: str, folder: Path) -> None:
+        self._name, self._sweep = name, sweep_of(name)
+        self._file = folder / f"{name}.json"
+        if self._file.exists():
+            self.known = json.loads(self._file.read_text())
+        else:
+            self.known = {"batches": 0, "spent": 0.0, "best": float("inf"), **self._found()}
+            self._keep()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has taken a hundred times as long as the search."""
+        return bool(self.known["spent"] >= TIMES * self.known["search"])
+
+    def batch(self) -> None:
+        """Look at one more batch of random bases of the fine lattice."""
+        random = np.random.default_rng(self.known["batches"])
+        begin = time.process_time()
+        batch = replace(self._sweep, cells=drawn(random), planned=True)
         judge = batch.open()
-        for shard in range(batch.shards):
-            best = min(best, float(judge(shard)["time"].min()))
-        looked += DRAWN
-    return best, looked
+        best = min(float(judge(shard)["time"].min()) for shard in range(batch.shards))
+        self.known["best"] = min(self.known["best"], best)
+        self.known["batches"] += 1
+        self.known["spent"] += time.process_time() - begin
+        self._keep()
+
+    def row(self) -> _common.Row:
+        """What came of it."""
+        known = self.known
+        return {
+            "what": self._name,
+            "n": DRAWN * known["batches"],
+            "screened in the first round": known["screened"],
+            "planned": known["planned"],
+            "processor time [s]": known["search"],
+            "found, cycle time [s]": known["found"],
+            "times as much": known["spent"] / known["search"],
+            "best of that [s]": known["best"],
+            "found / best": known["found"] / known["best"],
+        }
+
+    def _found(self) -> dict[str, float]:
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.process_time()
+            placement = find_bases(self._sweep, Path(folder) / "out")
+            spent = time.process_time() - begin
+        return {
+            "search": spent,
+            "found": placement.best[0].time,
+            "screened": len(placement.screened),
+            "planned": placement.planned,
+        }
+
+    def _keep(self) -> None:
+        self._file.write_text(json.dumps(self.known))
 
 
 def main() -> None:
-    """Run everything and write the result."""
+    """Run everything, or what an earlier run left of it, and write the result."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="of processor time")
+    wanted = parser.parse_args()
     _common.single_thread()
-    rows: list[_common.Row] = []
-    for name in TASKS:
-        sweep = sweep_of(name)
-        with tempfile.TemporaryDirectory() as folder:
-            begin = time.process_time()
-            placement = find_bases(sweep, Path(folder) / "out")
-            spent = time.process_time() - begin
-        found = placement.best[0].time
-        best, looked = long_way(sweep, TIMES * spent)
-        row: _common.Row = {
-            "what": name,
-            "n": looked,
-            "screened in the first round": len(placement.screened),
-            "planned": placement.planned,
-            "processor time [s]": spent,
-            "found, cycle time [s]": found,
-            "best of 100 times as much [s]": best,
-            "found / best": found / best,
-        }
-        print(row)
-        rows.append(row)
-    _common.write("bench_place", rows)
+    KEPT.mkdir(exist_ok=True)
+    ways = [LongWay(name, KEPT) for name in TASKS]
+    while time.process_time() < wanted.seconds and not all(way.is_over for way in ways):
+        # The one that is furthest from its end goes on, so that all are useful at any time.
+        min(ways, key=lambda way: way.known["spent"] / way.known["search"]).batch()
+    _common.write("bench_place", [way.row() for way in ways])
 
 
 if __name__ == "__main__":

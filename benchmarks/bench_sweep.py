@@ -1,26 +1,50 @@
 """Sweeps: how fast an atlas is made and asked, and how many verified plans a core makes.
 
-Rates by processor time of one process, which neighbours on the machine do not change much; what two
-workers gain by the wall clock, for which nothing else should be running.
+Rates by processor time of one process, which neighbours on the machine do not change much. What two
+workers gain by the wall clock, for which nothing else should be running, is the piece ``wall``: two
+minutes. ``python -m benchmarks.bench_sweep PIECE ...`` measures only some pieces, and leaves the
+other rows of the result as they are; ``large`` goes on where it was interrupted.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import os
 import resource
+import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import _common
 from benchmarks.plan_problems import SCENES
-from so101_motion.tasks.sweeps import Atlas, PlansSweep, ReachSweep, run_sweep, scene_text
+from so101_motion.tasks.sweeps import (
+    Atlas,
+    PlansSweep,
+    Progress,
+    ReachSweep,
+    run_sweep,
+    scene_text,
+)
+from so101_motion.tasks.sweeps.cluster import dask_executor
 from so101_motion.tasks.sweeps.sweep import Sweep
 
 ATLAS = ReachSweep(spacing=0.01)
+LARGE = ReachSweep(spacing=0.003)
+WALL = ReachSweep(spacing=0.008)
 PLANS = 500
+REPEATS = 5
 QUESTIONS = 20_000
+KEPT = Path(tempfile.gettempdir()) / "so101-bench-sweep"
+"""Where the large atlas grows."""
+
+_TICK = os.sysconf("SC_CLK_TCK")
 
 
 def rate(sweep: Sweep) -> float:
@@ -31,15 +55,50 @@ def rate(sweep: Sweep) -> float:
         return sweep.items / (time.process_time() - begin)
 
 
-def wall(sweep: Sweep, workers: int) -> float:
-    """Seconds by the wall clock, processes started included."""
+def atlas() -> Iterator[_common.Row]:
+    """Points a second."""
+    rates = [rate(ATLAS) for _ in range(3)]
+    yield {"what": "atlas, 10 mm", "n": ATLAS.items, "a second and core": float(np.median(rates))}
+
+
+def plans() -> Iterator[_common.Row]:
+    """Verified motions a second, several times each."""
+    for name in ("empty", "table", "shelf"):
+        sweep = PlansSweep(count=PLANS, scenes=(scene_text(SCENES[name]),), voltage=None)
+        rates = [rate(sweep) for _ in range(REPEATS)]
+        median = float(np.median(rates))
+        yield {
+            "what": f"plans, {name}",
+            "n": REPEATS * PLANS,
+            "a second and core": median,
+            "least": min(rates),
+            "most": max(rates),
+            "a night of 8 h on two cores": 2 * 8 * 3600 * median,
+        }
+
+
+def question() -> Iterator[_common.Row]:
+    """How long an atlas takes to answer [s]."""
     with tempfile.TemporaryDirectory() as folder:
-        begin = time.perf_counter()
-        run_sweep(sweep, Path(folder) / "out", workers=workers)
-        return time.perf_counter() - begin
+        run_sweep(ReachSweep(spacing=0.02), Path(folder) / "out")
+        yield {"what": "question to an atlas", **answers(Atlas.read(Path(folder) / "out"))}
 
 
-def shares(sweep: Sweep) -> _common.Row:
+def answers(known: Atlas) -> dict[str, float]:
+    """How long it takes to answer [s]; a hundred questions at a time."""
+    random = np.random.default_rng(0)
+    points = random.uniform((-0.3, -0.3, 0.0), (0.4, 0.3, 0.4), (QUESTIONS, 3)).tolist()
+
+    def ask(some: list[list[float]]) -> None:
+        for x, y, z in some:
+            known.at(x, y, z)
+
+    batches = [points[k : k + 100] for k in range(0, QUESTIONS, 100)]
+    _, times = _common.measure(ask, batches)
+    return _common.summary(np.array(times) / 100.0)
+
+
+def shares() -> Iterator[_common.Row]:
     """Processor time of the process that runs a sweep, and of one worker and of two.
 
     What two workers gain on two free cores follows: all of it is shared by two, and one worker has
@@ -48,12 +107,12 @@ def shares(sweep: Sweep) -> _common.Row:
     spent = {}
     for workers in (1, 2):
         before = [_processor_time(who) for who in _WHO]
-        wall(sweep, workers)
+        wall(ATLAS, workers)
         spent[workers] = [_processor_time(who) - at for who, at in zip(_WHO, before, strict=True)]
     (own, one), (also_own, two) = spent[1], spent[2]
-    return {
+    yield {
         "what": "atlas, 10 mm, processor time",
-        "n": sweep.items,
+        "n": ATLAS.items,
         "running process [s]": own,
         "one worker [s]": one,
         "two workers [s]": two,
@@ -70,48 +129,175 @@ def _processor_time(who: int) -> float:
     return used.ru_utime + used.ru_stime
 
 
-def question() -> dict[str, float]:
-    """How long an atlas takes to answer [s]; a hundred questions at a time."""
+def wall(sweep: Sweep, workers: int) -> float:
+    """Seconds by the wall clock, processes started included."""
     with tempfile.TemporaryDirectory() as folder:
-        run_sweep(ReachSweep(spacing=0.02), Path(folder) / "out")
-        atlas = Atlas.read(Path(folder) / "out")
-    random = np.random.default_rng(0)
-    points = random.uniform((-0.3, -0.3, 0.0), (0.4, 0.3, 0.4), (QUESTIONS, 3)).tolist()
+        begin = time.perf_counter()
+        run_sweep(sweep, Path(folder) / "out", workers=workers)
+        return time.perf_counter() - begin
 
-    def ask(some: list[list[float]]) -> None:
-        for x, y, z in some:
-            atlas.at(x, y, z)
 
-    batches = [points[k : k + 100] for k in range(0, QUESTIONS, 100)]
-    _, times = _common.measure(ask, batches)
-    return _common.summary(np.array(times) / 100.0)
+def dask() -> Iterator[_common.Row]:
+    """Processor time of a Dask scheduler, two workers and the process that runs the sweep.
+
+    Beside the same with two processes of a pool. Started before, so that only the work counts; what
+    a worker loads of the arm is part of it.
+    """
+    with (
+        cluster() as (address, scheduler, workers),
+        tempfile.TemporaryDirectory() as folder,
+        dask_executor(address) as (executor, ahead),
+    ):
+        pids = {"scheduler": [scheduler], "workers": workers, "running process": [os.getpid()]}
+        before = {name: sum(map(_spent_by, of)) for name, of in pids.items()}
+        run_sweep(WALL, Path(folder) / "out", executor=executor, ahead=ahead)
+        spent = {name: sum(map(_spent_by, of)) - before[name] for name, of in pids.items()}
+    whole = sum(spent.values())
+    before_pool = sum(map(_processor_time, _WHO))
+    wall(WALL, 2)
+    pool = sum(map(_processor_time, _WHO)) - before_pool
+    yield {
+        "what": "atlas, 8 mm, Dask, processor time",
+        "n": WALL.items,
+        **{f"{name} [s]": seconds for name, seconds in spent.items()},
+        "share of the scheduler": spent["scheduler"] / whole,
+        "of the scheduler a shard [s]": spent["scheduler"] / WALL.shards,
+        "two processes, their start included [s]": pool,
+        "times the processes": whole / pool,
+    }
+
+
+def two_at_the_wall() -> Iterator[_common.Row]:
+    """One worker, two, and two of Dask, in turn, three times; the clock on the wall."""
+    rows: dict[str, list[float]] = {"one": [], "two": [], "dask": []}
+    with cluster() as (address, _, _), dask_executor(address) as (executor, ahead):
+        for _ in range(3):
+            for workers, name in ((1, "one"), (2, "two")):
+                rows[name].append(wall(WALL, workers))
+            with tempfile.TemporaryDirectory() as folder:
+                begin = time.perf_counter()
+                run_sweep(WALL, Path(folder) / "out", executor=executor, ahead=ahead)
+                rows["dask"].append(time.perf_counter() - begin)
+    one, two, through_dask = (float(np.median(rows[name])) for name in ("one", "two", "dask"))
+    yield {
+        "what": "atlas, 8 mm, wall clock",
+        "n": WALL.items,
+        "one worker [s]": one,
+        "two workers [s]": two,
+        "two Dask workers [s]": through_dask,
+        "two workers, times one": one / two,
+        "Dask, times two workers": through_dask / two,
+        "load before": os.getloadavg()[2],
+    }
+
+
+@contextmanager
+def cluster() -> Iterator[tuple[str, int, list[int]]]:
+    """A Dask scheduler and two workers of one thread; its address, and their process numbers."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        file = folder / "scheduler.json"
+        quiet = ("--scheduler-file", str(file), "--no-dashboard", "--local-directory", str(folder))
+        here = ("--host", "127.0.0.1", "--port", "0")
+        scheduler = stack.enter_context(_running("dask", "scheduler", *quiet[:3], *here))
+        while not file.exists() or not file.read_text():
+            time.sleep(0.1)
+        workers = [
+            stack.enter_context(_running("dask", "worker", *quiet, "--nthreads", "1", "--no-nanny"))
+            for _ in range(2)
+        ]
+        address = json.loads(file.read_text())["address"]
+        from distributed import Client
+
+        with Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2)
+        yield address, scheduler.pid, [each.pid for each in workers]
+
+
+@contextmanager
+def _running(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _spent_by(pid: int) -> float:
+    """Processor time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / _TICK
+
+
+def _memory(pid: int) -> int:
+    """What a process has in memory [bytes]."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def large() -> Iterator[_common.Row]:
+    """An atlas of ten million points by one worker; its memory as it grows; questions to it."""
+    notes = KEPT / "notes.json"
+    KEPT.mkdir(exist_ok=True)
+    known = json.loads(notes.read_text()) if notes.exists() else {"spent": 0.0, "memory": []}
+    before, begun_with = sum(map(_processor_time, _WHO)), known["spent"]
+    own, looked = os.getpid(), 0
+
+    def note(progress: Progress) -> None:
+        nonlocal looked
+        looked += 1
+        if looked % 100 == 0 or progress.done == progress.shards:
+            children = Path(f"/proc/{own}/task/{own}/children").read_text().split()
+            most = max((_memory(int(pid)) for pid in children), default=0)
+            known["memory"].append([progress.done, _memory(own), most])
+            running = sum(_spent_by(int(pid)) for pid in children)
+            known["spent"] = begun_with + sum(map(_processor_time, _WHO)) - before + running
+            notes.write_text(json.dumps(known))
+
+    result = run_sweep(LARGE, KEPT / "atlas", workers=1, on_progress=note)
+    spent = known["spent"]
+    at_first, at_last = known["memory"][0], known["memory"][-1]
+    begin = time.process_time()
+    whole = Atlas.read(KEPT / "atlas")
+    yield {
+        "what": "atlas, 3 mm",
+        "n": LARGE.items,
+        "processor time [s]": spent,
+        "a second and core": LARGE.items / spent,
+        "on two cores, from this [s]": 0.5 * spent,
+        "running process after 100 shards [bytes]": at_first[1],
+        "running process at the end [bytes]": at_last[1],
+        "worker after 100 shards [bytes]": at_first[2],
+        "worker at the end [bytes]": at_last[2],
+        "files [bytes]": sum(each.stat().st_size for each in (KEPT / "atlas/shards").iterdir()),
+        "sha256": result.sha256,
+        "to read it [s]": time.process_time() - begin,
+        "read, in memory [bytes]": _memory(own),
+    }
+    yield {"what": "question to an atlas of 3 mm", **answers(whole)}
+
+
+PIECES: dict[str, Callable[[], Iterator[_common.Row]]] = {
+    "atlas": atlas,
+    "plans": plans,
+    "question": question,
+    "shares": shares,
+    "dask": dask,
+    "large": large,
+    "wall": two_at_the_wall,
+}
 
 
 def main() -> None:
-    """Run everything and write the result."""
+    """Run the pieces that are asked for, all without any, and write the result."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("pieces", nargs="*", choices=[*PIECES, []], metavar="PIECE")
+    wanted = parser.parse_args().pieces or PIECES
     _common.single_thread()
-    rows: list[_common.Row] = [
-        {"what": "atlas, 10 mm", "n": ATLAS.items, "a second and core": rate(ATLAS)}
-    ]
-    for name in ("empty", "table", "shelf"):
-        sweep = PlansSweep(count=PLANS, scenes=(scene_text(SCENES[name]),), voltage=None)
-        rate_of = rate(sweep)
-        night = 2 * 8 * 3600 * rate_of
-        rows.append(
-            {
-                "what": f"plans, {name}",
-                "n": PLANS,
-                "a second and core": rate_of,
-                "a night of 8 h on two cores": night,
-            }
-        )
-    rows.append({"what": "question to an atlas", **question()})
-    rows.append(shares(ATLAS))
-    one, two = wall(ATLAS, 1), wall(ATLAS, 2)
-    rows += [
-        {"what": "atlas, 10 mm, two workers, times one", "n": ATLAS.items, "times one": one / two}
-    ]
-    _common.write("bench_sweep", rows)
+    for piece in wanted:
+        _common.update("bench_sweep", [*PIECES[piece]()], peers=("dask", "distributed"))
 
 
 if __name__ == "__main__":

@@ -116,7 +116,7 @@ def check(
     report = check_data_set(
         open_data_set(path, side=side),
         units=units,
-        calibration=_calibration(calibration_file),
+        calibration=read_calibration(calibration_file),
         scene=None if scene_file is None else read_scene(scene_file),
         thresholds=Thresholds(speed=to_rad(speed)),
     )
@@ -169,8 +169,8 @@ def convert(
 
     data_set = open_data_set(path, side=side)
     units = _meant(data_set, units)
-    calibration = _calibration(calibration_file)
-    other = _calibration(to_calibration_file) or calibration
+    calibration = read_calibration(calibration_file)
+    other = read_calibration(to_calibration_file) or calibration
     source = exact_units_of(units, calibration, option="calibration")
     target = exact_units_of(to_units or units, other, option="to-calibration")
     for which, meant in (("recorded", source), ("new", target)):
@@ -240,7 +240,7 @@ def replay(
 
     data_set = open_data_set(path, side=side)
     kind = _meant(data_set, units)
-    recorded = _calibration(recorded_with)
+    recorded = read_calibration(recorded_with)
     scene = None if scene_file is None else read_scene(scene_file)
     with quietly(), _swift(source).open() as rig:
         if scene is not None:
@@ -292,7 +292,8 @@ def _meant(data_set: DataSet, units: str) -> str:
     return kind
 
 
-def _calibration(file: Path | None) -> Stored | None:
+def read_calibration(file: Path | None) -> Stored | None:
+    """Read a calibration file, and tell what there is to say of it."""
     from so101_motion.calib.record import store
 
     if file is None:

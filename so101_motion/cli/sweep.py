@@ -182,25 +182,67 @@ def plans(
 @sweep.command()
 @click.argument("plans_folder", metavar="MOTIONS", type=click.Path(path_type=Path, exists=True))
 @click.option(
-    "--scene", "scene_file", type=IN_FILE, required=True, help="What stands around the arm now."
+    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="An .mcap file."
 )
-@_run_options
-def check(run: Callable[..., None], plans_folder: Path, scene_file: Path) -> None:
-    """Check the motions of so101 sweep plans against a changed scene.
+@click.option(
+    "--first", type=click.IntRange(0), default=0, show_default=True,
+    help="Number of the first problem.",
+)  # fmt: skip
+@click.option("--count", type=click.IntRange(1), help="Number of problems.  [default: all]")
+def export(plans_folder: Path, out: Path, first: int, count: int | None) -> None:
+    """Write MOTIONS, the folder that so101 sweep plans made, as MCAP.
 
-    Says how many are blocked, by what, and which.
+    For Foxglove, Rerun and PlotJuggler: ROS 2 messages, one motion after the other.
+
+    \b
+    so101 sweep export motions --count 100 --out motions.mcap
+    """  # noqa: D301
+    from so101_motion.tasks.sweeps import write_mcap
+
+    if out.suffix.lower() != ".mcap":
+        raise click.UsageError(f"{out.name} must end with .mcap")
+    motions, seconds = write_mcap(plans_folder, out, first=first, count=count)
+    aside(f"{out}: {motions} motions, {seconds:.0f} s")
+
+
+@sweep.command()
+@click.argument("checked", metavar="MOTIONS|PROGRAM")
+@click.option("--scene", "scene_file", type=IN_FILE, help="What stands around the arm now.")
+@click.option(
+    "--calibration", "calibration_file", type=IN_FILE,
+    help="Calibration of the arm that shall do it.",
+)  # fmt: skip
+@click.option(
+    "--taught-with", "taught_file", type=IN_FILE,
+    help="Calibration that the arm had when a program was taught on it.",
+)  # fmt: skip
+@_run_options
+def check(
+    run: Callable[..., None],
+    checked: str,
+    scene_file: Path | None,
+    calibration_file: Path | None,
+    taught_file: Path | None,
+) -> None:
+    """Check motions or a program against a changed scene, or another calibration.
+
+    MOTIONS is the folder of so101 sweep plans: says how many fail, by what, and which. PROGRAM is
+    the name of a program, or its file: each waypoint, and the way to each stop.
 
     \b
     so101 sweep check motions --scene examples/table.json --out checked
+    so101 sweep check motions --calibration arm.json --out on-my-arm
+    so101 sweep check pick.json --scene examples/table.json --out checked
+    so101 sweep check pick.json --taught-with old.json --calibration new.json --out checked
     """  # noqa: D301
-    from so101_motion.files.scene_file import read_scene
-    from so101_motion.tasks.sweeps import CheckSweep, check_summary, scene_text
+    from so101_motion.cli.sweep_check import check_motions, check_program
 
-    def summary(folder: Path) -> dict[str, object]:
-        figures, blocked = check_summary(folder)
-        return {**figures, "numbers of those blocked": " ".join(map(str, blocked)) or "none"}
-
-    run(CheckSweep.of(plans_folder, scene_text(read_scene(scene_file))), summary)
+    if scene_file is None and calibration_file is None:
+        raise click.UsageError("against what? --scene or --calibration says it")
+    if Path(checked).is_dir():
+        check_motions(run, Path(checked), scene_file, calibration_file, taught_file)
+    else:
+        check_program(run, checked, scene_file, calibration_file, taught_file)
 
 
 @sweep.command()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from so101_motion.cli.param_types import IN_FILE, Finite
+from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, aside, json_option, print_json
 from so101_motion.cli.sweep_options import (
     caps_options,
@@ -20,11 +20,15 @@ from so101_motion.cli.sweep_options import (
 from so101_motion.common.units import to_m, to_rad
 
 if TYPE_CHECKING:
+    from so101_motion.common.geometry import Array
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import Progress
+    from so101_motion.tasks.sweeps.mounting import FixedArm
     from so101_motion.tasks.sweeps.place import PlaceSweep
     from so101_motion.tasks.sweeps.placement import Placement
 
 _FARTHEST_MM = 5000.0
+_JOINTS = Numbers("PAN", "LIFT", "ELBOW", "WRIST", "ROLL", most=360.0)
 
 
 class FromTo(click.ParamType[tuple[float, float]]):
@@ -92,6 +96,16 @@ class FromTo(click.ParamType[tuple[float, float]]):
 )  # fmt: skip
 @click.option("--scene", "scene_file", type=IN_FILE, help="What stands in the cell.")
 @click.option(
+    "--cell", "cell_file", type=IN_FILE,
+    help="A cell file: its scene, and its arms stay where they stand.",
+)  # fmt: skip
+@click.option("--arm", help="Which arm of the cell is placed.  [default: one more]")
+@click.option(
+    "--others-at", type=_JOINTS, multiple=True,
+    help="Where the other arms' joints are; all that are given are kept clear of."
+    "  [default: folded]",
+)  # fmt: skip
+@click.option(
     "--tolerance-deg", type=Finite(0.1, 90.0), default=10.0, show_default=True,
     help="How far the tool's approach may be off at a program's waypoints.",
 )  # fmt: skip
@@ -112,6 +126,9 @@ def place(
     turn_step_deg: float,
     by: str,
     scene_file: Path | None,
+    cell_file: Path | None,
+    arm: str | None,
+    others_at: tuple[Array, ...],
     tolerance_deg: float,
     speed: float,
     acceleration: float,
@@ -131,6 +148,7 @@ def place(
     \b
     so101 sweep place wave.json --x-mm -200:200 --y-mm -200:200 --out placed
     so101 sweep place task.json --mount wall --x-mm 0 --z-mm 100:400 --out on-the-wall
+    so101 sweep place task.json --cell cell.json --arm left --out beside-the-other
     """  # noqa: D301
     from so101_motion.cli.sweep import computers, show_progress
     from so101_motion.files.scene_file import read_scene
@@ -148,11 +166,19 @@ def place(
         mount=mount, facing=to_rad(facing_deg), spacing=to_m(spacing_mm),
         turn_step=to_rad(turn_step_deg),
     )  # fmt: skip
+    if scene_file is not None and cell_file is not None:
+        raise click.UsageError("--scene or --cell, not both; a cell file has a scene of its own")
+    scene, others = Scene() if scene_file is None else read_scene(scene_file), ()
+    if cell_file is not None:
+        scene, others = _others(cell_file, arm, others_at)
+    elif arm is not None or others_at:
+        raise click.UsageError("--arm and --others-at need --cell, which says where arms stand")
     sweep = PlaceSweep(
         task=task_text(task),
         region=region,
         by=by,
-        scene=scene_text(Scene() if scene_file is None else read_scene(scene_file)),
+        scene=scene_text(scene),
+        others=others,
         velocity=to_rad(speed),
         acceleration=to_rad(acceleration),
         payload=1e-3 * payload_g,
@@ -165,10 +191,38 @@ def place(
             return bar.enter_context(show_progress(work))
 
         placement = find_bases(sweep, out, on_step=step, **computed_by)
-    write_placement(placement, sweep, out)
+    write_placement(placement, sweep, out, arm=arm or "placed")
     _print(placement, out, as_json=as_json)
     if placement.failed:
         raise SystemExit(CHECK_FAILED)
+
+
+def _others(
+    file: Path, placed: str | None, q_deg: tuple[Array, ...]
+) -> tuple[Scene, tuple[FixedArm, ...]]:
+    """The scene of a cell, and its arms but one, at some joint angles."""
+    from so101_motion.arm.gripper import JAW_CLOSED
+    from so101_motion.common.named_poses import POSES
+    from so101_motion.files.cell_file import read_cell
+    from so101_motion.tasks.sweeps.mounting import FixedArm
+
+    cell = read_cell(file)
+    names = [each.name for each in cell.arms]
+    if placed is not None and placed not in names:
+        raise click.UsageError(f"there is no arm {placed} in {file}, but {', '.join(names)}")
+    folded = next(pose.q for pose in POSES if pose.name == "rest")
+    q = [to_rad(each) for each in q_deg] or [folded]
+    others = []
+    for each in cell.arms:
+        if each.name == placed:
+            continue
+        x, y, z = each.T_cell_base.p.tolist()
+        roll, pitch, yaw = each.T_cell_base.rpy.tolist()
+        configurations = tuple((*of.tolist(), JAW_CLOSED) for of in q)
+        others.append(
+            FixedArm(name=each.name, position=(x, y, z), rpy=(roll, pitch, yaw), q=configurations)
+        )
+    return cell.scene, tuple(others)
 
 
 def _each(convert: Callable[[float], float], ends: tuple[float, float]) -> tuple[float, float]:

@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 if sys.platform == "win32":
     import msvcrt
@@ -42,10 +43,21 @@ def write(path: Path, data: bytes) -> None:
     Raises:
         OSError: It cannot be written; it is as it was.
     """
+    with replacing(path) as file:
+        file.write(data)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[BinaryIO]:
+    """Open a file that takes the place of ``path`` when the block ends, unless it raises.
+
+    For what is too large for ``write``, whose words hold here, too.
+    """
     path = Path(os.path.realpath(path))
     mode = path.stat().st_mode if path.exists() else None
     if mode is not None and not stat.S_ISREG(mode):
-        path.write_bytes(data)
+        with path.open("wb") as file:
+            yield file
         return
     remove_old_leftovers(path.parent)
     beside = path.with_name(f".{path.name}.{os.getpid()}-{threading.get_ident()}.tmp")
@@ -53,7 +65,7 @@ def write(path: Path, data: bytes) -> None:
         with beside.open("wb") as file:
             if mode is not None and sys.platform != "win32":
                 os.fchmod(file.fileno(), stat.S_IMODE(mode))
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)

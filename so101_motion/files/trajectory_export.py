@@ -43,6 +43,9 @@ uint32 nanosec
 """
 """The definition of ``sensor_msgs/msg/JointState``, as MCAP files carry it."""
 
+STRING = "string data\n"
+"""Likewise of ``std_msgs/msg/String``."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Run:

@@ -162,24 +162,51 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
     return gathered.bodies(allowed, scene.margin)
 
 
-def around_base(scene: Scene) -> str | None:
-    """The obstacle that the base stands in, deeper than ``SUNK``, by name; None if it is free.
+def around_base(model: Any, scene: Scene) -> str | None:
+    """What the base stands in, deeper than ``SUNK``, by name; None if it is free.
 
-    Motions are not held against this, for no joint moves the base.
+    Motions are not held against this, for no joint moves the base. Other arms keep their room.
     """
     _, base = next(iter(_hulls().values()))
-    for obstacle in scene.obstacles:
-        form, T = read_shape(obstacle.shape), _placement(obstacle.T_base_obstacle)
-        if isinstance(form, PointCloud):
-            shape = octree(full_cubes(form, wanted), form.resolution)
-        else:
-            shape = standing_shape(form)
+    standing = [
+        *((each.name, _shape_of(each), each.T_base_obstacle) for each in scene.obstacles),
+        *((name, shape, T) for arm in scene.arms for name, shape, T in _parts_of(model, arm)),
+    ]
+    for name, shape, T in standing:
         request, result = coal.CollisionRequest(), coal.CollisionResult()
-        at = coal.Transform3s(T.rotation, T.translation + np.array([0.0, 0.0, -SUNK]))
+        at = coal.Transform3s(np.array(T.R), T.p + np.array([0.0, 0.0, -SUNK]))
         coal.collide(base, coal.Transform3s(), shape, at, request, result)
         if result.isCollision():
-            return obstacle.name
+            return name
     return None
+
+
+def _shape_of(obstacle: Obstacle) -> Any:
+    form = read_shape(obstacle.shape)
+    if isinstance(form, PointCloud):
+        return octree(full_cubes(form, wanted), form.resolution)
+    return standing_shape(form)
+
+
+def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, Any, SE3]]:
+    """The links of an arm that stands, and what it holds, at each of its configurations.
+
+    Each with what messages call it, and coal's shape, widened by the arm's room.
+    """
+    data, T_base_arm = model.createData(), _placement(arm.T_base_arm)
+    parts = [
+        (each.name, each.joint, each.placement, _widened(link, arm.room))
+        for link, each in zip(_hulls(), _links(model), strict=True)
+    ]
+    for held in _held(model, arm.attached):
+        shape = convex_hull(held.points)
+        shape.setSweptSphereRadius(arm.room)
+        parts.append((held.name, held.joint, pin.SE3.Identity(), shape))
+    for q in arm.q:
+        pin.forwardKinematics(model, data, np.array(q))
+        for name, joint, placement, shape in parts:
+            T = T_base_arm * data.oMi[joint] * placement
+            yield arm.called(name), shape, SE3(T.rotation, T.translation)
 
 
 class _Gathered:
@@ -235,22 +262,9 @@ class _Gathered:
         self._stand(obstacle.name, given, shape, T)
 
     def add_arm(self, arm: StandingArm) -> None:
-        """The links of an arm that stands, and what it holds, at each of its configurations."""
-        data, T_base_arm = self._model.createData(), _placement(arm.T_base_arm)
-        parts = [
-            (each.name, each.joint, each.placement, _widened(link, arm.room))
-            for link, each in zip(_hulls(), _links(self._model), strict=True)
-        ]
-        for held in _held(self._model, arm.attached):
-            shape = convex_hull(held.points)
-            shape.setSweptSphereRadius(arm.room)
-            parts.append((held.name, held.joint, pin.SE3.Identity(), shape))
-        for q in arm.q:
-            pin.forwardKinematics(self._model, data, np.array(q))
-            for name, joint, placement, shape in parts:
-                T = T_base_arm * data.oMi[joint] * placement
-                form = Hull(np.array(shape.points()), arm.room)
-                self._stand(arm.called(name), form, shape, SE3(T.rotation, T.translation))
+        """An arm that stands."""
+        for name, shape, T in _parts_of(self._model, arm):
+            self._stand(name, Hull(np.array(shape.points()), arm.room), shape, T)
 
     def _stand(self, name: str, given: Standing, shape: Any, T: SE3) -> None:
         """Something that stands, if anything can come near it."""

@@ -86,7 +86,15 @@ def read(path: Path) -> Program:
     Raises:
         ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
     """
-    content = user_storage.read(path, schema=SCHEMA)
+    return program_from(user_storage.read(path, schema=SCHEMA))
+
+
+def program_from(content: Mapping[str, object]) -> Program:
+    """Make a program from the parsed JSON of a file.
+
+    Raises:
+        ConfigError: Something in it cannot be meant; the message names it.
+    """
     Attributes(content, ("schema", "rounds", "waypoints"), kind="entry of a program")
     given = content.get("waypoints")
     if not isinstance(given, list):
@@ -103,9 +111,14 @@ def write(program: Program, path: Path) -> None:
     Raises:
         ConfigError: It cannot be written; what was there is as it was.
     """
+    user_storage.write(path, program_to(program), schema=SCHEMA)
+
+
+def program_to(program: Program) -> dict[str, object]:
+    """A program as JSON values; ``program_from`` reads them back."""
     rounds = _ENDLESS if program.rounds is None else program.rounds
     waypoints = [_written(waypoint) for waypoint in program.waypoints]
-    user_storage.write(path, {"rounds": rounds, "waypoints": waypoints}, schema=SCHEMA)
+    return {"rounds": rounds, "waypoints": waypoints}
 
 
 def delete(name: str) -> None:

@@ -2,8 +2,9 @@
 
 ``engine.py`` runs them, ``folder.py`` keeps them, ``sweep.py`` says what one is. What there is to
 compute: ``reach.py`` (where the arm can be, and how well; asked by ``atlas.py``), ``plans.py``
-(random motions as a data set), ``check.py`` (its motions against a changed scene), and ``place.py``
-(bases for a task; ``placement.py`` finds the best).
+(random motions as a data set), ``check.py`` and ``program_check.py`` (its motions, or a program,
+against a changed scene or another calibration), and ``place.py`` (bases for a task;
+``placement.py`` finds the best).
 """
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
@@ -15,7 +16,8 @@ from so101_motion.tasks.sweeps.engine import (
     default_workers,
     run_sweep,
 )
-from so101_motion.tasks.sweeps.mounting import Region
+from so101_motion.tasks.sweeps.joint_reading import JointReading, as_lerobot, since
+from so101_motion.tasks.sweeps.mounting import FixedArm, Region
 from so101_motion.tasks.sweeps.place import PlaceSweep
 from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
 from so101_motion.tasks.sweeps.placement_files import write_placement
@@ -27,6 +29,12 @@ from so101_motion.tasks.sweeps.placement_task import (
     task_text,
 )
 from so101_motion.tasks.sweeps.plans import Episode, PlansSweep, episodes, plans_summary
+from so101_motion.tasks.sweeps.plans_mcap import write_mcap
+from so101_motion.tasks.sweeps.program_check import (
+    ProgramCheckSweep,
+    program_check_summary,
+    program_text,
+)
 from so101_motion.tasks.sweeps.reach import ReachSweep, scene_text
 
 __all__ = [
@@ -34,10 +42,13 @@ __all__ = [
     "Base",
     "CheckSweep",
     "Episode",
+    "FixedArm",
+    "JointReading",
     "PlaceSweep",
     "Placement",
     "PlacementTask",
     "PlansSweep",
+    "ProgramCheckSweep",
     "Progress",
     "Reach",
     "ReachSweep",
@@ -45,15 +56,20 @@ __all__ = [
     "SweepResult",
     "TaskPose",
     "WorkerPool",
+    "as_lerobot",
     "check_summary",
     "default_workers",
     "episodes",
     "find_bases",
     "plans_summary",
+    "program_check_summary",
+    "program_text",
     "read_task",
     "run_sweep",
     "scene_text",
+    "since",
     "task_of",
     "task_text",
+    "write_mcap",
     "write_placement",
 ]

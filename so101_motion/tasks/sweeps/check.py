@@ -1,4 +1,4 @@
-"""Motions of a data set against a scene: which are blocked, where and by what.
+"""Motions of a data set against a scene or an arm's calibration: which fail, where and by what.
 
 A motion is the straight joint lines through its setpoints, and the verdict on it is a proof. Shards
 are those of the data set, which every worker reads from its folder: on a cluster it must be one
@@ -22,8 +22,9 @@ from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.joint_reading import JointReading
 from so101_motion.tasks.sweeps.packed import Columns
-from so101_motion.tasks.sweeps.plans import episodes_of
+from so101_motion.tasks.sweeps.plans import Episode, episodes_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,7 @@ class CheckSweep:
         shards: Into how many shards it is cut.
         items: How many problems it holds.
         scene: What is around the arm now, as the JSON text of a scene.
+        reading: What the numbers mean for the arm that shall do them; None for the model's own.
     """
 
     source: str
@@ -43,13 +45,14 @@ class CheckSweep:
     shards: int
     items: int
     scene: str
+    reading: JointReading | None = None
 
     kind = "check"
     unit = "motions"
 
     @classmethod
-    def of(cls, folder: Path, scene: str) -> CheckSweep:
-        """The check of the motions in a folder.
+    def of(cls, folder: Path, scene: str, reading: JointReading | None = None) -> CheckSweep:
+        """The check of the motions in a folder; other arguments as the attributes.
 
         Raises:
             ConfigError: It is no folder of a sweep of plans, or of one that is not complete.
@@ -65,6 +68,7 @@ class CheckSweep:
             shards=manifest["shards"],
             items=manifest["facts"]["count"],
             scene=scene,
+            reading=reading,
         )
 
     def facts(self) -> Mapping[str, object]:
@@ -81,25 +85,19 @@ class CheckSweep:
         return lambda number: self._checked(collision, number)
 
     def _checked(self, collision: CollisionModel, number: int) -> Columns:
-        """The columns of a shard: ``problem``; where it is first blocked, ``time`` [s], not a
-        number if nowhere; ``first`` and ``second``, the bodies that are too close there.
+        """The columns of a shard: ``problem``; where it first fails, ``time`` [s], not a number if
+        nowhere; ``first`` and ``second``, the bodies that are too close there, or the joint and the
+        end of its travel.
         """  # noqa: D205
         shard = SweepFolder(Path(self.source)).read(number)
         if shard is None:
             raise ConfigError("plans", self.source, f"lacks shard {number}")
         problems, times, pairs = [], [], []
         for episode in episodes_of(shard):
-            q = to_rad(episode.action[:, :5].astype(np.float64))
-            blocked = collision.first_blocked(q)
+            time, pair = self._failure(collision, episode)
             problems.append(episode.problem)
-            if blocked is None:
-                times.append(np.nan)
-                pairs.append(("", ""))
-                continue
-            nearest = int(np.argmin(np.linalg.norm(q - blocked, axis=1)))
-            closest = collision.clearance(blocked)
-            times.append(float(episode.timestamp[nearest]))
-            pairs.append((closest.first, closest.second))
+            times.append(time)
+            pairs.append(pair)
         return {
             "problem": np.array(problems, dtype=np.int64),
             "time": np.array(times, dtype=np.float32),
@@ -107,9 +105,33 @@ class CheckSweep:
             "second": np.array([second for _, second in pairs], dtype="U64"),
         }
 
+    def _failure(
+        self, collision: CollisionModel, episode: Episode
+    ) -> tuple[float, tuple[str, str]]:
+        """When a motion first fails [s], and by which two things."""
+        x = episode.action[:, :5].astype(np.float64)
+        found, end = list[tuple[float, tuple[str, str]]](), len(x)
+        if self.reading is None:
+            q = to_rad(x)
+        else:
+            q = self.reading.angles(x)
+            for frame, each in enumerate(q):
+                beyond = self.reading.beyond(each)
+                if beyond is not None:
+                    time = float(episode.timestamp[frame])
+                    found.append((time, (beyond[0], "the end of its travel")))
+                    end = frame
+                    break
+        blocked = collision.first_blocked(q[:end]) if end else None
+        if blocked is not None:
+            closest = collision.clearance(blocked)
+            nearest = int(np.argmin(np.linalg.norm(q - blocked, axis=1)))
+            found.append((float(episode.timestamp[nearest]), (closest.first, closest.second)))
+        return min(found, default=(np.nan, ("", "")))
+
 
 def check_summary(folder: Path) -> tuple[dict[str, float], list[int]]:
-    """How many motions a check has looked at, how many are blocked, by what; and which those are.
+    """How many motions a check has looked at, how many fail, by what; and which those are.
 
     Raises:
         ConfigError: It is no folder of such a sweep.

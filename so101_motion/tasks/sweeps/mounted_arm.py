@@ -20,30 +20,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Attached, Scene
-from so101_motion.planning.goals import JointGoal, PathGoal
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.planning.native.library import native
-from so101_motion.planning.planner import Plan, Planner, PlanRequest
+from so101_motion.planning.planner import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
 from so101_motion.tasks.program.rehearsal import PASSING, plan_leg
 from so101_motion.tasks.sweeps.cheapest_cycle import cheapest, least_time
-from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
 from so101_motion.tasks.sweeps.placement_task import PlacementTask
 from so101_motion.tasks.sweeps.pose_configurations import PoseConfigurations
 from so101_motion.tasks.sweeps.reach import STEPS
+from so101_motion.tasks.sweeps.scene_legs import SceneLegs, jaw_angles
 
 CRITERIA = ("time", "clearance", "torque", "robust")
 """What bases can be compared by."""
-
-_LOOKS = 100
-"""After how many checkpoints a leg is given up. Chosen: some tenths of a second."""
 
 _ROUNDS = 4
 """So often the cheapest way from a base is planned. Chosen: mostly the first stays."""
@@ -162,9 +156,10 @@ class MountedArm:
         self._strength = Strength.of_servos(caps.voltage)
         self._ways = PoseConfigurations(self.model, task.frame)
         self._around = lru_cache(maxsize=4)(partial(CollisionModel, self.model))
-        self._closed = task.rounds != 1
         self._pauses = sum(pose.pause for pose in task.poses)
-        self._jaws = _jaws(task)
+        self._closed = task.rounds != 1
+        apertures = [pose.aperture for pose in task.poses]
+        self._jaws = jaw_angles(apertures, goes_around=self._closed)
 
     def choice(self, T_cell_base: SE3, scene: Scene) -> tuple[Choice | None, int]:
         """What there is to choose from at a base, else the pose without (``Screened.missed``).
@@ -201,7 +196,7 @@ class MountedArm:
                 return [], k
             held = np.abs(self._loaded.holding_torques(q)).max(axis=1)
             found.append((q, 1.0 - held / self._strength.holding))
-        if around_base(scene) is not None:
+        if around_base(self.model.pin_model, scene) is not None:
             return [], -2
         collision = self._around(scene)
         free = []
@@ -255,24 +250,10 @@ class MountedArm:
             velocity=caps.velocity, acceleration=caps.acceleration, jerk=caps.jerk
         )
 
-    def request(
-        self,
-        scene: Scene,
-        goal: JointGoal | PathGoal,
-        q_start: Array,
-        q_jaw: float,
-        limits: MotionLimits | None = None,
-    ) -> PlanRequest:
-        """A leg as a request."""
-        return PlanRequest(
-            q_start=q_start,
-            goal=goal,
-            limits=limits or self.limits,
-            q_jaw=q_jaw,
-            scene=scene,
-            payload=self._payload,
-            strength=self._strength,
-            time_budget=NEVER,
+    def legs(self, scene: Scene) -> SceneLegs:
+        """What plans its legs in a scene."""
+        return SceneLegs(
+            self.model, scene, self.limits, payload=self._payload, strength=self._strength
         )
 
     def _along(
@@ -340,7 +321,7 @@ class _Legs:
     """Plans legs from one base, each once."""
 
     def __init__(self, arm: MountedArm, scene: Scene) -> None:
-        self._planner = _SceneLegs(arm, scene)
+        self._planner = arm.legs(scene)
         self._made: dict[bytes, Plan | PlanningError | None] = {}
 
     def plan(self, task: PlacementTask, q: Array, indices: range, q_jaw: float) -> Plan | None:
@@ -367,45 +348,3 @@ class _Legs:
         if isinstance(made, PlanningError):
             raise made
         return made
-
-
-class _SceneLegs:
-    """What ``plan_leg`` plans with: a planner in one scene."""
-
-    def __init__(self, arm: MountedArm, scene: Scene) -> None:
-        self._arm, self._scene = arm, scene
-        self._patience = CountedPatience(_LOOKS)
-        # A fresh one: its looks are counted in batches that go on from plan to plan.
-        self._planner = Planner(arm.model, self._patience)
-
-    @property
-    def limits(self) -> MotionLimits:
-        """The caps of its motions."""
-        return self._arm.limits
-
-    def plan(
-        self,
-        goal: JointGoal | PathGoal,
-        *,
-        limits: MotionLimits | None,
-        q_start: Array | None,
-        q_jaw: float | None,
-    ) -> Plan:
-        """Plan from joint angles, shape (5,), [rad]."""
-        assert q_start is not None
-        assert q_jaw is not None
-        self._patience.renew(compiled=native().library is not None)
-        return self._planner.plan(self._arm.request(self._scene, goal, q_start, q_jaw, limits))
-
-
-def _jaws(task: PlacementTask) -> list[float]:
-    """The jaw's angle after each pose [rad]; a jaw that is never told stays closed."""
-    told = [pose.aperture for pose in task.poses]
-    given = [each for each in told if each is not None]
-    # Of a task that goes around, the last that was told; of another, nothing is known before.
-    aperture = (given[-1] if task.rounds != 1 else 0.0) if given else 0.0
-    jaws = []
-    for each in told:
-        aperture = aperture if each is None else each
-        jaws.append(JAW_CLOSED + aperture * (JAW_OPEN - JAW_CLOSED))
-    return jaws

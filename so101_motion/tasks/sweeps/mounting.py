@@ -1,4 +1,4 @@
-"""Where a base may be screwed down, and what the cell looks like from there.
+"""Where a base may be screwed down, and what the cell looks like from there, other arms included.
 
 Bases lie on a lattice: x, y, z and the turn about the base's own z axis. A search begins with every
 eighth step of it (``COARSE``) and ends with single steps. The cell's frame is that of
@@ -16,7 +16,8 @@ import numpy as np
 
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array, rot_x, rot_y, rot_z
-from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.scene import FLOOR_Z, Box, Obstacle, Scene, StandingArm
 
 COARSE = 8
 """So many steps of the lattice are one of the first round. A power of two."""
@@ -37,6 +38,34 @@ _TABLE_SIZE = np.array([3.0, 3.0, 0.05])
 
 Cell = tuple[int, int, int, int]
 """A base's place on the lattice: steps along x, y, z and of the turn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedArm:
+    """Another SO-101 of the cell, which stays where it stands: plain data.
+
+    Attributes:
+        name: What messages call it.
+        position: Where its base is in the cell, x, y, z [m].
+        rpy: How it is turned [rad].
+        q: Its five joints and its jaw, [rad]; several configurations are all kept clear of, what it
+            does between them is not looked at.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    rpy: tuple[float, float, float]
+    q: tuple[tuple[float, ...], ...]
+
+    @property
+    def T_cell_base(self) -> SE3:
+        """Where its base is."""
+        return SE3.from_rpy(np.array(self.rpy), np.array(self.position))
+
+    def standing(self) -> StandingArm:
+        """It as an obstacle in the cell, with the room that planned arms keep."""
+        q = np.array(self.q)
+        return StandingArm(name=self.name, T_base_arm=self.T_cell_base, q=q, room=ROOM)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +169,8 @@ class Region:
             replace(each, T_base_obstacle=T_base_cell @ each.T_base_obstacle)
             for each in scene.obstacles
         ]
+        arms = tuple(replace(each, T_base_arm=T_base_cell @ each.T_base_arm) for each in scene.arms)
+        scene = replace(scene, arms=arms)
         if self.mount == "table":
             floor_z = scene.floor_z
             if floor_z is not None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps.mounted_arm import CRITERIA, MountedArm, MountedCaps
-from so101_motion.tasks.sweeps.mounting import Cell, Region
+from so101_motion.tasks.sweeps.mounting import Cell, FixedArm, Region
 from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.placement_task import task_from
 
@@ -40,6 +40,7 @@ class PlaceSweep:
         jittered: Whether bases near them are looked at as well, if they are planned.
         by: What is wanted most, one of ``CRITERIA``.
         scene: The cell, as the JSON text of a scene.
+        others: Arms that stay where they stand in the cell.
         velocity: Cap of the joints [rad/s].
         acceleration: Likewise [rad/s^2].
         jerk: Likewise [rad/s^3].
@@ -54,6 +55,7 @@ class PlaceSweep:
     jittered: bool = False
     by: str = "time"
     scene: str = '{"obstacles": []}'
+    others: tuple[FixedArm, ...] = ()
     velocity: float = 3.0
     acceleration: float = 7.5
     jerk: float = 500.0
@@ -148,7 +150,8 @@ class _Judge:
 
     def __init__(self, sweep: PlaceSweep) -> None:
         self._sweep, self._bases = sweep, sweep.bases
-        self._scene = scene_from(json.loads(sweep.scene), folder=None)
+        arms = tuple(each.standing() for each in sweep.others)
+        self._scene = replace(scene_from(json.loads(sweep.scene), folder=None), arms=arms)
         self._task = task_from(json.loads(sweep.task))
         self._arm = MountedArm(
             self._task,

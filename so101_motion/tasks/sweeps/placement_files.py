@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import math
+from html import escape
 from pathlib import Path
+
+import numpy as np
 
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files import atomic
+from so101_motion.files.cell_file import CellArm, CellFile, write_cell
 from so101_motion.files.scene_file import scene_from, write_scene
 from so101_motion.tasks.program.files import write as write_program
 from so101_motion.tasks.sweeps.place import PlaceSweep
@@ -19,11 +23,14 @@ _BORDER = 60.0
 _GOOD, _BAD, _NONE = (43, 138, 62), (255, 236, 153), "#e9ecef"
 
 
-def write_placement(placement: Placement, sweep: PlaceSweep, folder: Path) -> None:
+def write_placement(
+    placement: Placement, sweep: PlaceSweep, folder: Path, *, arm: str = "placed"
+) -> None:
     """Write ``placement.json``, ``map.svg``, and the ten best into ``best/``.
 
     ``best/01.json`` is the program for an arm at the best base, ``best/01-scene.json`` what is
-    around it, both seen from there.
+    around it, both seen from there. With other arms, ``best/01-cell.json`` is the cell with all
+    of them, in which this one is called ``arm``.
 
     Raises:
         ConfigError: A file cannot be written.
@@ -36,6 +43,11 @@ def write_placement(placement: Placement, sweep: PlaceSweep, folder: Path) -> No
         write_program(task.program(base.q), best / f"{number:02d}.json")
         seen = sweep.region.seen_from(scene, sweep.region.base(base.cell))
         write_scene(seen, best / f"{number:02d}-scene.json")
+        if sweep.others:
+            bases = {each.name: each.T_cell_base for each in sweep.others}
+            arms = {arm: sweep.region.base(base.cell), **bases}.items()
+            cell = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms)
+            write_cell(CellFile(arms=cell, scene=scene), best / f"{number:02d}-cell.json")
     rows = [in_figures(base) for base in placement.best]
     table = json.dumps({"by": sweep.by, "sha256": placement.sha256, "best": rows}, indent=1)
     atomic.write(folder / "placement.json", (table + "\n").encode())
@@ -61,7 +73,8 @@ def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) 
 
     Seen from above, x to the right; of bases on a wall from the side. Each field
     is the best that its bases promise, whatever their turns: the greener the faster. Circles with a
-    number are the best bases, their strokes where they face; dots are the poses.
+    number are the best bases, their strokes where they face; dots are the poses, black squares
+    other arms.
     """
     places = {each.cell: sweep.region.place(each.cell) for each in placement.screened}
     across, up = _axes(sweep)
@@ -72,9 +85,10 @@ def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) 
     left = min(x for x, _ in bound)
     top = max(y for _, y in bound)
     right, bottom = max(x for x, _ in bound), min(y for _, y in bound)
-    for pose in task.poses:
-        left, right = min(left, pose.p[across]), max(right, pose.p[across])
-        bottom, top = min(bottom, pose.p[up]), max(top, pose.p[up])
+    points = [pose.p for pose in task.poses] + [np.array(arm.position) for arm in sweep.others]
+    for p in points:
+        left, right = min(left, p[across]), max(right, p[across])
+        bottom, top = min(bottom, p[up]), max(top, p[up])
 
     def pixels(x: float, y: float) -> tuple[float, float]:
         return (x - left) * _PIXELS_PER_M + _BORDER, (top - y) * _PIXELS_PER_M + _BORDER
@@ -94,6 +108,13 @@ def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) 
     for pose in task.poses:
         px, py = pixels(pose.p[across], pose.p[up])
         parts.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="4" fill="#1c7ed6"/>')
+    for arm in sweep.others:
+        px, py = pixels(arm.position[across], arm.position[up])
+        parts.append(
+            f'<rect x="{px - 9:.1f}" y="{py - 9:.1f}" width="18" height="18"/>'
+            f'<text x="{px:.1f}" y="{py + 24:.1f}" text-anchor="middle" font-size="12">'
+            f"{escape(arm.name)}</text>"
+        )
     for number, base in reversed([*enumerate(placement.best, 1)]):
         place = sweep.region.place(base.cell)
         px, py = pixels(place[across], place[up])

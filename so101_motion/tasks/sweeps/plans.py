@@ -259,14 +259,20 @@ class Episode(NamedTuple):
     room: float
 
 
-def episodes(folder: Path | str) -> Iterator[Episode]:
+def episodes(folder: Path | str, *, first: int = 0, count: int | None = None) -> Iterator[Episode]:
     """The motions in the folder of a sweep of plans, as many as there are so far, one by one.
+
+    Args:
+        folder: Where they are.
+        first: The number of the first problem.
+        count: How many problems; None for all.
 
     Raises:
         ConfigError: It is no folder of such a sweep.
     """
-    for shard in _shards(folder):
-        yield from episodes_of(shard)
+    end = 10**9 if count is None else first + count
+    for shard in _shards(folder, first // PROBLEMS, -(-end // PROBLEMS)):
+        yield from (each for each in episodes_of(shard) if first <= each.problem < end)
 
 
 def episodes_of(shard: Mapping[str, NDArray[Any]]) -> Iterator[Episode]:
@@ -313,12 +319,14 @@ def plans_summary(folder: Path | str) -> dict[str, float]:
     return figures
 
 
-def _shards(folder: Path | str) -> Iterator[dict[str, NDArray[Any]]]:
+def _shards(
+    folder: Path | str, first: int = 0, end: int = 10**9
+) -> Iterator[dict[str, NDArray[Any]]]:
     place = SweepFolder(Path(folder))
     manifest: dict[str, Any] = place.manifest()
     if manifest.get("kind") != "plans":
         raise ConfigError("plans", str(folder), f"is a sweep of {manifest.get('kind')}")
-    for number in range(int(manifest["shards"])):
+    for number in range(first, min(int(manifest["shards"]), end)):
         shard = place.read(number)
         if shard is not None:
             yield shard

@@ -38,7 +38,7 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_deg
-from so101_motion.files.trajectory_export import JOINT_STATE, joint_state, mcap_writer
+from so101_motion.files.trajectory_export import JOINT_STATE, STRING, joint_state, mcap_writer
 from so101_motion.tasks.teleop.side_state import SideState
 
 _log = logging.getLogger(__name__)
@@ -192,7 +192,7 @@ class _Mcap:
         self._file = open(path, "wb")  # noqa: SIM115  # closed below
         self._out = writer(self._file)
         self._schema = self._out.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
-        self._text = self._out.register_msgdef("std_msgs/msg/String", "string data\n")
+        self._text = self._out.register_msgdef("std_msgs/msg/String", STRING)
 
     def write(self, index: int, row: RecordedSample) -> None:
         at_ns = round((self._epoch + row.t) * 1e9)

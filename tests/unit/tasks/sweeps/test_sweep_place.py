@@ -11,11 +11,13 @@ import ruckig
 
 from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.geometry import SE3
+from so101_motion.files.cell_file import read_cell
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import Program, Waypoint, files
 from so101_motion.tasks.sweeps import (
+    FixedArm,
     PlaceSweep,
     Region,
     find_bases,
@@ -111,6 +113,46 @@ def test_no_base_stands_in_an_obstacle(tmp_path):
     scene = scene_text(Scene(obstacles=(block,)))
     with pytest.raises(PlanningError, match="would stand in something"):
         find_bases(replace(SMALL, scene=scene), tmp_path / "out")
+
+
+FOLDED = tuple(np.radians([0.0, -92.0, 78.0, 60.0, 0.0, -10.0]).tolist())
+ORIGIN = Region(x=(0.0, 0.0), y=(0.0, 0.0), turn=(0.0, 0.0))
+LEFT = FixedArm(name="left", position=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), q=(FOLDED,))
+
+
+def test_no_base_stands_in_another_arm(tmp_path):
+    near = replace(LEFT, position=(-0.05, 0.0, 0.0))
+    here = replace(SMALL, region=ORIGIN, others=(near,))
+    with pytest.raises(PlanningError, match="would stand in something"):
+        find_bases(here, tmp_path / "out")
+
+
+def test_every_configuration_of_another_arm_is_kept_clear_of(tmp_path):
+    """An arm that reaches over one of the poses, at one of two configurations, is in the way."""
+    beside = replace(LEFT, position=(0.0, -0.3, 0.0))
+    screen = replace(SMALL, region=ORIGIN, others=(beside,))
+    assert screen.open()(0)["missed"].tolist() == [-1]
+    over = (*np.radians([-85.0, 30.0, 0.0, 30.0, 0.0]).tolist(), 0.0)
+    reaching = replace(beside, q=(FOLDED, over))
+    assert (
+        screen.open()(0)["clearance"] > replace(screen, others=(reaching,)).open()(0)["clearance"]
+    )
+
+
+def test_the_cell_with_the_other_arm_is_written_beside_the_program(tmp_path):
+    others = (replace(LEFT, position=(0.0, -0.4, 0.0)),)
+    sweep = replace(SMALL, region=ORIGIN, others=others)
+    placement = find_bases(sweep, tmp_path / "out")
+    write_placement(placement, sweep, tmp_path / "out", arm="right")
+    cell = read_cell(tmp_path / "out" / "best" / "01-cell.json")
+    assert [each.name for each in cell.arms] == ["right", "left"]
+    assert cell.arms[1].T_cell_base.p == pytest.approx([0.0, -0.4, 0.0])
+    assert "left</text>" in (tmp_path / "out" / "map.svg").read_text()
+    arm = cell.arms[0]
+    seen = ORIGIN.seen_from(Scene(arms=tuple(each.standing() for each in others)), arm.T_cell_base)
+    collision = CollisionModel(RobotModel.load(), seen)
+    for q in placement.best[0].q:
+        assert collision.is_free(q)
 
 
 @pytest.mark.parametrize("mount", ["table", "wall", "upside-down"])

@@ -1,8 +1,11 @@
 """A data set of plans holds verified motions, the same ones whoever makes them."""
 
+import json
+
 import numpy as np
 import pytest
 
+from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_rad
@@ -18,6 +21,7 @@ from so101_motion.tasks.sweeps import (
     plans_summary,
     run_sweep,
     scene_text,
+    write_mcap,
 )
 from so101_motion.tasks.sweeps.plans import PROBLEMS
 
@@ -62,6 +66,40 @@ def test_a_shard_does_not_depend_on_what_was_planned_before():
     first, second = fresh(1), used(1)
     assert first["problem"].tolist() == [PROBLEMS, PROBLEMS + 1]
     assert all(np.array_equal(first[name], second[name]) for name in first)
+
+
+def test_mcap_holds_every_setpoint_of_every_motion_for_other_readers(folder, tmp_path):
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    motions, seconds = write_mcap(folder, tmp_path / "all.mcap")
+    with (tmp_path / "all.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        read = [(entry[1].topic, entry[3]) for entry in reader.iter_decoded_messages()]
+    states = [message for topic, message in read if topic == "/joint_commands"]
+    known = list(episodes(folder))
+    assert motions == len(known)
+    q = to_rad(np.concatenate([each.action[:, :5] for each in known]).astype(float))
+    qd = to_rad(np.concatenate([each.velocity for each in known]).astype(float))
+    assert np.array([each.position[:5] for each in states]) == pytest.approx(q)
+    assert np.array([each.velocity[:5] for each in states]) == pytest.approx(qd)
+    assert {each.position[5] for each in states} == {JAW_CLOSED}
+    stamps = [each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in states]
+    assert np.all(np.diff(stamps) > 0.0)
+    assert stamps[-1] + 1.0 == pytest.approx(seconds)
+    said = [json.loads(message.data) for topic, message in read if topic == "/motion"]
+    assert [each["problem"] for each in said] == [each.problem for each in known]
+    scenes = [json.loads(message.data) for topic, message in read if topic == "/scene"]
+    assert scenes == [{"obstacles": []}]
+
+
+def test_mcap_of_some_motions_leaves_the_others_out(folder, tmp_path):
+    assert write_mcap(folder, tmp_path / "two.mcap", first=2, count=2)[0] == 2
+    with pytest.raises(ConfigError, match="cannot be written"):
+        write_mcap(folder, tmp_path / "no" / "such.mcap")
+    with pytest.raises(ConfigError, match="holds no sweep"):
+        write_mcap(tmp_path, tmp_path / "none.mcap")
+    assert not (tmp_path / "none.mcap").exists()
 
 
 def test_it_is_no_atlas(folder):

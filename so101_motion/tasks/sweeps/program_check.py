@@ -1,0 +1,195 @@
+"""A program against a scene or a calibration that is not that of its teaching: what fails, where.
+
+A program is planned anew whenever it runs, so what counts is whether each waypoint can still be
+stood at, and whether there still is a way to it. A shard is the way to one stop. The way to the
+first stop of a program that runs once begins wherever the arm stands, so only its waypoints are
+looked at.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from so101_motion.common.attributes import SERVO_VOLTAGES
+from so101_motion.common.errors import ConfigError, PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_deg
+from so101_motion.files.scene_file import scene_from
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.torque import Payload, Strength, place_in_hand
+from so101_motion.tasks.program.files import program_from, program_to
+from so101_motion.tasks.program.program import Program
+from so101_motion.tasks.program.rehearsal import plan_leg
+from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.joint_reading import JointReading
+from so101_motion.tasks.sweeps.packed import Columns
+from so101_motion.tasks.sweeps.scene_legs import SceneLegs, jaw_angles
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramCheckSweep:
+    """Plain data that says which program is checked against what.
+
+    Attributes:
+        program: As JSON text; see ``program_text``.
+        scene: What is around the arm now, as the JSON text of a scene.
+        reading: What its joint angles mean now; None for the same as before.
+        velocity: Cap of the joints [rad/s].
+        acceleration: Likewise [rad/s^2].
+        jerk: Likewise [rad/s^3].
+        payload: What the hand carries, at the jaw's tip [kg].
+        voltage: The servos' rated voltage [V].
+    """
+
+    program: str
+    scene: str
+    reading: JointReading | None = None
+    velocity: float = 3.0
+    acceleration: float = 7.5
+    jerk: float = 500.0
+    payload: float = 0.0
+    voltage: float = SERVO_VOLTAGES[0]
+
+    kind = "check-program"
+    unit = "stops"
+
+    @cached_property
+    def taught(self) -> Program:
+        """The program."""
+        return program_from(json.loads(self.program))
+
+    @property
+    def items(self) -> int:
+        """How many stops it has."""
+        return len(list(self.taught.stretches()))
+
+    shards = items
+
+    def facts(self) -> Mapping[str, object]:
+        """What is asked for."""
+        parsed = {"program": json.loads(self.program), "scene": json.loads(self.scene)}
+        return {**asdict(self), **parsed}
+
+    def open(self) -> Callable[[int], Columns]:
+        """Load the arm, the scene and the program."""
+        return _Check(self).shard
+
+
+def program_text(program: Program) -> str:
+    """A program as plain text, for a sweep."""
+    return json.dumps(program_to(program), sort_keys=True)
+
+
+class _Check:
+    """Checks the ways of a program. Belongs to one thread."""
+
+    def __init__(self, sweep: ProgramCheckSweep) -> None:
+        self._reading, program = sweep.reading, sweep.taught
+        if self._reading is not None:
+            q = self._reading.angles(np.array([each.q for each in program.waypoints]))
+            moved = zip(program.waypoints, q, strict=True)
+            program = replace(program, waypoints=tuple(replace(each, q=of) for each, of in moved))
+        self._program, self._stretches = program, list(program.stretches())
+        self._model, self._sweep = RobotModel.load(), sweep
+        self._scene = scene_from(json.loads(sweep.scene), folder=None)
+        self._collision = CollisionModel(self._model, self._scene)
+        apertures = [each.aperture for each in program.waypoints]
+        self._jaws = jaw_angles(apertures, goes_around=program.rounds != 1)
+
+    def shard(self, number: int) -> Columns:
+        """The columns of a shard.
+
+        Of each of the n waypoints up to a stop: ``waypoint``, its index; ``why`` the arm cannot be
+        there, empty if it can. Of the way to the stop: ``way``, why there is none, empty if there
+        is, or if it was not looked for because of a waypoint; ``duration`` [s], 0 without a way.
+        """
+        indices = self._stretches[number]
+        whys = [self._blocked(index) for index in indices]
+        way, duration = "", 0.0
+        # Of a program that runs once, nobody knows where the arm comes from.
+        leg = indices if number or self._program.rounds != 1 else indices[1:]
+        begin = indices[0] - 1 if leg == indices else indices[0]
+        if len(leg) and not any(whys) and not self._blocked(begin % len(self._program)):
+            way, duration = self._planned(leg, self._program.waypoints[begin].q, self._jaws[begin])
+        return {
+            "waypoint": np.array(indices, dtype=np.int64),
+            "why": np.array(whys, dtype="U200"),
+            "way": np.array([way], dtype="U200"),
+            "duration": np.array([duration]),
+        }
+
+    def _blocked(self, index: int) -> str:
+        q = self._program.waypoints[index].q
+        if self._reading is not None and (beyond := self._reading.beyond(q)) is not None:
+            joint, over = beyond
+            return f"{joint} would be {to_deg(over):.1f} deg beyond its travel"
+        try:
+            self._model.check_limits(q)
+        except PlanningError as error:
+            return str(error)
+        known = index > 0 or self._program.rounds != 1  # how the jaw arrives there
+        for jaw in {self._jaws[index - known], self._jaws[index]}:
+            if self._collision.touching(q[None], jaw).any():
+                return self._collision.clearance(q, jaw).message()
+        return ""
+
+    def _planned(self, indices: range, q_start: Array, q_jaw: float) -> tuple[str, float]:
+        sweep = self._sweep
+        limits = MotionLimits.uniform(
+            velocity=sweep.velocity, acceleration=sweep.acceleration, jerk=sweep.jerk
+        )
+        payload = None
+        if sweep.payload > 0.0:
+            x, y, z = place_in_hand(self._model).tolist()
+            payload = Payload(mass=sweep.payload, com=(x, y, z))
+        strength = Strength.of_servos(sweep.voltage)
+        legs = SceneLegs(self._model, self._scene, limits, payload=payload, strength=strength)
+        try:
+            plan = plan_leg(legs, self._program, indices, q_start, q_jaw).plan
+        except PlanningError as error:
+            return str(error), 0.0
+        return "", 0.0 if plan is None else plan.duration
+
+
+def program_check_summary(
+    folder: Path, program: Program
+) -> tuple[dict[str, float], dict[str, str]]:
+    """How many waypoints and ways a check has looked at, and how many fail; and which, why.
+
+    Raises:
+        ConfigError: It is no folder of such a sweep.
+    """
+    place = SweepFolder(folder)
+    manifest: dict[str, Any] = place.manifest()
+    if manifest.get("kind") != ProgramCheckSweep.kind:
+        raise ConfigError("check", str(folder), f"is a sweep of {manifest.get('kind')}")
+    waypoints, stops, duration, failed = 0, 0, 0.0, dict[str, str]()
+    for number in range(int(manifest["shards"])):
+        shard = place.read(number)
+        if shard is None:
+            continue
+        waypoints, stops = waypoints + len(shard["waypoint"]), stops + 1
+        duration += float(shard["duration"][0])
+        for index, why in zip(shard["waypoint"].tolist(), shard["why"].tolist(), strict=True):
+            if why:
+                failed[program.called(index)] = why
+        if shard["way"][0]:
+            failed[f"the way to {program.called(shard['waypoint'].tolist()[-1])}"] = str(
+                shard["way"][0]
+            )
+    figures: dict[str, float] = {
+        "waypoints": waypoints,
+        "stops": stops,
+        "failed": len(failed),
+        "planned motion [s]": round(duration, 3),
+    }
+    return figures, failed
