@@ -22,6 +22,7 @@ import time
 from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from benchmarks import _common
 from so101_motion.planning.collision.scene import Scene
@@ -139,7 +140,8 @@ def _cluster(
     address = json.loads(file.read_text())["address"]
     from distributed import Client
 
-    with Client(address, set_as_default=False) as client:
+    connect: Any = Client
+    with connect(address, set_as_default=False) as client:
         client.wait_for_workers(2)
     return address, scheduler, workers
 

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -209,7 +210,8 @@ def cluster() -> Iterator[tuple[str, int, list[int]]]:
         address = json.loads(file.read_text())["address"]
         from distributed import Client
 
-        with Client(address, set_as_default=False) as client:
+        connect: Any = Client
+        with connect(address, set_as_default=False) as client:
             client.wait_for_workers(2)
         yield address, scheduler.pid, [each.pid for each in workers]
 
@@ -241,7 +243,9 @@ def large() -> Iterator[_common.Row]:
     """An atlas of ten million points by one worker; its memory as it grows; questions to it."""
     notes = KEPT / "notes.json"
     KEPT.mkdir(exist_ok=True)
-    known = json.loads(notes.read_text()) if notes.exists() else {"spent": 0.0, "memory": []}
+    known: dict[str, Any] = {"spent": 0.0, "memory": []}
+    if notes.exists():
+        known = json.loads(notes.read_text())
     before, begun_with = sum(map(_processor_time, _WHO)), known["spent"]
     own, looked = os.getpid(), 0
 
