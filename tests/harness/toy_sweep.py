@@ -1,13 +1,17 @@
 """A sweep that takes no time: random numbers by shard, some of which fail or kill their process.
 
-Run as a script, ``toy_sweep.py FOLDER``: kills a run with -9 at each step that it takes in the file
-system, one death after another, each time followed by a run that goes on; prints the SHA-256s.
+Run as a script, ``toy_sweep.py FOLDER steps``: kills a run with -9 at each step that it takes in
+the file system, one death after another, each time followed by a run that goes on; prints the
+SHA-256s.
+With a number instead of ``steps``: so many deaths of one sweep at random instants; prints its
+SHA-256, and how many shards were there before the last run.
 """
 
 import itertools
 import os
 import signal
 import sys
+import threading
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -24,6 +28,7 @@ class ToySweep:
     Attributes:
         fails: Shards that fail as long as ``mended`` is no file.
         kills: Shards that kill their process whenever they run.
+        hangs: Shards that never end.
     """
 
     seed: int = 0
@@ -31,6 +36,7 @@ class ToySweep:
     fails: tuple[int, ...] = ()
     mended: str = ""
     kills: tuple[int, ...] = ()
+    hangs: tuple[int, ...] = ()
 
     kind = "toy"
     unit = "numbers"
@@ -50,14 +56,16 @@ class ToySweep:
             raise ConfigError("shard", shard, "is not what it should be")
         if shard in self.kills:
             os.kill(os.getpid(), signal.SIGKILL)
+        if shard in self.hangs:
+            threading.Event().wait()
         random = np.random.default_rng((self.seed, shard))
         return {"value": random.normal(size=(10, 2)), "number": np.arange(10) + 10 * shard}
 
 
-def main(base):
+def at_each_step(base):
+    """Deaths at each step in the file system."""
     from harness.dying import dies_at
 
-    os.fsync = lambda _: None  # a process that dies takes nothing with it; only computers do
     for step in itertools.count():
         folder = base / str(step)
         child = os.fork()
@@ -71,5 +79,33 @@ def main(base):
             return
 
 
+def at_random_instants(base, deaths):
+    """So many deaths in one sweep, at random instants of the processor time of its runs.
+
+    The timer's signal ends a process that does not handle it as suddenly as -9 does, and does not
+    depend on how busy the computer is.
+    """
+    random, sweep = np.random.default_rng(0), ToySweep(shards=40)
+    signal.signal(signal.SIGPROF, signal.SIG_DFL)
+    while deaths:
+        child = os.fork()
+        if child == 0:
+            signal.setitimer(signal.ITIMER_PROF, random.uniform(0.002, 0.03))
+            run_sweep(sweep, base)
+            os._exit(0)
+        random.uniform()
+        deaths -= os.WIFSIGNALED(os.waitpid(child, 0)[1])
+    last = run_sweep(sweep, base)
+    print(last.sha256, sweep.shards - last.computed)  # noqa: T201
+
+
+def main(base, how):
+    os.fsync = lambda _: None  # a process that dies takes nothing with it; only computers do
+    if how == "steps":
+        at_each_step(base)
+    else:
+        at_random_instants(base, int(how))
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -30,9 +30,11 @@ from concurrent.futures import (
     ProcessPoolExecutor,
     wait,
 )
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for
+from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -353,14 +355,39 @@ class WorkerPool(_Computers):
         return self._pool.submit(compute, sweep, shard)
 
     def replace(self, error: BrokenExecutor) -> None:
-        """Go on with new processes."""
+        """Go on with new processes.
+
+        The old ones are killed: a pool waits for ever for a process that was being started when
+        another died (seen with Python 3.11, whose pool tells only the others to end).
+        """
+        for process in self._spawned.made:
+            with suppress(ValueError):  # closed already
+                if process.is_alive():
+                    process.kill()
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        # "spawn": a fork would copy threads' locks, and what the libraries hold.
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=_begin)
+        self._spawned = _Spawned()
+        return ProcessPoolExecutor(self._workers, mp_context=self._spawned, initializer=_begin)
+
+
+class _Spawned(SpawnContext):
+    """Starts processes anew, for a fork would copy threads' locks, and what libraries hold.
+
+    Attributes:
+        made: All of them.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.made: list[BaseProcess] = []
+
+    def Process(self, *args: Any, **kwargs: Any) -> SpawnProcess:  # type: ignore[override]
+        """Make one, and remember it."""
+        made = SpawnProcess(*args, **kwargs)
+        self.made.append(made)
+        return made
 
 
 def _begin() -> None:

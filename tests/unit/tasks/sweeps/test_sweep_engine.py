@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from harness import toy_sweep
 from harness.toy_sweep import ToySweep
 
 from so101_motion.common.errors import ConfigError, WorkerError
-from so101_motion.tasks.sweeps import run_sweep
+from so101_motion.tasks.sweeps import WorkerPool, run_sweep
 
 TOY = ToySweep()
 
@@ -137,14 +137,38 @@ def test_an_executor_that_loses_everything_is_given_up(tmp_path):
         run_sweep(TOY, tmp_path / "out", executor=Broken())
 
 
+def killed(folder, how):
+    """What the script of the toy sweep prints, word by word."""
+    script = [sys.executable, toy_sweep.__file__, str(folder), how]
+    environment = {**os.environ, "PYTHONPATH": str(Path(toy_sweep.__file__).parents[1])}
+    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout.split()
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_twice_at_random_instants_is_gone_on_with(tmp_path):
+    """``benchmarks/bench_kills.py`` does it fifty times, with workers and with Dask."""
+    sha256, kept = killed(tmp_path / "out", "2")
+    assert sha256 == run_sweep(ToySweep(shards=40), tmp_path / "whole").sha256
+    assert int(kept) > 0
+
+
+@pytest.mark.slow
+def test_a_pool_is_replaced_though_one_of_its_processes_does_not_end(tmp_path):
+    """As one that was being started when another died, of which Python's pool does not know."""
+    pool = WorkerPool(1)
+    with pool.opened():
+        stuck = pool.submit(replace(TOY, hangs=(0,)), 0)
+        pool.replace(BrokenExecutor("another process died"))
+        assert isinstance(stuck.exception(), BrokenExecutor)
+        assert pool.submit(TOY, 0).result().shard is not None
+
+
 @pytest.mark.slow
 def test_a_run_that_is_killed_at_any_step_is_gone_on_with(tmp_path):
     """Killed with -9 before each of its steps in the file system."""
-    script = [sys.executable, toy_sweep.__file__, str(tmp_path / "runs")]
-    environment = {**os.environ, "PYTHONPATH": str(Path(toy_sweep.__file__).parents[1])}
     (tmp_path / "runs").mkdir()
-    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
-    sums = done.stdout.split()
+    sums = killed(tmp_path / "runs", "steps")
     assert len(sums) > 30
     assert set(sums) == {run_sweep(ToySweep(shards=3), tmp_path / "whole").sha256}
 
