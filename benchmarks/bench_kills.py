@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +29,8 @@ from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import ReachSweep, run_sweep, scene_text
 
 SPACING_MM = 12
-LATEST = 8.0
-"""The latest instant of a kill after the start of a run [s]; most of an atlas is done by then."""
+SOON, EARLY = 0.2, 3.0
+"""The latest instant of a kill after a number of shards, and after the start of a run [s]."""
 
 LEFT = 20.0
 """So long an orphan may take to end [s]; generous, for a loaded machine."""
@@ -42,9 +42,11 @@ class Attack:
     Args:
         kills: How many.
         seed: Of what is killed, and when.
+        shards: Of the atlas.
     """
 
-    def __init__(self, kills: int, seed: int) -> None:
+    def __init__(self, kills: int, seed: int, shards: int) -> None:
+        self._shards = shards
         self._left, self._random = kills, random.Random(seed)
         self.killed: Counter[str] = Counter()
         self.atlases = self.resumed = self.wrong = self.orphans = 0
@@ -61,7 +63,7 @@ class Attack:
         while True:
             process = _sweep(out, "--workers", "2")
             victim = self._random.choice(("running process", "worker"))
-            if not self._waits(process):
+            if not self._waits(process, out):
                 return _ended(process)
             children = _children(process.pid)
             workers = [pid for pid in children if "spawn_main" in _command(pid)]
@@ -80,7 +82,7 @@ class Attack:
                 process = _sweep(out, "--dask", address)
                 stack.callback(process.kill)
                 victim = self._random.choice(("Dask scheduler", "Dask worker", "running process"))
-                if not self._waits(process):
+                if not self._waits(process, out):
                     return _ended(process)
                 pids = {"Dask scheduler": scheduler.pid, "running process": process.pid}
                 self._kill(pids.get(victim, workers[0].pid), victim)
@@ -89,15 +91,20 @@ class Attack:
                 process.communicate()  # without a scheduler it must end by itself
                 self.resumed += 1
 
-    def _waits(self, process: subprocess.Popen[str]) -> bool:
-        """Wait for the next instant; whether there is one before the sweep ends."""
+    def _waits(self, process: subprocess.Popen[str], out: Path) -> bool:
+        """Wait for the next instant; whether there is one before the sweep ends.
+
+        Most come with a random number of shards, so that they do not depend on how fast the
+        computer is; one of five while it begins.
+        """
         if self._left <= 0:
             return False
-        try:
-            process.wait(self._random.uniform(0.0, LATEST))
-        except subprocess.TimeoutExpired:
-            return True
-        return False
+        shards = self._random.randrange(self._shards) if self._random.random() < 0.8 else 0
+        while process.poll() is None and len(list(out.glob("shards/*.npz"))) < shards:
+            time.sleep(0.005)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(self._random.uniform(0.0, SOON if shards else EARLY))
+        return process.poll() is None
 
     def _kill(self, pid: int, what: str) -> None:
         os.kill(pid, signal.SIGKILL)
@@ -176,9 +183,9 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     wanted = parser.parse_args()
-    attack = Attack(wanted.kills, wanted.seed)
+    whole = ReachSweep(spacing=1e-3 * SPACING_MM, scene=scene_text(Scene()))
+    attack = Attack(wanted.kills, wanted.seed, whole.shards)
     with tempfile.TemporaryDirectory() as folder:
-        whole = ReachSweep(spacing=1e-3 * SPACING_MM, scene=scene_text(Scene()))
         expected = run_sweep(whole, Path(folder) / "whole").sha256
         attack.run(Path(folder), expected)
     row = {

@@ -13,12 +13,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
-from so101_viewer import serve
+from so101_viewer.app import serve_source
 from so101_viewer.setup_app import serve_setup
+from so101_viewer.source import Source
 
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
@@ -26,6 +28,7 @@ from so101_motion.files.scene_file import read_scene
 from so101_motion.planning.goals import PoseGoal
 from so101_motion.planning.request import Plan
 from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
@@ -80,6 +83,18 @@ def phone(browser: Browser, file: Path) -> None:
         _take(page, file)
 
 
+def atlas(browser: Browser, file: Path) -> None:
+    """Half of what the arm reaches, cut through its middle."""
+    with tempfile.TemporaryDirectory() as folder:
+        run_sweep(ReachSweep(spacing=0.02), Path(folder) / "atlas")
+        reach = Atlas.read(Path(folder) / "atlas")
+    with open_simulated() as rig, _page(browser, rig, atlas=reach) as page:
+        page.get_by_role("tab", name="Atlas").click(timeout=PATIENCE)
+        page.get_by_label("Slice", exact=True).click(timeout=PATIENCE)
+        page.get_by_role("option", name="at one y").click(timeout=PATIENCE)
+        _take(page, file)
+
+
 def setup(browser: Browser, file: Path) -> None:
     """A calibration: four joints have been at both their stops, the fifth is on its way."""
     with tempfile.TemporaryDirectory() as folder:
@@ -114,7 +129,7 @@ def setup(browser: Browser, file: Path) -> None:
 
 
 SHOTS: dict[str, Callable[[Browser, Path], None]] = {
-    shot.__name__: shot for shot in (preview, obstacles, dark, phone, setup)
+    shot.__name__: shot for shot in (preview, obstacles, dark, phone, atlas, setup)
 }
 
 
@@ -131,11 +146,13 @@ def _page(
     rig: Rig,
     *,
     plan: Plan | None = None,
+    atlas: Atlas | None = None,
     size: tuple[int, int] = DESK,
     scheme: str = "light",
 ) -> Iterator[Page]:
+    source = replace(Source.given(rig, "Simulated arm"), atlas=atlas)
     with (
-        serve(rig, port=0, plan=plan) as served,
+        serve_source(source, port=0, plan=plan) as served,
         _window(browser, served.url, size, scheme) as page,
     ):
         yield page

@@ -168,7 +168,8 @@ def place(
     )  # fmt: skip
     if scene_file is not None and cell_file is not None:
         raise click.UsageError("--scene or --cell, not both; a cell file has a scene of its own")
-    scene, others = Scene() if scene_file is None else read_scene(scene_file), ()
+    scene = Scene() if scene_file is None else read_scene(scene_file)
+    others: tuple[FixedArm, ...] = ()
     if cell_file is not None:
         scene, others = _others(cell_file, arm, others_at)
     elif arm is not None or others_at:
