@@ -235,7 +235,8 @@ async def test_a_fault_is_named_costs_nothing_else_and_is_over_when_it_is_over(b
     if not row.limp:
         back = await bench.joints()
         seen = "shoulder_pan" not in row.silent  # unseen, it comes to rest after the last look
-        assert np.all(np.abs(back - stopped) < (SETTLING if seen else COASTING)), "it held"
+        most = [SETTLING if seen else COASTING, *[SETTLING] * 4]  # the pan alone was moving
+        assert np.all(np.abs(back - stopped) < most), "it held"
         await asyncio.sleep(0.5)
         assert np.all(np.abs(await bench.joints() - back) < NO_JUMP), "no jump"
     await bench.go(start)
