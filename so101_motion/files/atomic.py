@@ -25,7 +25,7 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-_WAIT = 10.0
+LONGEST_WAIT = 10.0
 """For how long to wait for another writer [s]; writing takes milliseconds. Chosen."""
 
 
@@ -125,7 +125,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 def _lock(opened: int, folder: Path) -> None:
     pause = threading.Event()
-    until = time.monotonic() + _WAIT
+    until = time.monotonic() + LONGEST_WAIT
     while True:
         try:
             if sys.platform == "win32":
