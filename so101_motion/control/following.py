@@ -26,7 +26,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import numpy as np
@@ -37,6 +36,7 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
+from so101_motion.control.joint_bounds import JointBounds, Places, gentle, landed, stoppable
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
 from so101_motion.planning.collision.course import Neighbours
@@ -66,7 +66,6 @@ CLOSE = 0.02
 
 _ROUNDING = 1e-9
 _SLOWER = 0.95  # than the caps must a target be, or it would never be caught
-_THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
 
 
 class FollowingSettings(TypedDict, total=False):
@@ -139,7 +138,7 @@ class Following(LedMotion):
     ) -> None:
         super().__init__("following")
         n = len(limits.velocity)
-        self.limits = limits = _stoppable(limits, stop_limits, with_jerk=ends_there)
+        self.limits = limits = stoppable(limits, stop_limits, with_jerk=ends_there)
         self._lower, self._upper = frozen_array(lower, (n,)), frozen_array(upper, (n,))
         self._approach, self._share = Approach(limits, approach, gate), share
         self._stop_limits, self._dt = stop_limits, dt
@@ -298,6 +297,9 @@ class Following(LedMotion):
         self._start = self.now = now
         # Joints that begin a little outside may stay there, and come in.
         self._least, self._most = np.minimum(self._lower, now.q), np.maximum(self._upper, now.q)
+        self._bounds = JointBounds(
+            self._least, self._most, self.limits.acceleration, self._stop_limits
+        )
         self._braked, _ = self._to_rest(now)
 
     def _checked(self, name: str, values: ArrayLike) -> Array:
@@ -343,9 +345,11 @@ class Following(LedMotion):
         off = aim.q - self.now.q
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
         if self._t < self._t_gentle:
-            limits = replace(limits, jerk=np.minimum(limits.jerk, self._stop_limits.jerk))
-        fastest = _SLOWER * limits.velocity
-        q, qd = aim.q, np.clip(aim.qd, -fastest, fastest)
+            limits = gentle(limits, self._stop_limits)
+        q, qd = aim.q, aim.qd
+        if qd.any():
+            fastest = _SLOWER * limits.velocity
+            qd = np.clip(qd, -fastest, fastest)
         if self._guard is not None:
             allowed = self._guard.within_reach(self.now.q, q)
             if allowed is not q:
@@ -356,11 +360,11 @@ class Following(LedMotion):
         together = (self._ends_there or self.is_approaching) and not qd.any()
         try:
             led = online.towards(self.now, q, qd, limits, self._dt, together=together)
-            led, after, path = self._inside(_landed(led, q, qd), limits)
+            led, after, path = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
-        path = np.concatenate((self.now.q[None], path))
-        if self._guard is not None and not self._guard.admits(path):
+        path.insert(0, self.now.q.tolist())
+        if self._guard is not None and not self._guard.admits(np.array(path)):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
             return self._brake()
@@ -378,18 +382,11 @@ class Following(LedMotion):
         self._held = (*self._held, self._neighbours.against)
         return False
 
-    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, Setpoint, Array]:
+    def _inside(self, led: Setpoint, limits: MotionLimits) -> tuple[Setpoint, Setpoint, Places]:
         """``led``, but joints that could not stop in time brake; what follows to rest; the path."""
         after, path = self._to_rest(led)
-        outside = np.any((path < self._least - _ROUNDING) | (path > self._most + _ROUNDING), axis=0)
-        # While its acceleration is taken back, a joint still gets faster.
-        top = np.abs(led.qd + 0.5 * led.qdd * np.abs(led.qdd) / self._stop_limits.jerk)
-        outside |= top > self._stop_limits.velocity
-        # One that has braked harder than it may speed up must not turn round with that.
-        then = led.qd + 0.5 * led.qdd * np.abs(led.qdd) / limits.jerk
-        turns = (then * led.qd <= 0.0) | (led.qdd * led.qd > 0.0)
-        outside |= turns & (np.abs(led.qdd) > self.limits.acceleration + _ROUNDING)
-        if not outside.any():
+        outside = self._bounds.outside(led, limits, path)
+        if not any(outside):
             return led, after, path
         braked = self._braked
         led = Setpoint(
@@ -399,7 +396,7 @@ class Following(LedMotion):
         )
         return led, *self._to_rest(led)
 
-    def _to_rest(self, now: Setpoint) -> tuple[Setpoint, Array]:
+    def _to_rest(self, now: Setpoint) -> tuple[Setpoint, Places]:
         return online.path_to_rest(now, self._stop_limits, self._dt, self._look_every)
 
     def _refuse_short(self, aim: _Aim) -> None:
@@ -423,26 +420,3 @@ class Following(LedMotion):
             for joint, out, at, to in zip(ARM_JOINTS, aimed.outside, q, aimed.q, strict=True)
             if out != 0.0 and abs(at - to) < CLOSE
         ]
-
-
-def _stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
-    """``limits``, but no more than a stop undoes.
-
-    More jerk than that only makes joints creep up on the end of their range, which matters to a
-    motion that is to end there.
-    """
-    lowered = limits.scaled_to(stop.velocity, stop.acceleration)
-    return replace(lowered, jerk=np.minimum(limits.jerk, stop.jerk)) if with_jerk else lowered
-
-
-def _landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
-    """``led``, but a joint that has arrived where it shall rest is exactly there, at rest."""
-    still = (np.abs(led.qd) < _THERE) & (np.abs(led.qdd) < 100.0 * _THERE)
-    there = (np.abs(led.q - q) < _THERE) & still & (qd == 0.0)
-    if not there.any():
-        return led
-    return Setpoint(
-        q=np.where(there, q, led.q),
-        qd=np.where(there, 0.0, led.qd),
-        qdd=np.where(there, 0.0, led.qdd),
-    )

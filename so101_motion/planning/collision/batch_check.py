@@ -79,7 +79,9 @@ class BatchCheck:
         self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
         self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
         self._at_blocked = pointer(self._blocked)
-        arguments, self._pair_of = packed(model, bodies, floor_z or 0.0)
+        arguments, pair_of = packed(model, bodies, floor_z or 0.0)
+        self._pair_of = np.zeros(1 + max(pair_of, default=0), dtype=int)
+        self._pair_of[list(pair_of)] = list(pair_of.values())
         self._near = np.zeros((max(1, len(bodies.pairs)), NEAR_ROW))
         self._at_near = pointer(self._near)
         handle = library.so101_new(*(_argument(each) for each in arguments), self._ask)
@@ -119,12 +121,12 @@ class BatchCheck:
         self.raise_error()
         return np.asarray(verdicts == TOUCHING)
 
-    def near(self, q: Array, q_jaw: float, within: float) -> tuple[list[int], Array] | None:
+    def near(self, q: Array, q_jaw: float, within: float) -> Array | None:
         """The pairs of bodies within a distance [m] of each other; None if coal has to say.
 
         Returns:
-            Which they are, and a row for each: its number, the distance, the point of the first,
-            that of the second, the normal, the gradient; shape (n, 16). Overwritten by the next.
+            A row for each: which pair, the distance, the point of the first, that of the second,
+            the normal, the gradient; shape (n, 16).
         """
         self._one[:5] = q
         self._one[5] = q_jaw
@@ -133,8 +135,9 @@ class BatchCheck:
         )
         if n < 0:
             return None
-        rows = self._near[:n]
-        return [self._pair_of[k] for k in rows[:, 0].astype(int).tolist()], rows
+        rows = self._near[:n].copy()
+        rows[:, 0] = self._pair_of[rows[:, 0].astype(int)]
+        return rows
 
     def first_blocked(
         self, levels: Levels, reach: Array, points: Array, q_jaw: float

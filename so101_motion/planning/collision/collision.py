@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from so101_motion.common.geometry import Array
 from so101_motion.planning.checkpoint import Checkpoint, wanted
 from so101_motion.planning.collision.batch_check import (
+    NEAR_ROW,
     BatchCheck,
     BatchSampledCheck,
     Levels,
@@ -191,9 +192,9 @@ class CollisionModel:
         """How much each pair lacks of a margin, both of shape (len(pairs),), [m]; 0 of most."""
         self.checkpoint()
         lack, widest = np.zeros(len(self.pairs)), float(margins.max(initial=0.0))
-        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
-        if near is not None:
-            pairs, rows = near
+        rows = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, widest)
+        if rows is not None:
+            pairs = rows[:, 0].astype(int)
             lack[pairs] = np.maximum(margins[pairs] - rows[:, 1], 0.0)
             return lack
         self._q[:5] = q
@@ -233,54 +234,56 @@ class CollisionModel:
         Raises:
             ValueError: ``within`` is out of range.
         """
+        rows = self.near_rows(q, q_jaw, within=within)
+        return [self.described(row) for row in rows[np.argsort(rows[:, 1], kind="stable")]]
+
+    def described(self, row: Array) -> Near:
+        """A row of ``near_rows`` in words and vectors."""
+        k = int(row[0])
+        p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
+        vectors = p_first, p_second, normal, gradient
+        return Near(float(row[1]), *self.pairs[k], *vectors, float(self.margins[k]), k)
+
+    def near_rows(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> Array:
+        """The same as numbers, in any order, for whoever asks in every control cycle.
+
+        Returns:
+            A row for each pair of bodies: its place in ``pairs``, distance, ``p_first``,
+            ``p_second``, normal, gradient; shape (n, 16).
+
+        Raises:
+            ValueError: ``within`` is out of range.
+        """
         if not 0.0 < within <= NEAR:
             raise ValueError(f"within must be more than 0 and at most {NEAR} m, got {within}")
-        near = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within)
-        if near is not None:
-            return self._listed(*near)
+        rows = None if self.batch is None else self.batch.near(np.asarray(q), q_jaw, within)
+        if rows is not None:
+            return rows
         self._q[:5] = q
         self._q[5] = q_jaw
-        found: list[tuple[float, int, Any]] = []
+        found: list[tuple[int, float, Any]] = []
         for k in self._near_pairs(within)(self._q):
             result = pin.computeDistance(self._bodies, self._distances, k)
             if result.min_distance <= within:
-                found.append((result.min_distance, k, result))
-        found.sort(key=lambda each: each[:2])
-        return self._described(found) if found else []
+                found.append((k, result.min_distance, result))
+        return self._rows(found) if found else np.zeros((0, NEAR_ROW))
 
-    def _listed(self, pairs: list[int], rows: Array) -> list[Near]:
-        """What the library has found, the nearest first."""
-        rows, found = rows.copy(), list[Near]()
-        for i in np.argsort(rows[:, 1]).tolist():
-            k, row = pairs[i], rows[i]
-            (first, second), margin = self.pairs[k], float(self.margins[k])
-            p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
-            found.append(
-                Near(float(row[1]), first, second, p_first, p_second, normal, gradient, margin, k)
-            )
-        return found
-
-    def _described(self, found: list[tuple[float, int, Any]]) -> list[Near]:
-        """Distances, pairs by index and coal's results, as they leave this door."""
-        pairs = [k for _, k, _ in found]
+    def _rows(self, found: list[tuple[int, float, Any]]) -> Array:
+        """Pairs by index, distances and coal's results, as they leave this door."""
+        pairs = [k for k, _, _ in found]
         sides = [
             (each.getNearestPoint2(), each.getNearestPoint1(), -each.normal)
             if self._swapped[k]
             else (each.getNearestPoint1(), each.getNearestPoint2(), each.normal)
-            for _, k, each in found
+            for k, _, each in found
         ]
         p_first, p_second, normal = (np.array(each) for each in zip(*sides, strict=True))
         J = pin.computeJointJacobians(self._model, self._data, self._q)
         moved_by = self._moved_by[pairs]
         gradient = _rates(J, moved_by[:, 1], p_second, normal)
         gradient -= _rates(J, moved_by[:, 0], p_first, normal)
-        margins = self.margins[pairs].tolist()
-        return [
-            Near(
-                distance, *self.pairs[k], p_first[i], p_second[i], normal[i], gradient[i], margin, k
-            )
-            for i, ((distance, k, _), margin) in enumerate(zip(found, margins, strict=True))
-        ]
+        distances = [distance for _, distance, _ in found]
+        return np.column_stack((pairs, distances, p_first, p_second, normal, gradient))
 
     def travel(self, points: Array) -> Array:
         """A bound on how far any point of the arm has moved along (n, 5), shape (n,), [m]."""

@@ -19,6 +19,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from so101_motion.common.geometry import Array
+from so101_motion.planning.collision.batch_check import NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
 from so101_motion.planning.collision.collision import CollisionModel, Near
 from so101_motion.planning.timing.torque import Heavy, Load
@@ -92,9 +93,9 @@ class Guard:
             self.look_every = math.sqrt(8.0 * self._bend / float(acceleration @ collision.reach))
         self._widest = float(collision.margins.max(initial=collision.margin))
         self._range = min(NEAR, self._widest + RANGE)
+        self._reach: list[float] = collision.reach.tolist()
         self._looked: Array | None = None
-        self._near = list[Near]()
-        self._free = 0.0
+        self._rows, self._rooms, self._free = np.zeros((0, NEAR_ROW)), np.zeros(0), 0.0
         self.against: tuple[Near | Heavy, ...] = ()
 
     @property
@@ -104,13 +105,17 @@ class Guard:
 
     def look(self, q: Array) -> list[Near | Heavy]:
         """What has little left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first."""
-        near = self._collision.nearest(q, self._q_jaw(), within=self._range)
-        near.sort(key=room_of)
-        self._looked, self._near, self._free = q, near, self._range - self._widest
-        if near:
-            self._free = min(self._free, room_of(near[0]))
-        heavy: list[Near | Heavy] = [] if self._load is None else [*self._load.heavy(q)]
-        return heavy + near
+        heavy = self._see(q)
+        order = np.lexsort((self._rows[:, 1], self._rooms))
+        return [*heavy, *map(self._collision.described, self._rows[order])]
+
+    def _see(self, q: Array) -> list[Heavy]:
+        """Look around at ``q``; what is heavy there."""
+        rows = self._collision.near_rows(q, self._q_jaw(), within=self._range)
+        self._rooms = rows[:, 1] - self._collision.margins[rows[:, 0].astype(int)]
+        self._looked, self._rows = q, rows
+        self._free = min([self._range - self._widest, *self._rooms.tolist()])
+        return [] if self._load is None else self._load.heavy(q)
 
     def within_reach(self, q: Array, q_target: Array) -> Array:
         """The place nearest to a target that there seems to be room for, shape (5,), [rad].
@@ -121,11 +126,15 @@ class Guard:
             q: Where the arm is, shape (5,), [rad].
             q_target: Where it shall be, shape (5,), [rad].
         """
-        found = self.look(q)[:MOST]
-        self.against = ()
-        if not found:
-            return q_target
-        step = q_target - q
+        self.against, step = (), q_target - q
+        heavy = self._see(q)
+        if not heavy:
+            rates = self._rows[:, -len(q) :] @ step
+            if (rates >= np.minimum(0.0, GAP - self._rooms)).all():
+                return q_target
+        near = np.lexsort((self._rows[:, 1], self._rooms))[: MOST - len(heavy)]
+        found: list[Near | Heavy] = [*heavy]
+        found += map(self._collision.described, self._rows[near])
         G = np.array([each.gradient for each in found])
         least = np.array([min(0.0, GAP - room_of(each)) for each in found])
         if (G @ step >= least).all():
@@ -140,7 +149,12 @@ class Guard:
             return False
         extra = 0.0
         if self._looked is not None:
-            travel = float(np.abs(path - self._looked).max(axis=0) @ self._collision.reach)
+            travel = sum(
+                max(max(angles) - at, at - min(angles)) * reach
+                for angles, at, reach in zip(
+                    path.T.tolist(), self._looked.tolist(), self._reach, strict=True
+                )
+            )
             extra = INEXACT if travel > FAST and self._bend else 0.0
             if travel <= self._free - extra:
                 return True
@@ -160,9 +174,8 @@ class Guard:
         seen = self._widest + INEXACT + self._bend <= self._range
         if self._looked is None or not seen or not np.array_equal(q, self._looked):
             return self._collision.lacking(q, q_jaw, margins)
-        lack = np.zeros(len(margins))
-        for each in self._near:
-            lack[each.pair] = max(margins[each.pair] - each.distance, 0.0)
+        lack, pairs = np.zeros(len(margins)), self._rows[:, 0].astype(int)
+        lack[pairs] = np.maximum(margins[pairs] - self._rows[:, 1], 0.0)
         return lack
 
     def words(self, each: Near | Heavy) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ class MotionLimits:
             values = frozen_array(getattr(self, name), (-1,))
             if len(values) != len(np.asarray(self.velocity)):
                 raise ValueError(f"{name} has {len(values)} entries, velocity another number")
-            if not (np.all(np.isfinite(values)) and np.all(values > 0.0)):
+            if not all(0.0 < value < math.inf for value in values.tolist()):
                 raise ValueError(f"{name} must be positive and finite, got {values}")
             object.__setattr__(self, name, values)
         if self.tool_speed is not None and not 0.0 < self.tool_speed < float("inf"):

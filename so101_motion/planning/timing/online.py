@@ -57,7 +57,7 @@ def point_to_point(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q_start, q_goal = _vectors(limits, dt, q_start=q_start, q_goal=q_goal)
+    q_start, q_goal = map(np.array, _numbers(limits, dt, q_start=q_start, q_goal=q_goal))
     path = q_goal - q_start
     length = float(np.abs(path).max())
     if length < SAME_POSITION:
@@ -101,11 +101,11 @@ def from_state(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q, qd, qdd, q_goal = _vectors(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
-    request = _request(q, qd, qdd, limits)
-    request.target_position = q_goal.tolist()
+    *state, goal = _numbers(limits, dt, q=q, qd=qd, qdd=qdd, q_goal=q_goal)
+    request = _request(state, limits)
+    request.target_position = goal
     positions, velocities, accelerations, duration = _calculated(request, dt)
-    _land(positions, q_goal)
+    _land(positions, np.array(goal))
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
 
@@ -136,22 +136,28 @@ def towards(
         PlanningError: ruckig finds no motion, for example because the target is too fast.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
-    q_target, qd_target = _vectors(limits, dt, q_target=q_target, qd_target=qd_target)
-    q_before = q_target - dt * qd_target
-    request = _request(q - q_before, qd - qd_target, qdd, limits)
+    q, qd, qdd, to, rate = _numbers(
+        limits, dt, q=now.q, qd=now.qd, qdd=now.qdd, q_target=q_target, qd_target=qd_target
+    )
+    off = [at - (goal - dt * v) for at, goal, v in zip(q, to, rate, strict=True)]
+    request = _request([off, [v - w for v, w in zip(qd, rate, strict=True)], qdd], limits)
     request.target_position = [0.0] * len(q)
-    request.max_velocity = (limits.velocity - qd_target).tolist()
-    request.min_velocity = (-limits.velocity - qd_target).tolist()
+    fastest = limits.velocity.tolist()
+    request.max_velocity = [cap - v for cap, v in zip(fastest, rate, strict=True)]
+    request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
     if not together:
         request.synchronization = ruckig.Synchronization.No
-    seen = _setpoint(_found(request), dt)
-    return Setpoint(q=q_target + seen.q, qd=qd_target + seen.qd, qdd=seen.qdd)
+    seen = _found(request).at_time(dt)
+    return Setpoint(
+        q=np.array([a + b for a, b in zip(to, seen[0], strict=True)]),
+        qd=np.array([a + b for a, b in zip(rate, seen[1], strict=True)]),
+        qdd=np.array(seen[2]),
+    )
 
 
 def path_to_rest(
     now: Setpoint, limits: MotionLimits, dt: float, every: float
-) -> tuple[Setpoint, Array]:
+) -> tuple[Setpoint, list[list[float]]]:
     """The shortest stop (see :func:`stop`), seen roughly: cheap enough for every tick.
 
     Args:
@@ -161,20 +167,21 @@ def path_to_rest(
         every: How often to look, at least [s].
 
     Returns:
-        The state one period on, and the positions from now to rest, shape (m, n), m >= 2, [rad].
+        The state one period on, and the positions from now to rest, m >= 2 rows of n [rad].
 
     Raises:
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q, qd, qdd = _vectors(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd)
-    found = _found(_stopping(q, qd, qdd, limits))
-    count = max(1, math.ceil(float(found.duration) / every))
-    step = float(found.duration) / count
-    path = np.array([found.at_time(k * step)[0] for k in range(count + 1)])
-    if found.duration <= dt:
-        return Setpoint(q=path[-1], qd=np.zeros_like(q), qdd=np.zeros_like(q)), path
-    return _setpoint(found, dt), path
+    found = _found(_stopping(_numbers(limits, dt, q=now.q, qd=now.qd, qdd=now.qdd), limits))
+    duration = found.duration
+    count = max(1, math.ceil(duration / every))
+    step = duration / count
+    path = [found.at_time(k * step)[0] for k in range(count + 1)]
+    if duration <= dt:
+        return Setpoint.at_rest(np.array(path[-1])), path
+    q, qd, qdd = found.at_time(dt)
+    return Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd)), path
 
 
 def stop(
@@ -193,8 +200,7 @@ def stop(
         PlanningError: ruckig finds no motion.
         ValueError: Shapes that do not fit, or values that are not finite.
     """
-    q, qd, qdd = _vectors(limits, dt, q=q, qd=qd, qdd=qdd)
-    request = _stopping(q, qd, qdd, limits)
+    request = _stopping(_numbers(limits, dt, q=q, qd=qd, qdd=qdd), limits)
     positions, velocities, accelerations, duration = _calculated(request, dt)
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
@@ -222,7 +228,7 @@ def stop_on_path(trajectory: Trajectory, t: float, limits: MotionLimits, dt: flo
         PlanningError: ruckig finds no stop where one is needed.
         ValueError: Limits for another number of joints, or times that are not finite.
     """
-    _vectors(limits, dt, q=trajectory.q[0])
+    _numbers(limits, dt, q=trajectory.q[0])
     if not math.isfinite(t):
         raise ValueError(f"t must be finite, got {t}")
     stopped = shortest_slowdown(trajectory, max(0.0, t), limits, dt)
@@ -247,33 +253,35 @@ def resume_on_path(trajectory: Trajectory, t: float) -> Trajectory | None:
     return shortest_speedup(trajectory, t)
 
 
-def _vectors(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[Array]:
-    """The given values as float vectors, one entry for each joint of the limits."""
+def _numbers(limits: MotionLimits, dt: float, **given: ArrayLike) -> list[list[float]]:
+    """The given values as plain numbers, one for each joint of the limits.
+
+    Five at a time, in every control cycle: numpy takes several times as long for so few.
+    """
     if not 0.0 < dt < math.inf:
         raise ValueError(f"dt must be positive and finite, got {dt}")
-    vectors = []
+    found = list[list[float]]()
     for name, value in given.items():
         vector = np.asarray(value, dtype=np.float64)
-        # Five numbers at a time, in every control cycle: numpy takes ten times as long for that.
-        if vector.shape != limits.velocity.shape or not all(map(math.isfinite, vector.tolist())):
+        numbers = vector.tolist()
+        if vector.shape != limits.velocity.shape or not all(map(math.isfinite, numbers)):
             raise ValueError(f"{name} must be {len(limits.velocity)} finite numbers, got {value!r}")
-        vectors.append(vector)
-    return vectors
+        found.append(numbers)
+    return found
 
 
-def _request(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.InputParameter:
-    request = ruckig.InputParameter(len(q))
-    request.current_position = q.tolist()
-    request.current_velocity = qd.tolist()
-    request.current_acceleration = qdd.tolist()
+def _request(state: list[list[float]], limits: MotionLimits) -> ruckig.InputParameter:
+    """A request from a position, a velocity and an acceleration."""
+    request = ruckig.InputParameter(len(state[0]))
+    request.current_position, request.current_velocity, request.current_acceleration = state
     request.max_velocity = limits.velocity.tolist()
     request.max_acceleration = limits.acceleration.tolist()
     request.max_jerk = limits.jerk.tolist()
     return request
 
 
-def _stopping(q: Array, qd: Array, qdd: Array, limits: MotionLimits) -> ruckig.InputParameter:
-    request = _request(q, qd, qdd, limits)
+def _stopping(state: list[list[float]], limits: MotionLimits) -> ruckig.InputParameter:
+    request = _request(state, limits)
     request.control_interface = ruckig.ControlInterface.Velocity
     request.synchronization = ruckig.Synchronization.No
     return request
@@ -302,11 +310,6 @@ def _searched(request: ruckig.InputParameter) -> ruckig.Trajectory:
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise PlanningError(f"no motion from this state under these limits: ruckig says {result}")
     return found
-
-
-def _setpoint(found: ruckig.Trajectory, t: float) -> Setpoint:
-    q, qd, qdd = found.at_time(t)
-    return Setpoint(q=np.array(q), qd=np.array(qd), qdd=np.array(qdd))
 
 
 def _calculated(request: ruckig.InputParameter, dt: float) -> tuple[Array, Array, Array, float]:

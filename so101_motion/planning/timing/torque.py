@@ -18,8 +18,9 @@ below its no-load speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import mul
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -201,9 +202,11 @@ class Load:
         self._is_weak = strength.moving < MOVING * STALL[STRONGEST]
         self._newest: tuple[Trajectory, Array] | None = None
         self._may_hold, self._may_move = strength.limits()
+        self._bearable: list[float] = self._may_hold.tolist()
         there = np.abs(model.holding_torques(q_start[None]))[0]
-        self._known = q_start, there
-        self._rates = model.holding_torque_rates()
+        self._known = q_start.tolist(), there.tolist()
+        # For the torque of each joint, how much each angle changes it.
+        self._rates: list[list[float]] = model.holding_torque_rates().T.tolist()
         self._holding = np.maximum(self._may_hold, there)
         too_much = np.where(there > self._may_hold, there, 0.0)
         self._moving = np.maximum(self._may_move, MOVING / HOLDING * too_much)
@@ -241,10 +244,10 @@ class Load:
 
     def heavy(self, q: Array) -> list[Heavy]:
         """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
-        if self._is_surely_within(NEARLY, q):
+        if self._is_surely_within(NEARLY, [(angle,) for angle in q.tolist()]):
             return []
         torques = self._model.holding_torques(q[None])[0]
-        self._known = q, np.abs(torques)
+        self._known = q.tolist(), np.abs(torques).tolist()
         left = 1.0 - np.abs(torques) / self._may_hold
         heavy = np.flatnonzero(left < 1.0 - NEARLY)
         if len(heavy) == 0:
@@ -258,19 +261,24 @@ class Load:
 
         No joint that bears too much where the path begins may come to bear more on it.
         """
-        if self._is_surely_within(1.0, path):
+        if self._is_surely_within(1.0, path.T.tolist()):
             return True
         borne = np.abs(self._model.holding_torques(path))
-        self._known = path[0], borne[0]
+        self._known = path[0].tolist(), borne[0].tolist()
         allowed = np.maximum((1.0 + _TOLERANCE) * self._may_hold, borne[0])
         return bool((borne <= allowed).all())
 
-    def _is_surely_within(self, share: float, q: Array) -> bool:
-        """Whether less is borne at ``q``, (5,) or (m, 5) [rad], going by what is known nearby."""
+    def _is_surely_within(self, share: float, angles: Iterable[Sequence[float]]) -> bool:
+        """Whether less is borne where each joint has these angles, going by what is known nearby.
+
+        Asked in every control cycle of an arm that is led, so with plain numbers.
+        """
         there, borne = self._known  # [rad], [N m] without signs
-        away = np.abs(q - there)
-        change = (away if away.ndim == 1 else away.max(axis=0)) @ self._rates
-        return bool((change < share * self._may_hold - borne).all())
+        away = [max(max(q) - at, at - min(q)) for q, at in zip(angles, there, strict=True)]
+        return all(
+            sum(map(mul, away, rates)) < share * most - now
+            for rates, most, now in zip(self._rates, self._bearable, borne, strict=True)
+        )
 
     def check(self, trajectory: Trajectory) -> float:
         """Refuse a motion that asks too much of a servo.

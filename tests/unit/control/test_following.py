@@ -11,6 +11,7 @@ from so101_motion.common.modes import Mode
 from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
 from so101_motion.control.following import STALE_AFTER, Following
 from so101_motion.control.joint_group import Channel
+from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
 
 CAPS = MotionLimits.uniform(velocity=2.0, acceleration=6.0, jerk=150.0)
@@ -147,6 +148,30 @@ def test_what_is_in_the_way_holds_the_joints_until_the_target_comes_back(sim):
     assert sim.state.q_ref == pytest.approx(np.full(5, 0.1), abs=1e-6)
     assert np.all(sim.arm.goals[:, 0] <= 0.5)
     assert_bounded(sim)
+
+
+class Narrow(Fence):
+    """A guard that has room for short paths only: how far they may lead a joint [rad]."""
+
+    def admits(self, way):
+        return bool(np.ptp(way, axis=0).max() <= self.at)
+
+
+def test_an_arm_with_little_room_to_brake_sets_out_gently_and_is_not_held_for_good():
+    caps = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=500.0)
+    stop = MotionLimits.uniform(velocity=3.0, acceleration=6.0, jerk=60.0)
+    narrow = Narrow(0.01)
+    following = Following(
+        q_start=np.zeros(5), lower=LOWER, upper=UPPER, limits=caps, stop_limits=stop, dt=0.01,
+        guard=narrow, stale_after=None,
+    )  # fmt: skip
+    following.aim([0.5, 0.0, 0.0, 0.0, 0.0])
+    at_once = online.towards(following.now, [0.5, 0, 0, 0, 0], np.zeros(5), caps, 0.01)
+    _, stopping = online.path_to_rest(at_once, stop, 0.01, 0.01)
+    assert np.ptp(stopping, axis=0).max() > narrow.at, "at full jerk there is no room"
+    for k in range(100):
+        following.sample(k)
+    assert following.now.q[0] > 5.0 * narrow.at
 
 
 def test_joints_that_begin_outside_may_come_in_but_not_go_further_out(make_sim, taped_arm, clock):

@@ -1,0 +1,103 @@
+"""What joints that are led may do: stop in time, turn round no harder than they may, arrive.
+
+Asked several times in every control cycle, so with plain numbers: for five joints numpy takes five
+times as long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from so101_motion.common.geometry import Array
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Setpoint
+
+Places = list[list[float]]
+"""Places of the joints, one after the other [rad]."""
+
+_ROUNDING = 1e-9
+_THERE = 1e-7  # [rad], [rad/s]: closer and slower is there, at rest
+
+
+def stoppable(limits: MotionLimits, stop: MotionLimits, *, with_jerk: bool) -> MotionLimits:
+    """``limits``, but no more than a stop undoes.
+
+    More jerk than that only makes joints creep up on the end of their range, which matters to a
+    motion that is to end there.
+    """
+    lowered = limits.scaled_to(stop.velocity, stop.acceleration)
+    return gentle(lowered, stop) if with_jerk else lowered
+
+
+@lru_cache(maxsize=8)
+def gentle(limits: MotionLimits, stop: MotionLimits) -> MotionLimits:
+    """``limits`` with no more jerk than a stop undoes."""
+    return replace(limits, jerk=np.minimum(limits.jerk, stop.jerk))
+
+
+def landed(led: Setpoint, q: Array, qd: Array) -> Setpoint:
+    """``led``, but a joint that has arrived where it shall rest is exactly there, at rest.
+
+    Args:
+        led: A setpoint.
+        q: Where the joints are led to, shape (n,), [rad].
+        qd: How fast that moves, shape (n,), [rad/s].
+    """
+    there = [
+        w == 0.0 and abs(v) < _THERE and abs(a) < 100.0 * _THERE and abs(x - goal) < _THERE
+        for x, v, a, goal, w in zip(
+            led.q.tolist(), led.qd.tolist(), led.qdd.tolist(), q.tolist(), qd.tolist(), strict=True
+        )
+    ]
+    if not any(there):
+        return led
+    return Setpoint(
+        q=np.where(there, q, led.q),
+        qd=np.where(there, 0.0, led.qd),
+        qdd=np.where(there, 0.0, led.qdd),
+    )
+
+
+class JointBounds:
+    """Says which joints could not stop within their range and below the speed of a stop.
+
+    Args:
+        least: Lowest angles, shape (n,), [rad].
+        most: Highest angles, shape (n,), [rad].
+        acceleration: How hard the joints are led at most, shape (n,), [rad/s^2].
+        stop: How hard they brake.
+    """
+
+    def __init__(self, least: Array, most: Array, acceleration: Array, stop: MotionLimits) -> None:
+        hardest = acceleration + _ROUNDING
+        rows = least - _ROUNDING, most + _ROUNDING, hardest, stop.jerk, stop.velocity
+        self._rows = np.column_stack(rows).tolist()
+
+    def outside(self, led: Setpoint, limits: MotionLimits, path: Places) -> list[bool]:
+        """Which joints could not stop in time, or would turn round too hard.
+
+        Args:
+            led: Where they are to be next.
+            limits: How they are led now.
+            path: Their way to rest from there.
+        """
+        found = list[bool]()
+        for places, qd, qdd, jerk, row in zip(
+            zip(*path, strict=True), led.qd.tolist(), led.qdd.tolist(), limits.jerk.tolist(),
+            self._rows, strict=True,
+        ):  # fmt: skip
+            least, most, hardest, stop_jerk, fastest = row
+            more = 0.5 * qdd * abs(qdd)
+            # One that has braked harder than it may speed up must not turn round with that.
+            turns = abs(qdd) > hardest and ((qd + more / jerk) * qd <= 0.0 or qdd * qd > 0.0)
+            found.append(
+                turns
+                or min(places) < least
+                or max(places) > most
+                # While its acceleration is taken back, a joint still gets faster.
+                or abs(qd + more / stop_jerk) > fastest
+            )
+        return found
