@@ -15,6 +15,9 @@ stretches of 2 s (and of 1 s): the shift that leaves the least variance, for eac
 by 10 deg or more in that stretch; of those the median and the 99th percentile. Friction and play
 are in it: a joint that turns round slowly sticks for some hundredths of a second first.
 
+``--before COMMIT`` compares with the teleoperation of an older commit, all of its code but the
+emulator, which is today's: the same servos, leader and clock. It runs nothing else.
+
 ``--minutes`` says how long the long run is, 30 by default. It takes a fifth of that, and runs
 beside the other parts on that clock; all together need two processors for eight minutes.
 """
@@ -24,7 +27,9 @@ from __future__ import annotations
 import argparse
 import gc
 import importlib
+import json
 import resource
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -125,6 +130,36 @@ def following() -> Iterator[dict[str, Any]]:
                 float(np.radians(np.abs(np.diff(each, axis=0))).max()) / PERIOD for each in qdd
             ),
         }
+
+
+def compared(commit: str) -> Iterator[dict[str, Any]]:
+    """Today's latency and tracking, and an older commit's with the same servos and leader."""
+    here = Path(__file__).parents[1]
+    yield _followed("today", here)
+    with tempfile.TemporaryDirectory() as name:
+        old = Path(name)
+        tree = subprocess.run(["git", "archive", commit], cwd=here, check=True, capture_output=True)
+        subprocess.run(["tar", "x"], cwd=old, input=tree.stdout, check=True)
+        for part in ("emulator", "servo_types.py"):
+            target = old / "so101_motion" / "drivers" / part
+            if target.is_dir():
+                shutil.rmtree(target)
+            copy = shutil.copytree if part == "emulator" else shutil.copy
+            copy(here / "so101_motion" / "drivers" / part, target)
+        yield _followed(f"the teleoperation of {commit}", old)
+
+
+def _followed(name: str, checkout: Path) -> dict[str, Any]:
+    program = (
+        "import json, numpy as np; from benchmarks import bench_teleop as bench;"
+        "sides = [bench.mirrored(seed, bench.SECONDS) for seed in bench.SEEDS];"
+        "both = (np.vstack([side[i] for side in sides]) for i in (0, 1));"
+        "print(json.dumps(bench.figures(*both, bench.PERIOD)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=checkout, check=True, stdout=subprocess.PIPE, text=True
+    )
+    return {"what": name, **json.loads(done.stdout)}
 
 
 def losing() -> Iterator[dict[str, Any]]:
@@ -339,7 +374,12 @@ def main() -> None:
     _common.single_thread()
     arguments = argparse.ArgumentParser()
     arguments.add_argument("--minutes", type=float, default=30.0)
-    minutes = arguments.parse_args().minutes
+    arguments.add_argument("--before", metavar="COMMIT", help="compare with it, nothing else")
+    given = arguments.parse_args()
+    if given.before is not None:
+        _common.write("bench_teleop_before", list(compared(given.before)))
+        return
+    minutes = given.minutes
     print(f"aiming {HORIZON * 1e3:g} ms ahead")
     rows = [live(SECONDS), *costing()]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
