@@ -13,68 +13,37 @@ from .page.events import ArmEvents
 from .page.page_context import ArmContext
 from .page.part import Part
 from .panels.camera_panel import CameraPart
-from .panels.health_panel import HealthPart
+from .panels.health_panel import EventsPart, HealthPart
 from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
-from .panels.ways_home import WaysHome, waiting
+from .panels.ways_home import WaysHome
 from .program.program_panel import ProgramPart
+from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
-from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
 from .setup.part import setup_parts
-from .source import Source, SourceOpener
+from .source import Source
 from .teach.teach_panel import TeachPart
 from .world.atlas_panel import AtlasPart
 from .world.world_panel import WorldPart
 
 
-class Preview(ServedPage):
-    """A served preview page."""
+class Preview(SearchingPage[RigLike]):
+    """A served page of one arm."""
 
     def __init__(self, source: Source, server: GuardedServer, *, plan: Plan | None = None) -> None:
-        super().__init__(server)
         self._source, self._plan = source, plan
-        self._rig: RigLike | None = None
-        self._search: SourceOpener | None = None
-        self.host.say = self._missed
-        if source.lasts:
-            self._add_parts(source.open())
-        else:
-            waiting(self.host.bar, source.title)
-        self.host.start()
-        if not source.lasts:
-            self._search = SourceOpener(source, found=self._found, failed=self._missed)
+        super().__init__(source, source.open, server)
 
     def stop(self) -> None:
         """Stop the arm and drop all waiting commands; returns when the arm is at rest."""
         self.host.drop_commands()
-        if self._rig is not None:
-            self._rig.arm.stop()
-
-    def close(self) -> None:
-        """Stop serving. A rig that was passed in stays open; one that was opened is closed."""
-        if self._search is not None:
-            self._search.close()
-        self.host.close()
-        rig, self._rig = self._rig, None
-        if rig is not None and not self._source.lasts:
-            rig.close()
-
-    # Looking for the arm
-
-    def _missed(self, error: Exception) -> None:
-        self.host.post(lambda: waiting(self.host.bar, self._source.title, error))
-
-    def _found(self, rig: RigLike) -> None:
-        self._rig = rig
-        self.host.post(lambda: self._add_parts(rig))
-
-    # The parts
+        if self._opened is not None:
+            self._opened.arm.stop()
 
     def _add_parts(self, rig: RigLike) -> None:
-        self._rig = rig
         host, title = self.host, self._source.title
         context = host.arm_context(rig)
         move = MovePart(context, title=title, stops=(self.stop, rig.gripper.stop), plan=self._plan)
@@ -100,21 +69,28 @@ class Preview(ServedPage):
             host.add_parts(atlas)
         if self._source.camera is not None:
             host.add_parts(CameraPart(context, self._source.camera))
-        host.events.add(f"{title}: connected")
 
     def _about_the_arm(
         self, context: ArmContext, move: MovePart, program: ProgramPart
     ) -> tuple[Part, ...]:
-        health = HealthPart(context, mark=move.mark)
-        health.panel.dock_below(move.arm_panel)
-        rig = context.rig
+        rig, panel = context.rig, context.gui.add_panel()
+        health, events = HealthPart(context, panel, mark=move.mark), EventsPart(context, panel)
+        panel.dock_below(move.arm_panel)
         servos: tuple[Part, ...] = ()
         if isinstance(rig, HardwareRig):
-            servos = (IdentifyPart(context, rig, health.panel),)
+            servos = (IdentifyPart(context, rig, panel),)
+        ways = WaysHome(
+            context,
+            title=self._source.title,
+            rigs={"": rig},
+            guide=program.model.guide,
+            fade=lambda _name, faded: move.fade(faded),
+        )
         return (
             health,
+            events,
             *servos,
-            WaysHome(context, title=self._source.title, guide=program.model.guide, fade=move.fade),
+            ways,
             ArmEvents(context.rig, context.events.add),
         )
 

@@ -1,4 +1,4 @@
-"""Open the page's arm in the background, again and again until it is there.
+"""Open the page's arm, or its arms, in the background, again and again until it is there.
 
 Once opened, an arm that disconnects is not opened again here: its rig reconnects by itself.
 """
@@ -10,9 +10,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from so101_motion.common.errors import So101Error
+from so101_motion.files.cell_file import CellFile
+from so101_motion.rig.cell_rigs import CellRigs
 from so101_motion.rig.protocols import RigLike
 from so101_motion.rig.rig import Rig
 
@@ -54,17 +56,50 @@ class Source:
         return cls(title=title, open=lambda: rig, lasts=True)
 
 
-class SourceOpener:
-    """Opens a source on a thread of its own, again and again until it succeeds."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellSource:
+    """Describes how to open several arms that share a space.
+
+    Attributes:
+        title: Which arms they are, in words that can stand alone.
+        file: Where they stand and what is around them.
+        open: Opens them; raises ``So101Error`` while that is not possible.
+        lasts: Whether they go on when the page is closed; else the page closes them.
+    """
+
+    title: str
+    file: CellFile
+    open: Callable[[], CellRigs]
+    lasts: bool = False
+
+
+class Closable(Protocol):
+    """What a source opens."""
+
+    def close(self) -> None:
+        """Let go of everything. May be called twice."""
+
+
+T = TypeVar("T", bound=Closable)
+
+
+class SourceOpener(Generic[T]):
+    """Opens a source on a thread of its own, again and again until it succeeds.
+
+    Args:
+        open: Opens it; raises ``So101Error`` while that is not possible.
+        found: Told what was opened.
+        failed: Told why it could not be opened.
+    """
 
     def __init__(
         self,
-        source: Source,
+        open: Callable[[], T],
         *,
-        found: Callable[[RigLike], None],
+        found: Callable[[T], None],
         failed: Callable[[Exception], None],
     ) -> None:
-        self._source, self._found, self._failed = source, found, failed
+        self._open, self._found, self._failed = open, found, failed
         self.closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="so101-viewer-search", daemon=True)
         self._thread.start()
@@ -77,7 +112,7 @@ class SourceOpener:
     def _run(self) -> None:
         while not self.closing.is_set():
             try:
-                rig = self._source.open()
+                opened = self._open()
             except Exception as error:
                 if not isinstance(error, So101Error):
                     log.exception("the arm could not be opened")
@@ -85,7 +120,7 @@ class SourceOpener:
                 self.closing.wait(LOOK_AGAIN)
                 continue
             if self.closing.is_set():
-                rig.close()
+                opened.close()
             else:
-                self._found(rig)
+                self._found(opened)
             return

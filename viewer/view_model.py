@@ -48,6 +48,9 @@ class ViewModel(TargetEditor):
     Args:
         load_solver: Makes the inverse kinematics for the ghost, for some surroundings.
         now: What time it is, for what runs by itself [s].
+
+    Attributes:
+        drops: How often something has changed that plans depend on.
     """
 
     def __init__(
@@ -75,6 +78,7 @@ class ViewModel(TargetEditor):
         self._playback = Playback()
         self._tracker = MotionTracker()
         self._count = 0  # plans that were shown
+        self.drops = 0
         self._path = self._hint()
 
     # Commands
@@ -100,7 +104,33 @@ class ViewModel(TargetEditor):
         """Show a plan that was made elsewhere."""
         self._target = self._at_joints(plan.q_goal, self._target.frame)
         self._targets.add(self._target)
-        self._take_plan(plan)
+        self.take_plan(plan)
+
+    def take_plan(self, plan: Plan) -> None:
+        """Show a plan to the target that is set."""
+        newest, self._count = self._arm.newest, self._count + 1
+        made_for = newest[0] if newest is not None and newest[1] is plan else None
+        view = plan_view(
+            plan,
+            self._solver,
+            self._target.frame,
+            scene=self._arm.scene if made_for is None else made_for.scene,
+            q_jaw=self._state.q_jaw_ref if made_for is None else made_for.q_jaw,
+            name=f"Plan {self._count}",
+        )
+        self._plan, self._plan_is_current = view, True
+        self._path = view.path
+        self._playback.load(plan.duration)
+        self._sentence = texts.PLANNED
+
+    def drop_plan(self, sentence: Sentence) -> None:
+        """Forget the plan, also one that is being made, and say why."""
+        self.drops += 1
+        self._planning = None
+        self._plan_is_current = False
+        self._path = self._hint()
+        if self._motion is None:
+            self._sentence = sentence
 
     def preview(self, t: float) -> None:
         """Show the ghost ``t`` seconds into the plan."""
@@ -119,7 +149,12 @@ class ViewModel(TargetEditor):
     def execute(self) -> None:
         """Move the arm along the plan that is shown."""
         if self._plan is not None and self._can_execute():
-            self._motion = self._arm.start_execute(self._plan.plan)
+            self.follow(self._arm.start_execute(self._plan.plan))
+
+    def follow(self, motion: Motion) -> None:
+        """Show how the arm moves along the plan that is shown."""
+        if self._plan is not None:
+            self._motion = motion
             self._tracker.began = None
             self._playback.seek(self._plan.plan.duration)
             self._sentence = texts.MOVING
@@ -128,7 +163,7 @@ class ViewModel(TargetEditor):
         """Move the gripper at once: 0 closed, 1 open."""
         self._gripper.start_move(aperture)
         if self._plan_is_current and self._motion is None:
-            self._drop_plan(texts.JAW_MOVED)
+            self.drop_plan(texts.JAW_MOVED)
 
     def set_force(self, force: float) -> None:
         """Set how hard a grip presses, as a share of what the servo can keep up."""
@@ -153,6 +188,16 @@ class ViewModel(TargetEditor):
     def plan_view(self) -> PlanView | None:
         """The newest plan and what is drawn of it."""
         return self._plan
+
+    def distance_to_goal(self) -> float:
+        """How far the arm is from the end of the newest plan [m]; 0 before the first."""
+        if self._plan is None:
+            return 0.0
+        goal, here = (
+            self._solver.point(q, self._target.frame)
+            for q in (self._plan.plan.q_goal, self._state.q)
+        )
+        return float(np.linalg.norm(here - goal))
 
     @property
     def plan_is_current(self) -> bool:
@@ -231,17 +276,10 @@ class ViewModel(TargetEditor):
     def _aim(self, target: Target) -> None:
         self._target = target
         there = _apart(target.q, self._state.q_ref) <= START_TOLERANCE
-        self._drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
+        self.drop_plan(texts.ALREADY_THERE if there else texts.PRESS_PLAN)
 
     def _caps_changed(self) -> None:
-        self._drop_plan(texts.CAPS_CHANGED if self._plan_is_current else texts.PRESS_PLAN)
-
-    def _drop_plan(self, sentence: Sentence) -> None:
-        self._planning = None
-        self._plan_is_current = False
-        self._path = self._hint()
-        if self._motion is None:
-            self._sentence = sentence
+        self.drop_plan(texts.CAPS_CHANGED if self._plan_is_current else texts.PRESS_PLAN)
 
     def _hint(self) -> PathLine | None:
         start, goal = self._state.q_ref, self._target.q
@@ -258,7 +296,7 @@ class ViewModel(TargetEditor):
             self._around = around
             self._loading = self._submit(lambda: self._load_solver(around))
             if self._plan_is_current or self._planning is not None:
-                self._drop_plan(texts.SURROUNDINGS_CHANGED)
+                self.drop_plan(texts.SURROUNDINGS_CHANGED)
             return True
         if self._loading is None or not self._loading.done():
             return False
@@ -279,24 +317,8 @@ class ViewModel(TargetEditor):
         if error is not None:
             self._sentence = texts.ended(error)
             return True
-        self._take_plan(future.result())
+        self.take_plan(future.result())
         return True
-
-    def _take_plan(self, plan: Plan) -> None:
-        newest, self._count = self._arm.newest, self._count + 1
-        made_for = newest[0] if newest is not None and newest[1] is plan else None
-        view = plan_view(
-            plan,
-            self._solver,
-            self._target.frame,
-            scene=self._arm.scene if made_for is None else made_for.scene,
-            q_jaw=self._state.q_jaw_ref if made_for is None else made_for.q_jaw,
-            name=f"Plan {self._count}",
-        )
-        self._plan, self._plan_is_current = view, True
-        self._path = view.path
-        self._playback.load(plan.duration)
-        self._sentence = texts.PLANNED
 
     def _collect_motion(self) -> bool:
         if self._motion is None or not self._motion.future.done():
@@ -306,11 +328,8 @@ class ViewModel(TargetEditor):
         error = motion.future.exception()
         if error is not None:
             self._sentence = texts.ended(error)
-        elif self._plan is not None:
-            frame = self._target.frame
-            p_goal = self._solver.point(self._plan.plan.q_goal, frame)
-            off = self._solver.point(self._state.q, frame) - p_goal
-            self._sentence = texts.arrived(float(np.linalg.norm(off)))
+        else:
+            self._sentence = texts.arrived(self.distance_to_goal())
         return True
 
     def _notice_departure(self) -> bool:
@@ -319,7 +338,7 @@ class ViewModel(TargetEditor):
             return False
         if _apart(self._plan.plan.q_start, self._state.q_ref) <= START_TOLERANCE:
             return False
-        self._drop_plan(texts.ARM_MOVED)
+        self.drop_plan(texts.ARM_MOVED)
         return True
 
     def _q_ghost(self) -> Array:

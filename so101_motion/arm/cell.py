@@ -17,7 +17,7 @@ does for a moment. Nothing here knows how many arms there are.
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import replace
@@ -160,9 +160,46 @@ class Cell:
             The motion of each arm of the cell, by its name.
         """
         self._refuse_unknown(goals)
-        planning = TeamPlanning(
-            self._places, partial(self._start_plan, goals, scenes or {}), self._expect
-        )
+        return self._start(partial(self._start_plan, goals, scenes or {}))
+
+    def start_execute(self, plans: Mapping[str, Plan]) -> dict[str, Motion]:
+        """Move all arms along plans of ``plan_together``; supersedes what is under way.
+
+        Who stops one of them ends it for all.
+
+        Args:
+            plans: The plan of each arm of the cell, by its name.
+
+        Returns:
+            The motion of each arm. It raises ``MotionError`` if an arm is not where its plan
+            begins, and ``InCollision`` if they would meet now because of what they hold or how wide
+            their jaws are.
+
+        Raises:
+            ConfigError: These are not the arms of this cell.
+        """
+        self._refuse_unknown(plans)
+        for name in self._places:
+            if name not in plans:
+                raise ConfigError("plans", list(plans), f'has none for "{name}"; plan again')
+        return self._start(lambda: self._proven(plans))
+
+    def _proven(self, plans: Mapping[str, Plan]) -> Future[dict[str, Plan]]:
+        arms = list(self._places.values())
+        courses = {
+            name: place.along(plans[name].trajectory, 0.0) for name, place in self._places.items()
+        }
+        for k, place in enumerate(arms):
+            others = [each.seen_from(place, courses[each.name]) for each in arms[k + 1 :]]
+            met = crossing(place.bodies, courses[place.name], others)
+            if met is not None:
+                raise crosses(*met)
+        proven: Future[dict[str, Plan]] = Future()
+        proven.set_result(dict(plans))
+        return proven
+
+    def _start(self, plan: Callable[[], Future[dict[str, Plan]]]) -> dict[str, Motion]:
+        planning = TeamPlanning(self._places, plan, self._expect)
         motions = {
             name: place.arm.start_planned(partial(planning.part, name))
             for name, place in self._places.items()
@@ -170,8 +207,8 @@ class Cell:
         planning.watch(motions)
         return motions
 
-    def _refuse_unknown(self, goals: Mapping[str, Goal]) -> None:
-        for name in goals:
+    def _refuse_unknown(self, names: Iterable[str]) -> None:
+        for name in names:
             if name not in self._places:
                 known = ", ".join(sorted(self._places)) or "none"
                 raise ConfigError("goals", name, f"is no arm of this cell; there are: {known}")
@@ -260,7 +297,7 @@ class Place:
             self._expected = None
             if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
                 wait = self._wait_for(trajectory)
-                self._planned = self._along(trajectory, wait)
+                self._planned = self.along(trajectory, self._now() + wait)
         try:
             yield delayed(trajectory, wait)
         finally:
@@ -268,21 +305,24 @@ class Place:
 
     def expect(self, trajectory: Trajectory) -> None:
         """A motion begins at once that has been proven together with those of others."""
-        self._planned, self._expected = self._along(trajectory, 0.0), trajectory
+        self._planned, self._expected = self.along(trajectory, self._now()), trajectory
 
     def _wait_for(self, trajectory: Trajectory) -> float:
         met = None
         for wait in np.arange(0.0, LATEST, LATER):
             now = self._now()
             others = [each.seen_from(self, each.plan_at(now)) for each in self._neighbours()]
-            met = crossing(self._bodies, self._along(trajectory, float(wait)), others, since=now)
+            met = crossing(
+                self.bodies, self.along(trajectory, now + float(wait)), others, since=now
+            )
             if met is None:
                 return float(wait)
         assert met is not None
         raise crosses(*met)
 
-    def _along(self, trajectory: Trajectory, wait: float) -> Course:
-        return Course.along(trajectory, self._q_jaw, t=self._now() + wait)
+    def along(self, trajectory: Trajectory, t: float) -> Course:
+        """The course of a motion that begins at ``t`` [s]."""
+        return Course.along(trajectory, self._q_jaw, t=t)
 
     def plan_at(self, now: float) -> Course:
         """All that the arm is known to do."""
@@ -338,7 +378,7 @@ class Place:
         Arms that are too near already may part.
         """
         seen = other.seen_from(self, other.course_at(now))
-        mine, theirs = (self._bodies, course), (bodies_of(seen.attached), seen.course)
+        mine, theirs = (self.bodies, course), (bodies_of(seen.attached), seen.course)
         T = seen.T_base_other
         meeting = first_meeting(mine, theirs, T, since=now, room=GUARDED, early=GUARDED_EARLY)
         if meeting is None:
@@ -378,7 +418,8 @@ class Place:
         return self._gained[name]
 
     @property
-    def _bodies(self) -> ArmBodies:
+    def bodies(self) -> ArmBodies:
+        """The arm's bodies, with what it holds."""
         return bodies_of(self.attached_to(self))
 
     @property

@@ -9,8 +9,8 @@ import numpy as np
 
 from so101_motion.cli.plan_table import plan_table
 from so101_motion.cli.shared import INTERRUPTED
-from so101_motion.cli.sources import Source
-from so101_motion.cli.view import Page, page_options, show
+from so101_motion.cli.sources import CellSource, Source
+from so101_motion.cli.view import Page, page_options, show, show_cell
 from so101_motion.common.units import to_mm
 
 _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
@@ -18,11 +18,25 @@ _DEMO_TARGET_MM = (250.0, 120.0, 150.0)
 
 @click.command()
 @click.option("--text", is_flag=True, help="Show a plan and the move in the terminal, no browser.")
+@click.option(
+    "--arms",
+    type=click.IntRange(1, 8),
+    default=1,
+    show_default=True,
+    help="So many arms that share a space and keep apart.",
+)
 @page_options
-def demo(text: bool, page: Page) -> None:
+def demo(text: bool, arms: int, page: Page) -> None:
     """Run the simulated arm with the preview in the browser; needs no hardware."""
+    if text and arms > 1:
+        raise click.UsageError("--text goes with a single arm")
     if text:
         _in_text()
+    elif arms > 1:
+        from so101_motion.files.cell_file import arms_in_a_circle
+
+        file = arms_in_a_circle(arms)
+        show_cell(CellSource(file=file, title=f"{arms} simulated arms"), page)
     else:
         show(Source(port=None), page)
 

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from so101_motion.cli.param_types import PORT, Finite
+from so101_motion.cli.param_types import IN_FILE, PORT, Finite
 from so101_motion.cli.shared import F, aside, busy_message
 from so101_motion.common.attributes import ACCELERATION_RANGE_DEG, SPEED_RANGE_DEG
 
 if TYPE_CHECKING:
     from so101_motion.common.geometry import Array
+    from so101_motion.files.cell_file import CellFile
+    from so101_motion.rig.cell_rigs import CellRigs
     from so101_motion.rig.hardware_rig import Rig
     from so101_motion.rig.protocols import RigLike
     from so101_motion.viam.client import MachineRig
@@ -220,6 +222,38 @@ def source_options(verb: F) -> F:
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellSource:
+    """Several arms that share a space.
+
+    Attributes:
+        file: Which arms, and where they stand.
+        title: The same as a heading.
+    """
+
+    file: CellFile
+    title: str
+
+    def open(self) -> CellRigs:
+        """Open all arms; raises as ``open_cell``."""
+        from so101_motion.rig.cell_rigs import open_cell
+
+        return open_cell(self.file)
+
+
+def read_cell_source(path: Path) -> CellSource:
+    """The arms of a cell file; raises as ``read_cell``."""
+    from so101_motion.files.cell_file import read_cell
+
+    return CellSource(file=read_cell(path), title=f"Arms of {path.name}")
+
+
+def cell_option(verb: F) -> F:
+    """The option ``--cell`` beside those of ``any_source_options``; a source like the others."""
+    says = "Several arms that share a space: a cell file, as so101 cell takes it."
+    return click.option("--cell", type=IN_FILE, help=says)(verb)
+
+
 def any_source_options(verb: F) -> F:
     """The same options and ``--machine`` with its keys; the verb gets ``source``."""
     asks = "which arm? give --sim, or --port and its serial port, or --machine and its address"
@@ -236,9 +270,11 @@ def _with_source(verb: F, asks: str) -> F:
         port: str | None,
         calibration: Path | None,
         machine: MachineSource | None = None,
+        cell: Path | None = None,
         **kwargs: Any,
     ) -> Any:
-        chosen = chosen_among({"--sim": sim or None, "--port": port, "--machine": machine})
+        asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
+        chosen = chosen_among(asked)
         if chosen is None:
             raise click.UsageError(asks)
         _refuse_stray(calibration, chosen)
@@ -248,6 +284,9 @@ def _with_source(verb: F, asks: str) -> F:
         elif chosen == "--machine":
             assert machine is not None  # it was chosen
             source = machine
+        elif chosen == "--cell":
+            assert cell is not None  # likewise
+            return verb(*args, source=read_cell_source(cell), **kwargs)
         return verb(*args, source=source, **kwargs)
 
     return with_source  # type: ignore[return-value]  # its own options and those above
@@ -326,7 +365,7 @@ def _local_options(verb: F) -> F:
     return sim(port(calibration_option(verb)))
 
 
-_PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address"}
+_PARAMETERS = {"--sim": "sim", "--port": "port", "--machine": "address", "--cell": "cell"}
 
 
 def chosen_among(sources: Mapping[str, object]) -> str | None:

@@ -18,7 +18,7 @@ import click
 
 from so101_motion.cli.param_types import IN_FILE, PORT
 from so101_motion.cli.shared import F, import_preview, in_lines
-from so101_motion.cli.sources import AnySource, Source, any_source_options
+from so101_motion.cli.sources import AnySource, CellSource, Source, any_source_options, cell_option
 from so101_motion.common.realtime import LOOK_FOR_SIGNALS
 
 if TYPE_CHECKING:
@@ -43,6 +43,15 @@ class Page:
     allow_remote: bool
     browser: bool
     new_link: bool
+
+    def server(self, what: str) -> dict[str, Any]:
+        """How to serve the page of ``what``: the arguments of ``start_guarded``."""
+        return {
+            "host": self.host,
+            "port": self.port,
+            "allow_remote": self.allow_remote,
+            "key_of": self.key_of(what),
+        }
 
     def key_of(self, what: str) -> Callable[[int], str]:
         """Makes the key of the page of ``what``: that of its last start on the same port."""
@@ -97,6 +106,7 @@ def page_options(verb: F) -> F:
 
 @click.command()
 @any_source_options
+@cell_option
 @click.option(
     "--scene",
     "scene_file",
@@ -119,7 +129,7 @@ def page_options(verb: F) -> F:
 @click.option("--leader-calibration", type=click.Path(path_type=Path), help="Its calibration file.")
 @page_options
 def view(
-    source: AnySource,
+    source: AnySource | CellSource,
     scene_file: Path | None,
     leader: str | None,
     leader_calibration: Path | None,
@@ -134,9 +144,14 @@ def view(
     so101 view --port /dev/ttyACM0
     so101 view --machine my-arm.local:8080
     so101 view --port /dev/ttyACM0 --leader /dev/ttyACM1
+    so101 view --cell cell.json
 
     The page opens even if the arm is not there yet, and finds it again when it was away.
     """  # noqa: D301
+    if isinstance(source, CellSource):
+        if any((scene_file, leader, camera, atlas)):
+            raise click.UsageError("--scene, --leader, --camera and --atlas go with a single arm")
+        return show_cell(source, page)
     leads = None
     if leader is not None:
         if not isinstance(source, Source):
@@ -184,18 +199,22 @@ def show(
         camera=camera,
         atlas=None if atlas is None else _atlas_in(atlas),
     )
-    with (
-        in_lines(),
-        viewer.serve_source(
-            arm,
-            host=page.host,
-            port=page.port,
-            allow_remote=page.allow_remote,
-            key_of=page.key_of(source.title),
-        ) as preview,
-    ):
+    with in_lines(), viewer.serve_source(arm, **page.server(source.title)) as preview:
         click.echo(f"so101: {source.what}", err=True)
         keep_open(preview, page)
+
+
+def show_cell(source: CellSource, page: Page) -> None:
+    """Serve one page for all arms of a cell until Ctrl-C.
+
+    Raises:
+        ConfigError: The page cannot be served there.
+    """
+    viewer = import_preview()
+    arms = viewer.CellSource(title=source.title, file=source.file, open=source.open)
+    with in_lines(), viewer.serve_cell(arms, **page.server(source.title)) as served:
+        click.echo(f"so101: {', '.join(each.name for each in source.file.arms)}", err=True)
+        keep_open(served, page)
 
 
 def keep_open(served: Any, page: Page) -> None:

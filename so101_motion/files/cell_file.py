@@ -93,6 +93,27 @@ class CellFile:
         return replace(self, arms=tuple(arms))
 
 
+APART = 0.35
+"""How far the bases of neighbours in a circle are apart [m]; chosen: they reach each other's tools
+and do not meet folded."""
+
+
+def arms_in_a_circle(count: int) -> CellFile:
+    """Simulated arms that face the middle of a circle, for trying things out.
+
+    Args:
+        count: How many, 2 or more.
+    """
+    radius = 0.5 * APART / np.sin(np.pi / count)
+    arms = []
+    for k, angle in enumerate(2.0 * np.pi * np.arange(count) / count):
+        # The first stands at the origin, the middle before it.
+        p = radius * np.array([1.0 - np.cos(angle), -np.sin(angle), 0.0])
+        T_cell_base = SE3.from_rpy((0.0, 0.0, float(angle)), p)
+        arms.append(CellArm(name=f"arm {k + 1}", T_cell_base=T_cell_base))
+    return CellFile(arms=tuple(arms), scene=Scene())
+
+
 def read_cell(path: Path) -> CellFile:
     """Read a cell file.
 

@@ -4,12 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from itertools import combinations
+
+import numpy as np
 
 from so101_motion.arm.cell import Cell
+from so101_motion.arm.gripper import JAW_CLOSED
 from so101_motion.common.clock import Clock
+from so101_motion.common.geometry import Array
+from so101_motion.common.named_poses import POSES
+from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import CellFile
+from so101_motion.planning.collision.apart import bodies_of, first_meeting
+from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_simulated, open_so101
 from so101_motion.rig.rig import Rig
+
+ASIDE = tuple(to_rad(np.array([0.0, 45.0, 90.0])))
+"""By how much simulated arms are turned to the left of where they face [rad]; chosen."""
+
+_PAN = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
 
 
 class CellRigs:
@@ -39,7 +55,10 @@ class CellRigs:
 
 
 def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
-    """Open the arms of a cell; opening moves nothing. Those without a port are simulated.
+    """Open the arms of a cell; opening moves nothing.
+
+    Those without a port are simulated. They stand in the first named pose in which all of them keep
+    apart, turned aside if need be.
 
     Args:
         file: As ``files.cell_file.read_cell`` reads it.
@@ -49,13 +68,32 @@ def open_cell(file: CellFile, *, clock: Clock | None = None) -> CellRigs:
         ConfigError: A setting cannot be used.
         BusError: A port cannot be opened, or a servo does not answer; nothing stays open.
     """
+    q_start = _free_pose(file)
     with ExitStack() as opened:
         rigs: dict[str, Rig] = {}
         for arm in file.arms:
             if arm.port:
                 rig: Rig = open_so101(arm.port, arm.calibration_id or None, clock=clock)
             else:
-                rig = open_simulated(clock=clock)
+                rig = open_simulated(clock=clock, q_start=q_start)
             rigs[arm.name] = opened.enter_context(rig)
         made = CellRigs(file, rigs, opened.pop_all())
     return made
+
+
+def _free_pose(file: CellFile) -> Array | None:
+    """Where all simulated arms may stand, turned aside as little as need be; None if nowhere."""
+    simulated = [arm for arm in file.arms if not arm.port]
+    model = RobotModel.load()
+    checks = [CollisionModel(model, file.scene_of(arm)) for arm in simulated]
+
+    def is_free(q: Array) -> bool:
+        standing = bodies_of(), Course.resting(q, JAW_CLOSED)
+        return all(each.first_contact(q, JAW_CLOSED) is None for each in checks) and all(
+            first_meeting(standing, standing, a.T_cell_base.inverse @ b.T_cell_base, since=0.0)
+            is None
+            for a, b in combinations(simulated, 2)
+        )
+
+    turned = (pose.q + aside * _PAN for aside in ASIDE for pose in POSES)
+    return next(filter(is_free, turned), None)

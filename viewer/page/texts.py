@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from so101_motion.arm.gripper import JAW_CLOSED, JAW_OPEN
@@ -10,6 +12,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, JointState
 from so101_motion.common.units import to_deg, to_mm
+from so101_motion.planning.collision.apart import Meeting
 from so101_motion.planning.request import Plan
 from so101_motion.planning.timing.limits import MotionLimits
 
@@ -26,6 +29,11 @@ ALREADY_THERE = Sentence(text="The arm is already there.")
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan again.")
 JAW_MOVED = Sentence(text="The gripper has moved. Press Plan again.")
 CAPS_CHANGED = Sentence(text="The speed limits have changed. Press Plan again.")
+CHANGED_MEANWHILE = Sentence(text="Something has changed meanwhile. Press Plan again.")
+ALL_PLANNED = Sentence(
+    text="Planned. Check the paths, then press Execute to move all arms.", tone=Tone.GOOD
+)
+ALL_STOPPED = Sentence(text="Stopped. All arms hold where they are.")
 SURROUNDINGS_CHANGED = Sentence(text="The surroundings have changed. Press Plan again.")
 
 _MODES = {
@@ -62,6 +70,11 @@ def blocked(state: JointState) -> Sentence | None:
     }
     reason = reasons.get(state.mode)
     return None if reason is None else Sentence(text=reason, tone=Tone.BAD)
+
+
+def named(arm: str, sentence: Sentence) -> Sentence:
+    """The same, told of an arm; nothing is added for the name of an arm that is alone."""
+    return replace(sentence, text=f"{arm}: {sentence.text}") if arm else sentence
 
 
 def saved(name: str) -> Sentence:
@@ -135,6 +148,18 @@ def plotted(view: PlanView, *, is_current: bool) -> str:
         f"{old}{view.name}, {trajectory.duration:.2f} s; peak {_peak(trajectory.qd, '°/s')} and"
         f" {_peak(trajectory.qdd, '°/s²')}."
     )
+
+
+def common_plotted(name: str, duration: float, *, is_current: bool) -> str:
+    """A plan of several arms in words."""
+    old = "" if is_current else "Old: "
+    return f"{old}{name}, {duration:.2f} s; what is between the arms at each time."
+
+
+def between(first: str, second: str, least: Meeting) -> tuple[str, str]:
+    """How near two arms come to each other: their names, and where and when."""
+    bodies = f"{least.first} to {least.second}"
+    return f"{first} to {second}", f"{to_mm(least.distance):.0f} mm, {bodies}, at {least.t:.1f} s"
 
 
 def caps(limits: MotionLimits) -> str:

@@ -16,20 +16,21 @@ _WIDTH = 290
 _KEYS = "Space or Esc stops, P plans."
 
 
+def docked_left(gui: viser.GuiApi) -> viser.PanelHandle:
+    """The panel on the left, empty."""
+    panel = gui.add_panel()
+    panel.dock_left()
+    panel.set_width(_WIDTH)
+    return panel
+
+
 class ArmPanel:
-    """The joint angles.
+    """The joint angles of an arm, in a tab that is named after it."""
 
-    Attributes:
-        panel: The panel.
-    """
-
-    def __init__(self, gui: viser.GuiApi) -> None:
-        self.panel = gui.add_panel()
-        with self.panel.add_tab("Arm", viser.Icon.ROBOT):
+    def __init__(self, gui: viser.GuiApi, panel: viser.PanelHandle, name: str = "Arm") -> None:
+        with panel.add_tab(name, viser.Icon.ROBOT):
             self._joints = gui.add_html("")
             gui.add_html(markup.small(_KEYS))
-        self.panel.dock_left()
-        self.panel.set_width(_WIDTH)
 
     def show(self, state: JointState, bounds: tuple[Array, Array]) -> None:
         """Show the joints between their limits.

@@ -1,4 +1,4 @@
-"""The panel with servo and bus health and the event log; it raises the alarms."""
+"""The tabs with servo and bus health and the event log; they raise the alarms."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import viser
 from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 
-from ..page import markup
+from ..page import markup, texts
 from ..page.alarms import Alarm, LateCycles, servo_alarms, state_alarms
 from ..page.events import EventLog
 from ..page.health import Health, read_health
-from ..page.page_context import ArmContext
+from ..page.page_context import ArmContext, PageContext
 from ..page.part import Part
 from ..page.screen_state import Tone
 
@@ -26,41 +26,44 @@ _LINES = 60
 
 
 class HealthPart(Part):
-    """Shows the figures of servos and bus, and the log.
+    """Shows the figures of the servos and the bus of an arm.
 
     Args:
+        panel: Where the tab is added.
         mark: Told which joints are in alarm, and how bad it is.
+        name: What messages call the arm; empty if it is alone.
     """
 
-    def __init__(self, context: ArmContext, *, mark: Callable[[Mapping[str, Tone]], None]) -> None:
+    def __init__(
+        self,
+        context: ArmContext,
+        panel: viser.PanelHandle,
+        *,
+        mark: Callable[[Mapping[str, Tone]], None],
+        name: str = "",
+    ) -> None:
         self._rig: RigLike = context.rig
+        self._name = name
         self._bar, self._mark = context.bar, mark
         self._late = LateCycles()
         self._alarms: tuple[Alarm, ...] = ()
         self._log: EventLog = context.events
-        self._due, self._count = 0.0, -1
+        self._due = 0.0
         self._health: Health | None = None
-        panel = context.gui.add_panel()
-        self._tab = panel.add_tab("Health", viser.Icon.HEARTBEAT)
+        self._tab = panel.add_tab(f"Health {name}".strip(), viser.Icon.HEARTBEAT)
         with self._tab:
             self._figures = context.gui.add_html("")
-        with panel.add_tab("Events", viser.Icon.LIST):
-            self._events = context.gui.add_html("")
-            save = context.gui.add_button("Save events", icon=viser.Icon.DOWNLOAD, color="gray")
-        context.leave_open(save)
-        context.on_asked(save, self._hand_over)
-        self.panel = panel
 
     def refresh(self) -> bool:
         """Read the figures now and then; return whether anything changed."""
         now = time.monotonic()
-        news = self._count != self._log.count
-        if now >= self._due:
-            self._due = now + _EVERY
-            health = read_health(self._rig)
-            news = news or health != self._health
-            self._health = health
-            self._look_for_alarms(health)
+        if now < self._due:
+            return False
+        self._due = now + _EVERY
+        health = read_health(self._rig)
+        news = health != self._health
+        self._health = health
+        self._look_for_alarms(health)
         return news
 
     def _look_for_alarms(self, health: Health) -> None:
@@ -74,13 +77,14 @@ class HealthPart(Part):
                 *state_alarms(rig.arm.state, sources),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
-        for alarm in found:
+        said = [texts.named(self._name, alarm.sentence) for alarm in found]
+        for alarm, sentence in zip(found, said, strict=True):
             if alarm.cause not in before:
-                self._log.add(alarm.sentence.text, alarm.sentence.tone)
+                self._log.add(sentence.text, sentence.tone)
         if found != self._alarms:
             self._alarms = found
             self._tab.icon = viser.Icon.ALERT_TRIANGLE if found else viser.Icon.HEARTBEAT
-            self._bar.alert("alarms", [alarm.sentence for alarm in found])
+            self._bar.alert(f"alarms {self._name}", said)
             marks: dict[str, Tone] = {}
             for alarm in found:
                 for joint in alarm.joints:
@@ -92,6 +96,29 @@ class HealthPart(Part):
         """Update the widgets; viser sends only what differs."""
         if self._health is not None:
             self._figures.content = markup.health(self._health)
+
+
+class EventsPart(Part):
+    """Shows the log of events.
+
+    Args:
+        panel: Where the tab is added.
+    """
+
+    def __init__(self, context: PageContext, panel: viser.PanelHandle) -> None:
+        self._log, self._count = context.events, -1
+        with panel.add_tab("Events", viser.Icon.LIST):
+            self._events = context.gui.add_html("")
+            save = context.gui.add_button("Save events", icon=viser.Icon.DOWNLOAD, color="gray")
+        context.leave_open(save)
+        context.on_asked(save, self._hand_over)
+
+    def refresh(self) -> bool:
+        """Return whether there is a new event."""
+        return self._count != self._log.count
+
+    def show(self) -> None:
+        """Update the widgets; viser sends only what differs."""
         if self._count != self._log.count:
             self._count = self._log.count
             self._events.content = markup.events(self._log.newest(_LINES))

@@ -17,11 +17,12 @@ from ..page.screen_state import Sentence, Tone
 from ..page.stop_button import add_stop
 from ..page.target_ik import TargetSolver
 from ..scene.click import hit
+from ..scene.lighting import Views, set_up_view
 from ..scene.measuring import Measuring
 from ..scene.reach_view import ReachView
 from ..scene.stage import Stage
 from ..view_model import ViewModel
-from .arm_panel import ArmPanel
+from .arm_panel import ArmPanel, docked_left
 from .plan_panel import MEASURES, SELECTS, PlanPanel
 from .poses import PoseList
 
@@ -59,17 +60,23 @@ class MovePart(Part):
         )
         if plan is not None:
             self.page.show(plan)
+        set_up_view(context.server)
+        views = Views(context.server)
+        context.bar.views = views.buttons
+        context.leave_open(*(button for _, button in views.buttons))
         self._reach = ReachView(context.server.scene, model)
         self._stage = Stage(
             context,
             model=model,
+            views=views,
             on_drag=self._dragged,
             on_turn=self.page.set_turn,
             on_release=self._reach.hide,
             on_click=self._clicked,
         )
         self.stop_button = add_stop(context.gui, *stops)
-        self._arm_panel = ArmPanel(context.gui)
+        self._panel = docked_left(context.gui)
+        self._arm_panel = ArmPanel(context.gui, self._panel)
         self._plan_panel = PlanPanel(
             context,
             self.page,
@@ -100,7 +107,7 @@ class MovePart(Part):
     @property
     def arm_panel(self) -> viser.PanelHandle:
         """The panel with the joints."""
-        return self._arm_panel.panel
+        return self._panel
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the arm and its target."""

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import cycle
+
 import numpy as np
 import viser
+from numpy.typing import NDArray
 from viser import uplot
 
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg
 from so101_motion.planning.request import Plan
+from so101_motion.planning.timing.trajectory import Trajectory
 
 from ..page import markup, texts
 from ..page.bar import uuid_of
@@ -19,7 +24,7 @@ from ..page.tracking import Tracking
 _COLORS = ("#e03131", "#2f9e44", "#1c7ed6", "#f08c00", "#9c36b5")
 _GRAY = "#868e96"
 _HEIGHT = 150
-_NO_PLAN = "No plan yet."
+NO_PLAN = "No plan yet."
 _MOST_POINTS = 400
 """More samples than the plot has pixels would be wasted on the wire."""
 
@@ -35,7 +40,7 @@ class PlanPlots:
         self._captions: list[viser.GuiHtmlHandle] = []
         with panel.add_tab("Velocity"):
             self._caption(gui)
-            self._velocity = _add_plot(gui, "velocity (°/s)", ("limit", "−limit"))
+            self._velocity = add_velocity_plot(gui)
         with panel.add_tab("Acceleration"):
             self._caption(gui)
             self._acceleration = _add_plot(gui, "acceleration (°/s²)", ("limit", "−limit"))
@@ -48,7 +53,7 @@ class PlanPlots:
             self._error = _add_plot(gui, "error (°)", ends, height=_HEIGHT - 25)
 
     def _caption(self, gui: viser.GuiApi) -> None:
-        self._captions.append(gui.add_html(markup.small(_NO_PLAN)))
+        self._captions.append(gui.add_html(markup.small(NO_PLAN)))
 
     @property
     def uuids(self) -> list[str]:
@@ -71,11 +76,11 @@ class PlanPlots:
             bounds: The smallest and the largest joint angles, shapes (5,), [rad].
         """
         trajectory, limits = plan.trajectory, plan.limits
-        keep = np.unique(np.linspace(0, len(trajectory) - 1, _MOST_POINTS).astype(int))
+        keep = _kept(trajectory)
         t = trajectory.t[keep]
-        speed, push = float(np.max(limits.velocity)), float(np.max(limits.acceleration))
+        push = float(np.max(limits.acceleration))
         q = trajectory.q[keep]
-        self._velocity.data = _columns(t, trajectory.qd[keep], speed, -speed)
+        show_velocity(self._velocity, plan)
         self._acceleration.data = _columns(t, trajectory.qdd[keep], push, -push)
         self._position.data = _columns(t, q, nearest_limit(q, bounds))
 
@@ -85,6 +90,22 @@ class PlanPlots:
         most = np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
         self._facts.content = markup.small(f"{name}: {texts.followed(tracking)}")
+
+
+def add_velocity_plot(gui: viser.GuiApi) -> viser.GuiUplotHandle:
+    """Add a plot of how fast the joints turn."""
+    return _add_plot(gui, "velocity (°/s)", ("limit", "−limit"))
+
+
+def show_velocity(plot: viser.GuiUplotHandle, plan: Plan) -> None:
+    """Draw in ``plot`` how fast the joints turn."""
+    keep, speed = _kept(plan.trajectory), float(np.max(plan.limits.velocity))
+    plot.data = _columns(plan.trajectory.t[keep], plan.trajectory.qd[keep], speed, -speed)
+
+
+def _kept(trajectory: Trajectory) -> NDArray[np.intp]:
+    """The samples that are drawn."""
+    return np.unique(np.linspace(0, len(trajectory) - 1, _MOST_POINTS).astype(np.intp))
 
 
 def nearest_limit(q: Array, bounds: tuple[Array, Array]) -> float:
@@ -108,19 +129,43 @@ def _columns(t: Array, values: Array, *lines: float) -> tuple[Array, ...]:
 def _add_plot(
     gui: viser.GuiApi, label: str, lines: tuple[str, ...], *, height: int = _HEIGHT
 ) -> viser.GuiUplotHandle:
-    joints = tuple(
-        uplot.Series(label=joint, stroke=color, width=2, points={"show": False})
-        for joint, color in zip(ARM_JOINTS, _COLORS, strict=True)
+    still = np.zeros((2, len(ARM_JOINTS)))
+    data = _columns(np.array([0.0, 1.0]), still, *(0.1 * (-1) ** k for k in range(len(lines))))
+    return add_plot(gui, label, ARM_JOINTS, lines, data, height=height)
+
+
+def add_plot(
+    gui: viser.GuiApi,
+    label: str,
+    curves: Sequence[str],
+    lines: Sequence[str],
+    data: tuple[Array, ...],
+    *,
+    height: int = _HEIGHT,
+) -> viser.GuiUplotHandle:
+    """Add a plot over the time of a plan.
+
+    Args:
+        gui: Where.
+        label: What is drawn, with its unit.
+        curves: What each curve is called.
+        lines: What each level line is called.
+        data: Times, the values of each curve, and of each line.
+        height: [px].
+    """
+    colors = cycle(_COLORS)
+    drawn = tuple(
+        uplot.Series(label=name, stroke=next(colors), width=2, points={"show": False})
+        for name in curves
     )
     level = tuple(
         uplot.Series(label=line, stroke=_GRAY, width=1, dash=(6, 4), points={"show": False})
         for line in lines
     )
     axis = uplot.Axis(stroke=_GRAY, labelSize=18, size=34)
-    still = np.zeros((2, len(ARM_JOINTS)))
     return gui.add_uplot(
-        _columns(np.array([0.0, 1.0]), still, *(0.1 * (-1) ** k for k in range(len(lines)))),
-        (uplot.Series(label="time (s)"), *joints, *level),
+        data,
+        (uplot.Series(label="time (s)"), *drawn, *level),
         scales={"x": uplot.Scale(time=False)},
         axes=(
             uplot.Axis(**{**axis, "label": "time (s)"}),

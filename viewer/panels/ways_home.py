@@ -6,9 +6,10 @@ only after somebody presses Hold.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from so101_motion.common.modes import Mode
@@ -18,7 +19,7 @@ from so101_motion.rig.rig import Rig
 
 from ..page import texts
 from ..page.bar import Bar, Way
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
@@ -57,31 +58,32 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Sen
 
 
 class WaysHome(Part):
-    """Fills the bar for an arm.
+    """Fills the bar for the arms of a page; each way home is that of all.
 
     Args:
-        title: Which arm it is.
+        title: Which arms they are.
+        rigs: The arms by name; the name of one that is alone is not told.
         guide: Starts hand guiding for a limited time.
-        fade: Told whether the drawn arm shall be grey.
+        fade: Told which drawn arm shall be grey, or not.
     """
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
         *,
         title: str,
+        rigs: Mapping[str, RigLike],
         guide: Callable[[], None],
-        fade: Callable[[bool], None],
+        fade: Callable[[str, bool], None],
     ) -> None:
-        self._context, self._rig, self._fade = context, context.rig, fade
-        self._since = datetime.now()
-        self._lost = False
+        self._context, self._rigs, self._fade = context, dict(rigs), fade
+        self._lost_at: dict[str, datetime] = {}
         bar = self._bar = context.bar
         bar.title = title
-        self._hold = self._way("Hold", lambda: self._beside("hold", lambda: hold(self._rig)))
+        self._hold = self._way("Hold", lambda: self._each("hold", hold))
         self._guide = self._way("Guide by hand", guide)
-        self._let_go = self._way("Let go", self._release)
-        self._let_go.asks = "It will sink. Let go?"
+        self._let_go = self._way("Let go", lambda: self._each("let go", _release))
+        self._let_go.asks = "It will sink. Let go?" if len(rigs) == 1 else "All will sink. Let go?"
         bar.ways = (self._hold, self._guide, self._let_go)
 
     def _way(self, label: str, command: Callable[[], None]) -> Way:
@@ -90,23 +92,44 @@ class WaysHome(Part):
         return Way(label=label, button=button)
 
     def refresh(self) -> bool:
-        """Check whether the arm is connected and ready, and fill the bar."""
-        bar, connection, state = self._bar, self._rig.connection, self._rig.arm.state
-        lost = connection.problem is not None
-        if lost is not self._lost:
-            self._lost, self._since = lost, datetime.now()
-            self._fade(lost)
-        bar.state = texts.mode(state, lost=lost)
-        said = notice(connection, state, self._since)
-        bar.alert(_SOURCE, () if said is None else (said,))
-        mode = None if lost else state.mode
-        self._hold.can = mode in (Mode.LIMP, Mode.GUIDING, Mode.FAULT)
-        self._guide.can = mode in (Mode.HOLDING, Mode.LIMP)
-        self._let_go.can = mode in (*_HELD, Mode.GUIDING, Mode.FAULT)
+        """Check whether the arms are connected and ready, and fill the bar."""
+        modes: dict[str, Mode | None] = {}
+        told: dict[str, str] = {}
+        alerts: list[Sentence] = []
+        for name, rig in self._rigs.items():
+            connection, state = rig.connection, rig.arm.state
+            lost = connection.problem is not None
+            if lost is not (name in self._lost_at):
+                self._fade(name, lost)
+                if lost:
+                    self._lost_at[name] = datetime.now()
+                else:
+                    del self._lost_at[name]
+            modes[name] = None if lost else state.mode
+            told[name] = texts.mode(state, lost=lost)
+            said = notice(connection, state, self._lost_at.get(name, datetime.now()))
+            if said is not None:
+                alerts.append(texts.named(self._called(name), said))
+        one = len(set(told.values())) == 1
+        self._bar.state = (
+            next(iter(told.values()))
+            if one
+            else "; ".join(f"{name}: {words}" for name, words in told.items())
+        )
+        self._bar.alert(_SOURCE, alerts)
+        connected = [mode for mode in modes.values() if mode is not None]
+        self._hold.can = any(each in (Mode.LIMP, Mode.GUIDING, Mode.FAULT) for each in connected)
+        self._guide.can = any(each in (Mode.HOLDING, Mode.LIMP) for each in connected)
+        self._let_go.can = any(each in (*_HELD, Mode.GUIDING, Mode.FAULT) for each in connected)
         return False
 
-    def _release(self) -> None:
-        self._beside("let go", lambda: self._rig.arm.set_torque(False))
+    def _called(self, name: str) -> str:
+        return name if len(self._rigs) > 1 else ""
+
+    def _each(self, what: str, call: Callable[[RigLike], None]) -> None:
+        for name, rig in self._rigs.items():
+            arm = self._called(name)
+            self._beside(f"{what} {arm}".strip(), partial(call, rig))
 
     def _beside(self, what: str, call: Callable[[], None]) -> None:
         def ended(done: Future[Any]) -> None:
@@ -115,6 +138,10 @@ class WaysHome(Part):
                 self._context.events.add(f"Could not {what}: {error}", Tone.BAD)
 
         self._context.beside(call).add_done_callback(ended)
+
+
+def _release(rig: RigLike) -> None:
+    rig.arm.set_torque(False)
 
 
 def hold(rig: RigLike) -> None:

@@ -3,34 +3,42 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
 
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 
-_CAMERA = (0.78, -1.14, 0.62)
-_LOOK_AT = (0.17, -0.02, 0.05)
+MIDDLE = np.array([0.17, -0.02, 0.05])
+"""The middle of the workspace of an arm [m], seen from its base."""
+
+_CAMERA = np.array([0.61, -1.12, 0.57])
+_WIDE = 1.0
+"""By how much the arms must be spread for the camera to stand twice as far away [m]; chosen."""
+
 _FIELD_OF_VIEW = math.radians(36.0)
 """Chosen: the whole workspace in the picture, the arm a little above the middle."""
 
 
 _VIEWS = {
     "Home": _CAMERA,
-    "Top": (0.169, -0.02, 1.45),
-    "Front": (1.5, -0.02, 0.12),
-    "Side": (0.17, -1.45, 0.12),
+    "Top": np.array([-0.001, 0.0, 1.40]),
+    "Front": np.array([1.33, 0.0, 0.07]),
+    "Side": np.array([0.0, -1.43, 0.07]),
 }
-"""Where the camera stands for each of the buttons over the picture, [m]; all look at the middle of
-the workspace. Chosen."""
+"""Where the camera stands for each of the buttons over the picture, seen from the middle of one
+arm's workspace, which it looks at [m]. Chosen."""
 
 
 _FOLLOW = "Follow"
 _BEHIND_TOOL = np.array([0.25, -0.40, 0.22])
 """Where the camera stands that goes along with the tool, seen from it [m]; chosen."""
 
-_TALL_CAMERA = (0.93, -1.42, 0.56)
-_TALL_LOOK_AT = (0.17, -0.02, -0.15)
+_TALL_CAMERA = np.array([0.76, -1.40, 0.51])
+_TALL_LOOK_AT = np.array([0.0, 0.0, -0.20])
 """On a phone held upright, where the panels cover the lower part of the picture."""
 
 _GROUND, _KEY_LIGHT = (160, 160, 160), (0.6, -1.0, 0.5)
@@ -40,15 +48,45 @@ _TALL = 0.7
 """A picture is tall if its width is less than this share of its height."""
 
 
-def set_up_view(server: viser.ViserServer) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sight:
+    """What the camera shall show.
+
+    Attributes:
+        middle: What it looks at, shape (3,), [m].
+        size: How large that is, as a multiple of one arm's workspace.
+    """
+
+    middle: Array
+    size: float = 1.0
+
+    @classmethod
+    def of_arms(cls, bases: Sequence[SE3]) -> Sight:
+        """All arms whose bases stand there."""
+        middles = np.array([T @ MIDDLE for T in bases])
+        ends = np.array([T.p for T in bases])
+        spread = float(np.linalg.norm(np.ptp(np.concatenate([middles, ends]), axis=0)))
+        own = float(np.linalg.norm(MIDDLE))
+        return cls(middle=middles.mean(axis=0), size=1.0 + max(spread - own, 0.0) / _WIDE)
+
+    def at(self, p: Array) -> Array:
+        """A place that is given for one arm, seen from the middle, shape (3,), [m]."""
+        return self.middle + self.size * p
+
+
+ONE_ARM = Sight(middle=MIDDLE)
+"""The workspace of one arm whose base is the origin."""
+
+
+def set_up_view(server: viser.ViserServer, sight: Sight = ONE_ARM) -> None:
     """Set up camera and lights.
 
     A sky and a light over the viewer's left shoulder stand in for viser's surroundings, which every
     browser would have to filter before its first picture: without a GPU that takes seconds of all
     cores, and the page hears no click meanwhile.
     """
-    _set_up(server)
-    server.on_client_connect(_step_back_if_tall)
+    _set_up(server, sight)
+    server.on_client_connect(partial(_step_back_if_tall, sight))
     scene = server.scene
     scene.configure_environment_map(None)
     scene.add_light_hemisphere(
@@ -60,18 +98,26 @@ def set_up_view(server: viser.ViserServer) -> None:
 class Views:
     """The buttons over the picture, which turn the camera of the window they are pressed in.
 
+    Args:
+        sight: What they show.
+        follows: Whether the camera can go along with a tool, which ``moved`` tells of.
+
     Attributes:
         buttons: Their labels and invisible widgets.
     """
 
-    def __init__(self, server: viser.ViserServer) -> None:
-        self._server = server
+    def __init__(
+        self, server: viser.ViserServer, sight: Sight = ONE_ARM, *, follows: bool = True
+    ) -> None:
+        self._server, self._sight = server, sight
         self._following: set[int] = set()  # windows whose camera goes along with the tool
         self._p_tool: Array | None = None
         buttons = [(label, self._turns(label, p)) for label, p in _VIEWS.items()]
-        follow = server.gui.add_button(_FOLLOW, visible=False)
-        follow.on_click(self._follow)
-        self.buttons = (*buttons, (_FOLLOW, follow))
+        if follows:
+            follow = server.gui.add_button(_FOLLOW, visible=False)
+            follow.on_click(self._follow)
+            buttons.append((_FOLLOW, follow))
+        self.buttons = tuple(buttons)
 
     def moved(self, p_tool: Array) -> None:
         """Take the cameras along with the tool, at ``p_tool``, shape (3,), [m]."""
@@ -93,15 +139,15 @@ class Views:
             event.client.camera.position = self._p_tool + _BEHIND_TOOL
             event.client.camera.look_at = self._p_tool
 
-    def _turns(self, label: str, p: tuple[float, float, float]) -> viser.GuiButtonHandle:
+    def _turns(self, label: str, p: Array) -> viser.GuiButtonHandle:
         button = self._server.gui.add_button(label, visible=False)
 
         async def look(event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
             if event.client is not None:
                 self._following.discard(event.client.client_id)
                 with event.client.atomic():
-                    event.client.camera.position = p
-                    event.client.camera.look_at = _LOOK_AT
+                    event.client.camera.position = self._sight.at(p)
+                    event.client.camera.look_at = self._sight.middle
 
         button.on_click(look)
         return button
@@ -109,25 +155,25 @@ class Views:
 
 def set_up_recording(server: viser.ViserServer) -> None:
     """Set up camera and lights of a recording, whose player resets them in each round."""
-    _set_up(server)
+    _set_up(server, ONE_ARM)
     server.scene.add_light_ambient("/light", intensity=0.8)
 
 
-async def _step_back_if_tall(client: viser.ClientHandle) -> None:
+async def _step_back_if_tall(sight: Sight, client: viser.ClientHandle) -> None:
     """Move the camera back on a phone, also after viser resets it."""
 
     async def look(camera: viser.CameraHandle) -> None:
-        if camera.aspect < _TALL and np.allclose(camera.position, _CAMERA):
+        if camera.aspect < _TALL and np.allclose(camera.position, sight.at(_CAMERA)):
             with client.atomic():
-                camera.position = _TALL_CAMERA  # takes along what is looked at, so that is next
-                camera.look_at = _TALL_LOOK_AT
+                camera.position = sight.at(_TALL_CAMERA)  # takes along what is looked at
+                camera.look_at = sight.at(_TALL_LOOK_AT)
 
     client.camera.on_update(look)
 
 
-def _set_up(server: viser.ViserServer) -> None:
+def _set_up(server: viser.ViserServer, sight: Sight) -> None:
     server.scene.set_up_direction("+z")
-    server.initial_camera.position = _CAMERA
-    server.initial_camera.look_at = _LOOK_AT
+    server.initial_camera.position = sight.at(_CAMERA)
+    server.initial_camera.look_at = sight.middle
     server.initial_camera.fov = _FIELD_OF_VIEW
     server.scene.configure_default_lights(cast_shadow=True)

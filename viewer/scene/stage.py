@@ -11,10 +11,10 @@ from viser.transforms import SO3
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.kinematics.model import RobotModel
 
-from ..page.page_context import ArmContext
+from ..page.page_context import PageContext
 from ..page.screen_state import PathLine, Screen, Tone
 from ..page.target_editor import ANY
-from .lighting import Views, set_up_view
+from .lighting import Views
 from .robot_view import MOVED_LINK, RobotView, looks_different, segments
 from .sweep_view import SweepView
 
@@ -31,6 +31,9 @@ class Stage:
 
     Args:
         model: Kinematics; used by the thread that calls ``show`` alone.
+        views: Told where the jaw's tip is; None if no camera goes along.
+        root: The node that all nodes are under, placed where the arm's base stands; empty for an
+            arm whose base is the origin.
         on_drag: Called with the new target point, shape (3,), [m].
         on_turn: Called with how the target was turned, shape (3, 3).
         on_release: Called when the target is let go.
@@ -40,29 +43,27 @@ class Stage:
 
     def __init__(
         self,
-        context: ArmContext,
+        context: PageContext,
         *,
         model: RobotModel,
         on_drag: Callable[[Array], None],
         on_turn: Callable[[Array], None],
         on_release: Callable[[], None],
-        on_click: Callable[[Array, Array], None],
+        on_click: Callable[[Array, Array], None] = lambda _from, _along: None,
+        views: Views | None = None,
+        root: str = "",
     ) -> None:
-        self._scene, self._model = context.server.scene, model
-        self._clicked = context.on_scene_click(on_click)
-        set_up_view(context.server)
-        self._views = Views(context.server)
-        context.bar.views = self._views.buttons
-        context.leave_open(*(button for _, button in context.bar.views))
-        self._live = RobotView(self._scene, "/live")
-        self._ghost = RobotView(self._scene, "/ghost", color=_GHOST, opacity=0.35)
+        self._scene, self._model, self._root = context.server.scene, model, root
+        self._clicked, self._views = context.on_scene_click(on_click), views
+        self._live = RobotView(self._scene, f"{root}/live")
+        self._ghost = RobotView(self._scene, f"{root}/ghost", color=_GHOST, opacity=0.35)
         self._target = self._scene.add_transform_controls(
-            "/target", scale=0.11, disable_rotations=True, depth_test=False
+            f"{root}/target", scale=0.11, disable_rotations=True, depth_test=False
         )
         self._on_drag, self._on_turn = on_drag, on_turn
         context.on_drag(self._target, self._dragged)
         context.on_release(self._target, lambda _: self._released(on_release))
-        self._sweep = SweepView(self._scene, "/sweep", color=_GHOST)
+        self._sweep = SweepView(self._scene, f"{root}/sweep", color=_GHOST)
         self._p_target, self._R_target, self._turns = np.full(3, np.nan), np.eye(3), False
         self._path: PathLine | None = None
         self._path_node: viser.LineSegmentsHandle | None = None
@@ -138,7 +139,8 @@ class Stage:
         state = screen.state
         T_live = self._model.link_placements(state.q, state.q_jaw)
         self._live.move(T_live)
-        self._views.moved(self._model.frame(state.q, "jaw_tip").p)
+        if self._views is not None:
+            self._views.moved(self._model.frame(state.q, "jaw_tip").p)
         self._show_ghost(screen, T_live)
         self._R_target = screen.R_base_target
         turns = screen.kind != ANY
@@ -175,7 +177,7 @@ class Stage:
         if not self._path.planned:
             pieces = pieces[::2]  # dashes: a guess shall not look like a plan
         self._path_node = self._scene.add_line_segments(
-            "/path",
+            f"{self._root}/path",
             pieces,
             _PATH if self._path.planned else _HINT,
             thickness=4.0 if self._path.planned else 2.0,

@@ -21,6 +21,7 @@ from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
 from so101_motion.planning.collision.apart import GUARDED, first_meeting
 from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import open_simulated
@@ -300,6 +301,40 @@ def test_arms_that_move_together_begin_and_end_in_the_same_tick(pair_of, seed):
     assert sum(a != b for a, b in moving) <= 30, "one may take a little longer to settle"
     np.testing.assert_allclose(pair.left.state.q_ref, goals[0], atol=1e-6)
     np.testing.assert_allclose(pair.right.state.q_ref, goals[1], atol=1e-6)
+
+
+def planned_pair(pair_of):
+    """Two arms and a common motion for them that has not begun."""
+    facing = Facing(31)
+    starts, goals = crossing_task(facing)
+    pair = pair_of(facing, *starts)
+    plans = pair.cell.plan_together({"left": JointGoal(q=goals[0]), "right": JointGoal(q=goals[1])})
+    return pair, plans
+
+
+def test_a_common_motion_that_was_looked_at_is_carried_out_as_it_is(pair_of):
+    pair, plans = planned_pair(pair_of)
+    motions = pair.cell.start_execute(plans)
+    pair.finish(*motions.values())
+    for name, motion in motions.items():
+        motion.result()
+        assert motion.plan is plans[name]
+        np.testing.assert_allclose(pair.cell.places[name].arm.state.q_ref, plans[name].q_goal)
+
+
+def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_for(pair_of):
+    pair, plans = planned_pair(pair_of)
+    plank = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
+    pair.right.scene = Scene(attached=(plank,), floor_z=None)
+    for motion in pair.cell.start_execute(plans).values():
+        with pytest.raises(InCollision, match="plank"):
+            motion.result()
+
+
+def test_a_common_motion_needs_a_plan_for_every_arm(pair_of):
+    pair, plans = planned_pair(pair_of)
+    with pytest.raises(ConfigError, match='none for "right"'):
+        pair.cell.start_execute({"left": plans["left"]})
 
 
 def test_arms_that_are_not_there_cannot_be_moved_together(pair_of):

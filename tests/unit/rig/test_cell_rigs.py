@@ -1,6 +1,7 @@
 """The arms of a cell file, opened: those without a port are simulated."""
 
 import numpy as np
+from harness.facing_arms import Facing
 
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3
@@ -27,3 +28,13 @@ def test_all_arms_are_opened_and_know_each_other_and_what_is_around():
         np.testing.assert_allclose(other.T_base_other.p, [0.0, -0.5, 0.0])
         (seen,) = opened.rigs["right"].arm.scene.obstacles
         np.testing.assert_allclose(seen.T_base_obstacle.p, [0.2, 0.8, 0.05])
+
+
+def test_simulated_arms_stand_where_they_keep_apart():
+    arms = (
+        CellArm(name="left", T_cell_base=SE3.identity()),
+        CellArm(name="right", T_cell_base=SE3.from_rpy((0.0, 0.0, np.pi), (0.35, 0.0, 0.0))),
+    )
+    with open_cell(CellFile(arms=arms, scene=Scene()), clock=ManualClock()) as opened:
+        q_left, q_right = (rig.arm.state.q for rig in opened.rigs.values())
+        assert Facing(1).are_apart(q_left, q_right)

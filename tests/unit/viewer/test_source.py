@@ -57,7 +57,7 @@ class Finder:
 
     def search(self) -> SourceOpener:
         return SourceOpener(
-            Source(title="Arm", open=self.open),
+            Source(title="Arm", open=self.open).open,
             found=lambda _rig: self.found.set(),
             failed=self.errors.append,
         )

@@ -47,6 +47,17 @@ def test_arms_at_rest_are_apart_where_coal_says_so():
     assert verdicts == {True, False}
 
 
+def test_the_clearance_over_time_is_that_of_the_nearest_bodies():
+    left, right = random_courses(Facing(3))
+    bodies, times = Facing(3).bodies, np.linspace(0.0, left.end, 5)
+    pair = (bodies, left), (bodies, right)
+    for met, t in zip(apart.clearance_over_time(*pair, T_LEFT_RIGHT, times), times, strict=True):
+        far = distance(bodies, left.at(np.array([t]))[0], right.at(np.array([t]))[0])
+        assert met.t == t
+        assert met.distance == pytest.approx(far)
+        assert {met.first, met.second} <= set(bodies.names)
+
+
 def test_what_is_proven_keeps_its_room_at_every_instant():
     facing = Facing(2)
     proven = 0

@@ -1,0 +1,148 @@
+"""The Move tab of several arms: simulated arms on a clock that the tests drive."""
+
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+from so101_viewer.cell_model import CellModel
+from so101_viewer.page.target_ik import TargetSolver
+from so101_viewer.view_model import ViewModel
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.units import to_rad
+from so101_motion.files.cell_file import arms_in_a_circle
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.cell_rigs import open_cell
+from so101_motion.rig.hardware_rig import open_simulated
+
+OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
+RAISED = to_rad(np.array([80.0, -40.0, 40.0, 30.0, 0.0]))
+
+
+def folded(pan_deg):
+    """Where an arm is out of the way of the others, turned so far."""
+    return to_rad(np.array([pan_deg, -92.0, 78.0, 60.0, 0.0]))
+
+
+def at_once(call):
+    done = Future()
+    try:
+        done.set_result(call())
+    except Exception as error:
+        done.set_exception(error)
+    return done
+
+
+class Bench:
+    """Three arms and the model of their page."""
+
+    def __init__(self, opened, clock):
+        self.opened, self.clock = opened, clock
+        self.arms = {
+            name: ViewModel(
+                arm=rig.arm,
+                gripper=rig.gripper,
+                load_solver=TargetSolver.load,
+                submit=at_once,
+                now=clock.now,
+                welcome="",
+            )
+            for name, rig in opened.rigs.items()
+        }
+        self.model = CellModel(
+            opened.cell, self.arms, submit=at_once, now=clock.now, welcome="Welcome."
+        )
+
+    def aim(self, **targets):
+        """Set a target for each arm; where none is given it stays."""
+        for arm, name in zip(self.arms.values(), ("first", "second", "third"), strict=True):
+            if name in targets:
+                arm.set_target_joints(targets[name])
+            else:
+                arm.set_target_here()
+
+    def plan(self):
+        self.model.plan()
+        self.model.refresh()
+        return self.model.screen()
+
+    def move(self, until):
+        for _ in range(3000):
+            if until():
+                return
+            self.clock.advance(0.01)
+            self.model.refresh()
+        raise AssertionError("it goes on and on")
+
+    def says(self, words):
+        return words in self.model.screen().sentence.text
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
+        yield
+
+
+@pytest.fixture
+def bench(clock):
+    with open_cell(arms_in_a_circle(3), clock=clock) as opened:
+        yield Bench(opened, clock)
+
+
+def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
+    bench.aim(first=folded(10.0), second=RAISED)
+    screen = bench.plan()
+    assert screen.plan_is_current
+    assert screen.can_execute
+    assert len(screen.plan.clearances) == 3
+    assert all(each.least.distance > 0.7 * ROOM for each in screen.plan.clearances)
+    bench.model.preview(screen.plan.duration)
+    ghosts = [each.preview_time for each in bench.model.screen().arms.values()]
+    assert ghosts == [screen.plan.duration] * 3
+    bench.model.execute()
+    bench.move(lambda: bench.says("Arrived"))
+    first, second, _ = bench.opened.rigs.values()
+    np.testing.assert_allclose(first.arm.state.q, folded(10.0), atol=to_rad(0.5))
+    np.testing.assert_allclose(second.arm.state.q, RAISED, atol=to_rad(0.5))
+    assert not bench.model.screen().plan_is_current
+
+
+def test_who_stops_one_arm_stops_all_and_the_page_says_so(bench):
+    bench.aim(first=folded(60.0), second=folded(30.0))
+    assert bench.plan().can_execute
+    bench.model.execute()
+    first, second, _ = (rig.arm for rig in bench.opened.rigs.values())
+    bench.move(lambda: first.is_moving and second.is_moving)
+    stopping = second.start_stop()
+    bench.move(lambda: bench.says("Stopped. All arms hold where they are."))
+    assert stopping.done()
+    assert not first.is_moving
+
+
+def test_a_plan_is_dropped_for_all_arms_as_soon_as_one_target_changes(bench):
+    bench.aim(first=folded(40.0))
+    assert bench.plan().plan_is_current
+    third = list(bench.arms.values())[2]
+    third.set_target_joint(0, to_rad(20.0))
+    bench.model.refresh()
+    screen = bench.model.screen()
+    assert not any(each.plan_is_current for each in screen.arms.values())
+    assert not screen.can_execute
+    assert screen.can_plan
+
+
+def test_targets_that_arms_cannot_have_at_once_are_refused_with_their_names(bench):
+    bench.aim(first=OVER_THE_MIDDLE, second=OVER_THE_MIDDLE, third=OVER_THE_MIDDLE)
+    assert not bench.plan().plan_is_current
+    assert bench.says("arm 1") or bench.says("Arm 1")
+
+
+def test_a_target_out_of_reach_is_told_with_the_name_of_the_arm(bench):
+    bench.aim()
+    list(bench.arms.values())[1].set_target_point(np.array([0.9, 0.0, 0.2]))
+    assert bench.says("arm 2: ")
+    assert not bench.model.screen().can_plan

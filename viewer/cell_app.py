@@ -1,0 +1,82 @@
+"""Serve one page for several arms that share a space."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from so101_motion.rig.cell_rigs import CellRigs
+
+from .page import texts
+from .page.events import ArmEvents
+from .page.screen_state import Sentence, Tone
+from .panels.cell_part import CellPart
+from .panels.health_panel import EventsPart, HealthPart
+from .panels.ways_home import WaysHome
+from .searching_page import SearchingPage
+from .server.guarded_server import GuardedServer, start_guarded
+from .server.kept_key import KeyOf, new_key
+from .source import CellSource
+
+
+class CellPage(SearchingPage[CellRigs]):
+    """A served page of several arms."""
+
+    def __init__(self, source: CellSource, server: GuardedServer) -> None:
+        self._source = source
+        super().__init__(source, source.open, server)
+
+    def stop(self) -> None:
+        """Stop all arms and drop all waiting commands; returns when they are at rest."""
+        self.host.drop_commands()
+        if self._opened is not None:
+            self._opened.cell.stop()
+
+    def _add_parts(self, opened: CellRigs) -> None:
+        host, title, rigs = self.host, self._source.title, opened.rigs
+        part = CellPart(
+            host.page_context(),
+            opened,
+            self._source.file,
+            title=title,
+            stops=(self.stop, *(rig.gripper.stop for rig in rigs.values())),
+        )
+        host.windows.leave_open_as_stop(part.stop_button)
+        host.say = part.model.report
+        panel = host.gui.add_panel()
+        health = [
+            HealthPart(host.arm_context(rig), panel, mark=partial(part.mark, name), name=name)
+            for name, rig in rigs.items()
+        ]
+        events = EventsPart(host.page_context(), panel)
+        panel.dock_below(part.panel)
+        ways = WaysHome(
+            host.page_context(), title=title, rigs=rigs, guide=part.guide, fade=part.fade
+        )
+        logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
+        host.add_parts(part, *health, events, ways, *logs)
+
+    def _log(self, name: str, text: str, tone: Tone) -> None:
+        said = texts.named(name, Sentence(text=text, tone=tone))
+        self.host.events.add(said.text, said.tone)
+
+
+def serve_cell(
+    source: CellSource,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    *,
+    allow_remote: bool = False,
+    key_of: KeyOf = new_key,
+) -> CellPage:
+    """Serve the page at once, and show the arms of ``source`` as soon as they are there.
+
+    ``host``, ``port``, ``allow_remote``, ``key_of`` and errors are those of ``start_guarded``.
+    """
+    server = start_guarded(
+        host, port, allow_remote=allow_remote, label="SO-101 motion", key_of=key_of
+    )
+    try:
+        return CellPage(source, server)
+    except BaseException:
+        server.close()
+        raise

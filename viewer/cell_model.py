@@ -1,0 +1,322 @@
+"""State and commands of the Move tab of several arms that share a space, without viser.
+
+Each arm has a ``ViewModel`` with its target and its part of the plan. What is common stands here:
+one plan for all arms, one place on its timeline, one motion. The plan is dropped for all as soon as
+one arm drops its part. One thread owns a ``CellModel``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.motion_handle import Motion
+from so101_motion.common.errors import Interrupted
+from so101_motion.planning.collision.apart import Meeting, clearance_over_time
+from so101_motion.planning.request import Plan
+
+from .page import texts
+from .page.playback import Playback
+from .page.screen_state import Screen, Sentence
+from .view_model import ViewModel
+
+LOOKS = 80
+"""Instants at which the clearance between two arms is computed; chosen, a hundredth of a second."""
+
+
+class Between(NamedTuple):
+    """The clearance between two arms over the time of their plans.
+
+    Attributes:
+        first: The name of one arm.
+        second: The name of the other.
+        closest: Their two closest bodies at each instant.
+    """
+
+    first: str
+    second: str
+    closest: tuple[Meeting, ...]
+
+    @property
+    def least(self) -> Meeting:
+        """The instant at which they are closest."""
+        return min(self.closest, key=lambda each: each.distance)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CommonPlan:
+    """A plan for all arms.
+
+    Attributes:
+        plans: The part of each arm, by its name.
+        clearances: What is between every two arms.
+        name: What the page calls it.
+    """
+
+    plans: Mapping[str, Plan]
+    clearances: tuple[Between, ...]
+    name: str
+
+    @property
+    def duration(self) -> float:
+        """How long it takes [s]."""
+        return max(each.duration for each in self.plans.values())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellScreen:
+    """What the Move tab shows of several arms; figures that are not told here are as in ``Screen``.
+
+    Attributes:
+        arms: What it shows of each arm, by its name.
+        sentence: What to know or to do now.
+        plan: The newest plan, or None before the first.
+        plan_is_current: Whether that plan can still be looked at and executed.
+        can_plan: Whether Plan may be pressed.
+        can_execute: Whether Execute may be pressed.
+        preview_time: How far into the plan the ghosts stand [s].
+        progress: Share of the motion that is done, 0 to 1.
+        speed: Speed cap of the next plan [rad/s].
+        acceleration: Acceleration cap of the next plan [rad/s^2].
+        sweeps: Whether configurations along the plan are shown.
+    """
+
+    arms: Mapping[str, Screen]
+    sentence: Sentence
+    plan: CommonPlan | None
+    plan_is_current: bool
+    can_plan: bool
+    can_execute: bool
+    preview_time: float
+    progress: float
+    speed: float
+    acceleration: float
+    sweeps: bool
+
+
+class CellModel:
+    """State and commands of the Move tab of several arms.
+
+    Args:
+        cell: In which the arms keep apart.
+        arms: Target and picture of each arm, by its name in the cell.
+        submit: Runs a slow call beside.
+        now: What time it is [s].
+        welcome: What the tab says first.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        arms: Mapping[str, ViewModel],
+        *,
+        submit: Callable[[Callable[[], CommonPlan]], Future[CommonPlan]],
+        now: Callable[[], float],
+        welcome: str,
+    ) -> None:
+        self._cell, self.arms, self._submit, self._now = cell, dict(arms), submit, now
+        self._sentence = Sentence(text=welcome)
+        self._plan: CommonPlan | None = None
+        self._planning: Future[CommonPlan] | None = None
+        self._motions: dict[str, Motion] = {}
+        self._playback = Playback()
+        self._count, self._drops = 0, [0]
+
+    # Commands
+
+    def plan(self) -> None:
+        """Plan one motion that brings every arm to its target; the arms stay where they are."""
+        if self._can_plan(self._screens()):
+            goals = {name: arm.target.goal for name, arm in self.arms.items()}
+            self._count += 1
+            called = f"Plan {self._count}"
+
+            def made() -> CommonPlan:
+                plans = self._cell.plan_together(goals)
+                return CommonPlan(plans=plans, clearances=self._clearances(plans), name=called)
+
+            self._drops = self._all_drops()
+            self._planning = self._submit(made)
+            self._sentence = texts.PLANNING
+
+    def execute(self) -> None:
+        """Move all arms along the plan that is shown."""
+        if self._plan is not None and self._can_execute(self._screens()):
+            self._motions = self._cell.start_execute(self._plan.plans)
+            for name, motion in self._motions.items():
+                self.arms[name].follow(motion)
+            self._playback.seek(self._plan.duration)
+            self._sentence = texts.MOVING
+
+    def preview(self, t: float) -> None:
+        """Show the ghosts ``t`` seconds into the plan."""
+        if self._is_current:
+            self._playback.seek(t)
+            self._place_ghosts()
+
+    def play(self, rate: float) -> None:
+        """Play the plan with the ghosts at ``rate`` times real time, or pause."""
+        if self._is_current:
+            self._playback.play(rate)
+
+    def set_speed(self, speed: float) -> None:
+        """Set the speed cap of the next plan [rad/s]."""
+        for arm in self.arms.values():
+            arm.set_speed(speed)
+
+    def set_acceleration(self, acceleration: float) -> None:
+        """Set the acceleration cap of the next plan [rad/s^2]."""
+        for arm in self.arms.values():
+            arm.set_acceleration(acceleration)
+
+    def show_sweep(self, shown: bool) -> None:
+        """Show configurations along the path beside the ghosts, or hide them."""
+        for arm in self.arms.values():
+            arm.show_sweep(shown)
+
+    def report(self, error: BaseException) -> None:
+        """Show that a command failed."""
+        self._sentence = texts.ended(error)
+
+    def tell(self, sentence: Sentence) -> None:
+        """Show what another part has done."""
+        self._sentence = sentence
+
+    # What time brings
+
+    def refresh(self) -> bool:
+        """Take in changes since the last call.
+
+        Returns:
+            Whether there is anything new to show.
+        """
+        news = [arm.refresh() for arm in self.arms.values()]
+        news += [self._collect_plan(), self._collect_motions(), self._notice_dropped_parts()]
+        if self._playback.advance(self._now()):
+            self._place_ghosts()
+            news.append(True)
+        return any(news)
+
+    def screen(self) -> CellScreen:
+        """Everything to be shown now."""
+        screens = self._screens()
+        return CellScreen(
+            arms=screens,
+            sentence=self._words(screens),
+            plan=self._plan,
+            plan_is_current=self._is_current,
+            can_plan=self._can_plan(screens),
+            can_execute=self._can_execute(screens),
+            preview_time=self._playback.t,
+            progress=max(each.progress for each in screens.values()),
+            speed=min(each.speed for each in screens.values()),
+            acceleration=min(each.acceleration for each in screens.values()),
+            sweeps=all(each.sweeps for each in screens.values()),
+        )
+
+    # How
+
+    def _screens(self) -> dict[str, Screen]:
+        return {name: arm.screen() for name, arm in self.arms.items()}
+
+    @property
+    def _is_current(self) -> bool:
+        return all(arm.plan_is_current for arm in self.arms.values())
+
+    def _can_plan(self, screens: Mapping[str, Screen]) -> bool:
+        """Whether all arms can be planned for, and one of them is not at its target."""
+        return (
+            self._planning is None
+            and not self._motions
+            and all(
+                each.target.problem is None and texts.blocked(each.state) is None
+                for each in screens.values()
+            )
+            and any(each.can_plan for each in screens.values())
+        )
+
+    def _can_execute(self, screens: Mapping[str, Screen]) -> bool:
+        return not self._motions and all(each.can_execute for each in screens.values())
+
+    def _words(self, screens: Mapping[str, Screen]) -> Sentence:
+        """What is wrong with one of the arms, or else what there is to say of all."""
+        for name, each in screens.items():
+            if texts.blocked(each.state) is not None:
+                return texts.named(name, each.sentence)
+        if not self._motions:
+            for name, each in screens.items():
+                if each.target.problem is not None:
+                    return texts.named(name, each.sentence)
+        return self._sentence
+
+    def _collect_plan(self) -> bool:
+        if self._planning is None or not self._planning.done():
+            return False
+        future, self._planning = self._planning, None
+        if self._drops != self._all_drops():
+            self._sentence = texts.CHANGED_MEANWHILE
+            return True
+        error = future.exception()
+        if error is not None:
+            self._sentence = texts.ended(error)
+            return True
+        self._plan = future.result()
+        for name, arm in self.arms.items():
+            arm.take_plan(self._plan.plans[name])
+        self._playback.load(self._plan.duration)
+        self._sentence = texts.ALL_PLANNED
+        return True
+
+    def _collect_motions(self) -> bool:
+        motions = self._motions
+        if not motions or not all(each.future.done() for each in motions.values()):
+            return False
+        self._motions = {}
+        errors = {name: each.future.exception() for name, each in motions.items()}
+        failed = {name: error for name, error in errors.items() if error is not None}
+        first = next((each for each in failed.values() if not isinstance(each, Interrupted)), None)
+        if first is not None:
+            self._sentence = texts.ended(first)
+        elif failed:
+            self._sentence = texts.ALL_STOPPED
+        else:
+            off = max(arm.distance_to_goal() for arm in self.arms.values())
+            self._sentence = texts.arrived(off)
+        return True
+
+    def _notice_dropped_parts(self) -> bool:
+        """Drop the plan of all arms when one of them has dropped its part."""
+        current = [arm.plan_is_current for arm in self.arms.values()]
+        if self._motions or not any(current) or all(current):
+            return False
+        for name, arm in self.arms.items():
+            if not arm.plan_is_current:
+                self._sentence = texts.named(name, arm.screen().sentence)
+        for arm in self.arms.values():
+            if arm.plan_is_current:
+                arm.drop_plan(texts.PRESS_PLAN)
+        return True
+
+    def _all_drops(self) -> list[int]:
+        return [arm.drops for arm in self.arms.values()]
+
+    def _place_ghosts(self) -> None:
+        for arm in self.arms.values():
+            arm.preview(self._playback.t)
+
+    def _clearances(self, plans: Mapping[str, Plan]) -> tuple[Between, ...]:
+        places = self._cell.places
+        times = np.linspace(0.0, max(each.duration for each in plans.values()), LOOKS)
+        courses = {name: places[name].along(plan.trajectory, 0.0) for name, plan in plans.items()}
+        found = []
+        for a, b in combinations(plans, 2):
+            T = places[a].T_cell_base.inverse @ places[b].T_cell_base
+            pair = (places[a].bodies, courses[a]), (places[b].bodies, courses[b])
+            found.append(Between(a, b, tuple(clearance_over_time(*pair, T, times))))
+        return tuple(found)

@@ -1,0 +1,207 @@
+"""Connect the model of several arms with the scene, their panels and the Move tab they share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import viser
+
+from so101_motion.common.errors import So101Error
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.files.cell_file import CellFile
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.cell_rigs import CellRigs
+
+from ..cell_model import CellModel, CellScreen, CommonPlan
+from ..page import markup, texts
+from ..page.guiding import Guiding
+from ..page.page_context import PageContext
+from ..page.part import Part
+from ..page.screen_state import Screen, Tone
+from ..page.stop_button import add_stop
+from ..page.target_ik import TargetSolver
+from ..scene.lighting import Sight, Views, set_up_view
+from ..scene.scene_view import SceneView
+from ..scene.stage import Stage
+from ..view_model import ViewModel
+from .arm_panel import ArmPanel, docked_left
+from .cell_plots import CellPlots
+from .plan_controls import PlanControls
+from .plan_panel import plots_panel
+from .target_controls import TargetControls
+
+_WORDS_EVERY = 3
+"""Figures are updated every so many pictures of a motion; nobody reads 30 a second."""
+
+
+class CellPart(Part):
+    """The part of the page that shows and moves several arms.
+
+    Args:
+        cell: The arms.
+        file: Where they stand and what is around them.
+        stops: What Stop calls, each in a thread of its own.
+
+    Attributes:
+        model: What is shown.
+        stop_button: What the bar's Stop presses.
+        panel: The panel on the left.
+    """
+
+    def __init__(
+        self,
+        context: PageContext,
+        cell: CellRigs,
+        file: CellFile,
+        *,
+        title: str,
+        stops: tuple[Callable[[], None], ...],
+    ) -> None:
+        rigs = cell.rigs
+        clock = next(iter(rigs.values())).clock
+        self.model = CellModel(
+            cell.cell,
+            {
+                name: ViewModel(
+                    arm=rig.arm,
+                    gripper=rig.gripper,
+                    load_solver=TargetSolver.load,
+                    submit=context.beside,
+                    now=clock.now,
+                    welcome="",
+                )
+                for name, rig in rigs.items()
+            },
+            submit=context.beside,
+            now=clock.now,
+            welcome=f"{title}. Drag the arrows of each arm, then press Plan.",
+        )
+        self._context = context.reporting(self.model.report)
+        self._rigs = rigs
+        self._bases = {each.name: each.T_cell_base for each in file.arms}
+        self._nodes = {name: f"/arms/{k}" for k, name in enumerate(rigs)}
+        self._set_up_view()
+        self._scene, self._around = file.scene, SceneView(context.server.scene)
+        self._robot = RobotModel.load()
+        self._stages = {name: self._stage(name, arm) for name, arm in self.model.arms.items()}
+        self._held = {
+            name: SceneView(context.server.scene, f"{node}/held")
+            for name, node in self._nodes.items()
+        }
+        self.stop_button = add_stop(context.gui, *stops)
+        self.panel = docked_left(context.gui)
+        self._joints = {name: ArmPanel(context.gui, self.panel, name) for name in rigs}
+        self._targets = {
+            name: TargetControls(self._context, arm) for name, arm in self.model.arms.items()
+        }
+        self._plan = PlanControls(self._context, self.model)
+        self._add_tab(context.gui)
+        self._plots_panel = plots_panel(context.gui)
+        self._plots = CellPlots(context.gui, self._plots_panel, tuple(rigs))
+        context.bar.stop, context.bar.plan = self.stop_button, self._plan.plan_button
+        self._guiding = [Guiding(rig.arm, clock, context.beside) for rig in rigs.values()]
+        self._shown: CommonPlan | None = None
+        self._pictures = 0
+
+    def _set_up_view(self) -> None:
+        context, sight = self._context, Sight.of_arms(tuple(self._bases.values()))
+        set_up_view(context.server, sight)
+        context.bar.views = Views(context.server, sight, follows=False).buttons
+        context.leave_open(*(button for _, button in context.bar.views))
+
+    def _stage(self, name: str, arm: ViewModel) -> Stage:
+        scene, T, node = self._context.server.scene, self._bases[name], self._nodes[name]
+        scene.add_frame(node, show_axes=False, position=T.p, wxyz=T.quaternion_wxyz())
+        scene.add_label(f"{node}/name", name, position=(-0.08, 0.0, 0.0))
+        stage: Stage
+
+        def dragged(p_base: Array) -> None:
+            stage.dragged_to(p_base)
+            arm.set_target_point(p_base)
+
+        stage = Stage(
+            self._context,
+            model=self._robot,
+            on_drag=dragged,
+            on_turn=arm.set_turn,
+            on_release=lambda: None,
+            root=node,
+        )
+        return stage
+
+    def _add_tab(self, gui: viser.GuiApi) -> None:
+        with self._context.tabs.add_tab("Move"):
+            self._sentence = gui.add_html("")
+            self._plan.add_buttons()  # first, so that they are seen on a phone without scrolling
+            arms = gui.add_tab_group()
+            for name, target in self._targets.items():
+                with arms.add_tab(name):
+                    target.add_target()
+                    target.add_jaw()
+                    with gui.add_folder("More", expand_by_default=False):
+                        target.add_choices()
+            self._plan.add_timeline()
+            self._facts = gui.add_html("")
+            self._plan.add_caps()
+
+    def guide(self) -> None:
+        """Start hand guiding of all arms for a limited time. Hold and Stop end it as well."""
+        for each in self._guiding:
+            each.start()
+
+    def fade(self, name: str, faded: bool) -> None:
+        """Show an arm in grey, or in its own colours."""
+        self._stages[name].fade(faded)
+
+    def mark(self, name: str, joints: Mapping[str, Tone]) -> None:
+        """Colour what these joints of an arm move, for each is in an alarm of that tone."""
+        self._stages[name].mark(joints)
+
+    def refresh(self) -> bool:
+        """Take in the states of the arms, the plan being made and the running motions."""
+        for each in self._guiding:
+            try:
+                each.refresh()
+            except So101Error as error:
+                self.model.report(error)
+        return self.model.refresh()
+
+    def show(self) -> None:
+        """Draw the arms; update their figures now and then."""
+        screen = self.model.screen()
+        self._pictures += 1
+        self._around.show(self._scene, SE3.identity())
+        for name, each in screen.arms.items():
+            self._stages[name].show(each)
+            self._show_held(name, each)
+        moves = any(each.state.arm_moving for each in screen.arms.values())
+        if not moves or self._pictures % _WORDS_EVERY == 0:
+            self._show_words(screen)
+
+    def _show_held(self, name: str, screen: Screen) -> None:
+        held = replace(self._rigs[name].arm.scene, obstacles=(), floor_z=None)
+        self._held[name].show(held, self._robot.frame(screen.state.q, "tool"))
+
+    def _show_words(self, screen: CellScreen) -> None:
+        self._sentence.content = markup.sentence(screen.sentence)
+        for name, each in screen.arms.items():
+            self._joints[name].show(each.state, each.range)
+            self._targets[name].show(each)
+        plan = screen.plan
+        if plan is not None and plan is not self._shown:
+            if self._shown is None:
+                self._plots_panel.expand()
+            self._shown = plan
+            self._plots.show(plan)
+            self._plan.set_duration(plan.duration)
+        self._plots.name(plan, is_current=screen.plan_is_current)
+        self._plan.show(screen, self._plots.uuids)
+        self._facts.content = markup.facts(_facts(plan if screen.plan_is_current else None))
+
+
+def _facts(plan: CommonPlan | None) -> tuple[tuple[str, str], ...]:
+    if plan is None:
+        return (("Duration", "–"),)
+    pairs = (texts.between(each.first, each.second, each.least) for each in plan.clearances)
+    return (("Duration", f"{plan.duration:.2f} s"), *pairs)

@@ -1,0 +1,164 @@
+"""Widgets that choose a target of an arm, and move its jaw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from so101_motion.arm.gripper import GENTLEST
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.named_poses import POSES
+from so101_motion.common.state import ARM_JOINTS
+from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
+
+from ..page import markup, texts
+from ..page.page_context import PageContext
+from ..page.screen_state import Screen
+from ..page.shared_fields import SharedField, grey, tenth, tenths
+from ..page.target_editor import DIRECTIONS
+from ..page.target_ik import FRAMES
+from ..view_model import ViewModel
+
+_FRAME_NAMES = {frame: frame.replace("_", " ") for frame in FRAMES}
+_ROUNDING = 1e-6  # 110 degrees came in as a float in radians
+_NEAREST = "take the nearest"
+_HERE = "here"
+"""Among the named poses: where the arm is now."""
+
+_OFF = (Mode.LIMP, Mode.FAULT, Mode.CALIBRATING)
+
+
+class TargetControls:
+    """Adds widgets for the target of one arm where its methods are called.
+
+    Nothing comes and goes: what cannot be used is grey, so no button takes another's place.
+    """
+
+    def __init__(self, context: PageContext, page: ViewModel) -> None:
+        self._context, self._page = context, page
+        self._range: tuple[Array, Array] | None = None
+
+    def add_target(self) -> None:
+        """The target point, and named poses."""
+        gui = self._context.gui
+        target = gui.add_vector3("Target (mm)", (0.0, 0.0, 0.0), step=1.0)
+        target.precision = 1
+        self._target_mm = SharedField(
+            target,
+            lambda value: self._page.set_target_point(to_m(np.array(value))),
+            self._context,
+            shown=tenths,
+        )
+        self._nearest = gui.add_button_group(
+            "Out of reach",
+            (_NEAREST,),
+            hint="Sets the target to where the ghost stands, the nearest place within reach",
+        )
+        self._context.on_choice(self._nearest, lambda _name: self._page.take_nearest())
+        poses = gui.add_button_group("Pose", (*(pose.name for pose in POSES), _HERE))
+        self._context.on_choice(poses, self._choose)
+
+    def add_choices(self) -> None:
+        """What a target is for, which way the gripper points, and single joints."""
+        gui = self._context.gui
+        self._history = gui.add_button_group("Target", ("undo", "redo"))
+        self._context.on_choice(
+            self._history, lambda name: self._page.undo() if name == "undo" else self._page.redo()
+        )
+        self._frame = SharedField(
+            gui.add_dropdown("Target for", tuple(_FRAME_NAMES.values())),
+            lambda name: self._page.set_target_frame(name.replace(" ", "_")),
+            self._context,
+            shown=str,
+        )
+        with gui.add_folder("Direction", expand_by_default=False):
+            kind = gui.add_dropdown(
+                "Keeps", DIRECTIONS, hint="What of the gripper's direction a target keeps"
+            )
+            tilt = gui.add_slider("Tilt (°)", -90, 90, 1, 0, hint="-90 is straight down")
+            roll = gui.add_slider("Roll (°)", -180, 180, 1, 0)
+        self._kind = SharedField(kind, self._page.set_direction, self._context, shown=str)
+        self._tilt = self._angle(tilt, self._page.set_tilt)
+        self._roll = self._angle(roll, self._page.set_roll)
+        with gui.add_folder("Joints (°)", expand_by_default=False):
+            self._sliders = [gui.add_slider(name, -1.0, 1.0, 0.1, 0.0) for name in ARM_JOINTS]
+        self._joints_deg = [
+            SharedField(slider, partial(self._turn, i), self._context, shown=tenth)
+            for i, slider in enumerate(self._sliders)
+        ]
+
+    def _angle(self, slider: Any, command: Callable[[float], None]) -> SharedField:
+        return SharedField(
+            slider, lambda degrees: command(to_rad(degrees)), self._context, shown=round
+        )
+
+    def _turn(self, i: int, angle_deg: float) -> None:
+        self._page.set_target_joint(i, to_rad(angle_deg))
+
+    def add_jaw(self) -> None:
+        """The jaw, which moves at once."""
+        gui = self._context.gui
+        self._jaw = gui.add_button_group(
+            "Gripper", ("open", "close"), hint="Moves at once, without a plan"
+        )
+        self._context.on_choice(self._jaw, lambda name: self._page.move_jaw(float(name == "open")))
+        self._opening = gui.add_slider(
+            "Opening (%)", 0, 100, 1, 0, hint="The jaw follows at once, without a plan"
+        )
+        self._opened = SharedField(
+            self._opening,
+            lambda percent: self._page.move_jaw(percent / 100.0),
+            self._context,
+            shown=round,
+        )
+        force = gui.add_slider(
+            "Grip force (%)",
+            round(100.0 * GENTLEST),
+            100,
+            1,
+            100,
+            hint="Of the force that the servo can keep up without getting hot",
+            visible=False,
+        )
+        self._force = SharedField(
+            force, lambda percent: self._page.set_force(percent / 100.0), self._context, shown=round
+        )
+        self._grip = gui.add_html("")
+
+    def show(self, screen: Screen) -> None:
+        """Show ``screen``; viser sends only what differs."""
+        is_off = screen.state.mode in _OFF
+        self._opening.disabled = is_off
+        grey(self._jaw, is_off)
+        if not screen.state.jaw_moving:
+            self._opened.show(100.0 * texts.aperture(screen.state.q_jaw_ref))
+        self._grip.content = markup.small(texts.grip(screen))
+        self._force.show(None if screen.force is None else 100.0 * screen.force)
+        grey(self._nearest, not screen.can_take_nearest)
+        grey(self._history, not (screen.can_undo or screen.can_redo))
+        self._show_target(screen)
+
+    def _show_target(self, screen: Screen) -> None:
+        self._target_mm.show(to_mm(screen.target.p_base))
+        self._kind.show(screen.kind)
+        self._tilt.show(to_deg(screen.direction.tilt))
+        self._roll.show(to_deg(screen.direction.roll or 0.0))
+        self._frame.show(_FRAME_NAMES[screen.target.frame])
+        if screen.range is not self._range:
+            self._range = screen.range
+            for slider, lower, upper in zip(self._sliders, *screen.range, strict=True):
+                slider.min = math.ceil(10.0 * to_deg(lower) - _ROUNDING) / 10.0
+                slider.max = math.floor(10.0 * to_deg(upper) + _ROUNDING) / 10.0
+        for field, angle in zip(self._joints_deg, screen.target.q, strict=True):
+            field.show(to_deg(float(angle)))
+
+    def _choose(self, name: str) -> None:
+        if name == _HERE:
+            self._page.set_target_here()
+        else:
+            self._page.set_target_joints(next(pose for pose in POSES if pose.name == name).q)

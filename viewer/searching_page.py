@@ -1,0 +1,64 @@
+"""A page that is there at once, and whose arms may come later."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from .panels.ways_home import waiting
+from .server.guarded_server import GuardedServer
+from .server.host import ServedPage
+from .source import CellSource, Closable, Source, SourceOpener
+
+T = TypeVar("T", bound=Closable)
+
+
+class SearchingPage(ServedPage, Generic[T]):
+    """A page that is served at once, and shows its arms as soon as they can be opened.
+
+    Args:
+        source: What is shown.
+        open: Opens it.
+    """
+
+    def __init__(
+        self, source: Source | CellSource, open: Callable[[], T], server: GuardedServer
+    ) -> None:
+        super().__init__(server)
+        self._title, self._lasts = source.title, source.lasts
+        self._opened: T | None = None
+        self._search: SourceOpener[T] | None = None
+        self.host.say = self._missed
+        if source.lasts:
+            self._take(open())
+        else:
+            waiting(self.host.bar, source.title)
+        self.host.start()
+        if not source.lasts:
+            self._search = SourceOpener(open, found=self._found, failed=self._missed)
+
+    def close(self) -> None:
+        """Stop serving. What was passed in stays open; what was opened is closed."""
+        if self._search is not None:
+            self._search.close()
+        self.host.close()
+        opened, self._opened = self._opened, None
+        if opened is not None and not self._lasts:
+            opened.close()
+
+    def _missed(self, error: Exception) -> None:
+        self.host.post(lambda: waiting(self.host.bar, self._title, error))
+
+    def _found(self, opened: T) -> None:
+        self._opened = opened
+        self.host.post(lambda: self._take(opened))
+
+    def _take(self, opened: T) -> None:
+        self._opened = opened
+        self._add_parts(opened)
+        self.host.events.add(f"{self._title}: connected")
+
+    @abstractmethod
+    def _add_parts(self, opened: T) -> None:
+        """Add the parts that show what was opened."""
