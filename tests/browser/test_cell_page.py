@@ -63,7 +63,7 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: Cel
             np.testing.assert_array_equal(rig.arm.state.q, q)  # planning moves nothing
         guest.until(lambda: guest.says("arm 1 to arm 2"))  # the clearance between them
         guest.press("Execute")
-        guest.until(lambda: not np.array_equal(rigs[0].arm.state.q, before[0]))
+        guest.until(lambda q=before[0]: not np.array_equal(rigs[0].arm.state.q, q))
         guest.press("STOP")
         guest.until(lambda: not any(rig.arm.is_moving for rig in rigs))
         guest.page.wait_for_timeout(1000)

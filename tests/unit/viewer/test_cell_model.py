@@ -17,12 +17,11 @@ from so101_motion.rig.cell_rigs import open_cell
 from so101_motion.rig.hardware_rig import open_simulated
 
 OVER_THE_MIDDLE = to_rad(np.array([0.0, -60.0, 60.0, 60.0, 0.0]))
-RAISED = to_rad(np.array([80.0, -40.0, 40.0, 30.0, 0.0]))
 
 
-def folded(pan_deg):
-    """Where an arm is out of the way of the others, turned so far."""
-    return to_rad(np.array([pan_deg, -92.0, 78.0, 60.0, 0.0]))
+def aside(pan_deg):
+    """Where an arm is that was turned a little further to the side; nobody is in its way."""
+    return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
 
 
 def at_once(call):
@@ -94,7 +93,7 @@ def bench(clock):
 
 
 def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
-    bench.aim(first=folded(10.0), second=RAISED)
+    bench.aim(first=aside(55.0), second=aside(50.0))
     screen = bench.plan()
     assert screen.plan_is_current
     assert screen.can_execute
@@ -106,13 +105,13 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     bench.model.execute()
     bench.move(lambda: bench.says("Arrived"))
     first, second, _ = bench.opened.rigs.values()
-    np.testing.assert_allclose(first.arm.state.q, folded(10.0), atol=to_rad(0.5))
-    np.testing.assert_allclose(second.arm.state.q, RAISED, atol=to_rad(0.5))
+    np.testing.assert_allclose(first.arm.state.q, aside(55.0), atol=to_rad(0.5))
+    np.testing.assert_allclose(second.arm.state.q, aside(50.0), atol=to_rad(0.5))
     assert not bench.model.screen().plan_is_current
 
 
 def test_who_stops_one_arm_stops_all_and_the_page_says_so(bench):
-    bench.aim(first=folded(60.0), second=folded(30.0))
+    bench.aim(first=aside(70.0), second=aside(70.0))
     assert bench.plan().can_execute
     bench.model.execute()
     first, second, _ = (rig.arm for rig in bench.opened.rigs.values())
@@ -124,7 +123,7 @@ def test_who_stops_one_arm_stops_all_and_the_page_says_so(bench):
 
 
 def test_a_plan_is_dropped_for_all_arms_as_soon_as_one_target_changes(bench):
-    bench.aim(first=folded(40.0))
+    bench.aim(first=aside(60.0))
     assert bench.plan().plan_is_current
     third = list(bench.arms.values())[2]
     third.set_target_joint(0, to_rad(20.0))
