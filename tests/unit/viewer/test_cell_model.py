@@ -101,7 +101,7 @@ def test_one_plan_moves_every_arm_to_its_target_and_tells_the_clearance(bench):
     assert all(each.least.distance > 0.7 * ROOM for each in screen.plan.clearances)
     bench.model.preview(screen.plan.duration)
     ghosts = [each.preview_time for each in bench.model.screen().arms.values()]
-    assert ghosts == [screen.plan.duration] * 3
+    assert ghosts == [plan.duration for plan in screen.plan.plans.values()]
     bench.model.execute()
     bench.move(lambda: bench.says("Arrived"))
     first, second, _ = bench.opened.rigs.values()
