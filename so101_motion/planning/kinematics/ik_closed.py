@@ -54,14 +54,14 @@ class ClosedForms:
         self._compiled = CompiledForms(structure, library) if library else None
         self._workspaces: dict[str, Workspace] = {}
 
-    def nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:
+    def nearest(self, task: Task, seed: Joints) -> Iterable[Configuration]:
         """Configurations at the task's point, the one nearest to the seed first; few or none.
 
         For an approach, the seed's roll comes before all others, and what cannot have the approach
         comes last, as evidence.
         """
         if self._compiled is not None:
-            return iter(self._compiled.nearest(task, seed))
+            return self._compiled.nearest(task, seed)
         return self._nearest(task, seed)
 
     def _nearest(self, task: Task, seed: Joints) -> Iterator[Configuration]:

@@ -5,7 +5,6 @@ Every solution, whatever formula it comes from, is judged by the kinematic model
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import atan2, hypot, inf, isfinite, sqrt
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.common.geometry import Array, frozen_array, rotation_angle
+from so101_motion.common.geometry import Array, rotation_angle
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.planning.goals import GoalMetric, PoseGoal
 from so101_motion.planning.kinematics.arm_geometry import Joints, to_joints
@@ -36,12 +35,11 @@ _ROTATION_SLACK = 1e-6
 """How far a rotation matrix may be from orthonormal. Chosen above what seven digits cost."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class IkSolution:
+class IkSolution(NamedTuple):
     """Joint angles that reach a goal, as judged by the kinematic model.
 
     Attributes:
-        q: Joint angles, shape (5,), inside the limits [rad].
+        q: Joint angles, shape (5,), inside the limits, read-only [rad].
         error_position: Distance from the goal's point [m].
         error_angle: What is left of the goal's orientation [rad]: for a goal with an approach
             the angle between wanted and reached approach axis, for a full pose the angle of
@@ -56,10 +54,6 @@ class IkSolution:
     error_angle: float
     branch: str
     limit: str | None
-
-    def __post_init__(self) -> None:
-        if self.q.flags.writeable:
-            object.__setattr__(self, "q", frozen_array(self.q, (5,)))
 
 
 class Task(NamedTuple):
@@ -110,14 +104,7 @@ def check_goal(model: RobotModel, goal: PoseGoal) -> Task:
     R_base_tool = goal.T_base_tool.R
     if goal.frame != "tool" and metric is not GoalMetric.POSITION_ONLY:
         R_base_tool = R_base_tool @ model.rotation_to_tool(goal.frame)
-    return Task(
-        metric=metric,
-        frame=goal.frame,
-        point=(x, y, z),
-        R_base_tool=R_base_tool,
-        position_tolerance=within,
-        angle_tolerance=angle,
-    )
+    return Task(metric, goal.frame, (x, y, z), R_base_tool, within, angle)
 
 
 def _check_rotation(rows: list[list[float]]) -> None:
@@ -162,13 +149,8 @@ def judge(model: RobotModel, task: Task, joints: Joints, branch: str) -> IkSolut
     q.setflags(write=False)
     x, y, z = model.rotation_and_position(q, task.frame)[1].tolist()
     goal_x, goal_y, goal_z = task.point
-    return IkSolution(
-        q=q,
-        error_position=hypot(x - goal_x, y - goal_y, z - goal_z),
-        error_angle=orientation_error(model, task, q),
-        branch=branch,
-        limit=limit,
-    )
+    off, turned = hypot(x - goal_x, y - goal_y, z - goal_z), orientation_error(model, task, q)
+    return IkSolution(q, off, turned, branch, limit)
 
 
 def _pulled_inside(model: RobotModel, joints: Joints) -> tuple[Joints, str | None]:

@@ -59,8 +59,8 @@ static int rolls_with_lateral(const Arm *arm, double lateral, double *rolls)
         return 0;
     double turn = acos(clipped((lateral - arm->left[0]) / swing, -1.0, 1.0));
     double phase = atan2(arm->left[2], arm->left[1]);
-    rolls[0] = remainder(phase + turn, TAU);
-    rolls[1] = remainder(phase - turn, TAU);
+    rolls[0] = wrapped(phase + turn);
+    rolls[1] = wrapped(phase - turn);
     return 2;
 }
 
@@ -70,7 +70,7 @@ static double clip_roll(const Arm *arm, double roll)
     if (lower <= roll && roll <= upper)
         return roll;
     double middle = 0.5 * (lower + upper);
-    return clipped(middle + remainder(roll - middle, TAU), lower, upper);
+    return clipped(middle + wrapped(roll - middle), lower, upper);
 }
 
 static bool pan_allows(const Arm *arm, double pan)
@@ -95,7 +95,7 @@ static int sides(const Arm *arm, const double *point, Rolled frame, Side *found)
     int count = 0;
     for (int back = 0; back < 2; back++) {
         double along = back ? -forward : forward;
-        double pan = arm->pan_sign * remainder(heading - atan2(lateral, along), TAU);
+        double pan = arm->pan_sign * wrapped(heading - atan2(lateral, along));
         if (pan_allows(arm, pan)) {
             Target target = {along - arm->shoulder_x, point[2] - arm->shoulder_z, frame.length,
                              frame.elevation};
@@ -205,7 +205,7 @@ static int approach_rolls(const Arm *arm, const Goal *goal, double *rolls)
         return 0;
     for (int k = 0; k < 2; k++) {
         double azimuth = k ? atan2(-y, -x) : atan2(y, x);
-        if (pan_allows(arm, arm->pan_sign * remainder(azimuth - arm->azimuth, TAU))) {
+        if (pan_allows(arm, arm->pan_sign * wrapped(azimuth - arm->azimuth))) {
             double px = goal->point[0] - arm->pan_x, py = goal->point[1] - arm->pan_y;
             double lateral = py * cos(azimuth) - px * sin(azimuth);
             count += rolls_with_lateral(arm, lateral, rolls + count);
@@ -317,21 +317,21 @@ static double wanted_roll(const Orientation *fit, double pan)
 {
     double q[4];
     remaining(fit, pan, q);
-    return remainder(atan2(q[1] + q[2], q[0] + q[3]) - atan2(q[2] - q[1], q[0] - q[3]), TAU);
+    return wrapped(atan2(q[1] + q[2], q[0] + q[3]) - atan2(q[2] - q[1], q[0] - q[3]));
 }
 
 static double roll_for(const Orientation *fit, double pan, double pitch)
 {
     double q[4], c = cos(0.5 * pitch), s = sin(0.5 * pitch);
     remaining(fit, pan, q);
-    return remainder(2.0 * atan2(q[1] * c - q[3] * s, q[0] * c + q[2] * s), TAU);
+    return wrapped(2.0 * atan2(q[1] * c - q[3] * s, q[0] * c + q[2] * s));
 }
 
 static double pitch_for(const Orientation *fit, double pan, double roll)
 {
     double q[4], c = cos(0.5 * roll), s = sin(0.5 * roll);
     remaining(fit, pan, q);
-    return remainder(2.0 * atan2(q[2] * c - q[3] * s, q[0] * c + q[1] * s), TAU);
+    return wrapped(2.0 * atan2(q[2] * c - q[3] * s, q[0] * c + q[1] * s));
 }
 
 static int settled(const Arm *arm, const Goal *goal, const Orientation *fit, Side side, double roll,

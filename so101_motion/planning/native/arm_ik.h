@@ -41,6 +41,16 @@ static inline double clipped(double value, double low, double high)
     return value < high ? value : high;
 }
 
+/* remainder(angle, TAU); libm takes long for it, and within a turn and a half it is exact like this. */
+static inline double wrapped(double angle)
+{
+    if (fabs(angle) <= 0.5 * TAU)
+        return angle;
+    if (fabs(angle) < 1.5 * TAU)
+        return angle > 0.0 ? angle - TAU : angle + TAU;
+    return remainder(angle, TAU);
+}
+
 /* The configurations whose pitch is nearest to a given one; returns how many, at most 2. */
 int so101_nearest_pitch(const Arm *arm, Target target, double pitch, Bend *found);
 

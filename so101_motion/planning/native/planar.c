@@ -36,8 +36,8 @@ static int bends(const Arm *arm, Target t, double pitch, Bend *found)
         if (down)
             fold = -fold, lean = -lean;
         double elbow = arm->straight + fold;
-        double lift = remainder(arm->elevation_a - atan2(z, x) - lean, TAU);
-        Bend bend = {{lift, elbow, remainder(pitch - lift - elbow, TAU)}, !down};
+        double lift = wrapped(arm->elevation_a - atan2(z, x) - lean);
+        Bend bend = {{lift, elbow, wrapped(pitch - lift - elbow)}, !down};
         if (allows(arm, bend.angles))
             found[count++] = bend;
     }
@@ -96,9 +96,16 @@ static int bands_of(const Arm *arm, Target t, bool elbow_up, double bands[2][2])
     return 2;
 }
 
-static int splits_of(const Arm *arm, Target t, double *found)
+/* What cuts the bands of a target, for both bends of the elbow. */
+typedef struct {
+    int count; /* -1: not worked out yet */
+    double at[8], aligned;
+} Splits;
+
+static void work_out_splits(const Arm *arm, Target t, Splits *splits)
 {
     double hand = t.hand > TINY ? t.hand : TINY, distance = hypot(t.x, t.z);
+    double *found = splits->at;
     distance = distance > TINY ? distance : TINY;
     double elevation = atan2(t.z, t.x);
     int count = 0;
@@ -129,30 +136,34 @@ static int splits_of(const Arm *arm, Target t, double *found)
             found[count++] = middle + angle;
         }
     }
-    return count;
+    splits->count = count;
+    splits->aligned = t.hand_elevation - elevation;
 }
 
 /* Python's %: between 0 and TAU whatever the sign. */
 static double turned(double angle)
 {
+    if (0.0 <= angle && angle < TAU)
+        return angle;
     double rest = fmod(angle, TAU);
     return rest < 0.0 ? rest + TAU : rest;
 }
 
-static int intervals_of(const Arm *arm, Target t, double pitch, bool elbow_up, Interval *found)
+static int intervals_of(const Arm *arm, Target t, double pitch, bool elbow_up, Splits *splits,
+                        Interval *found)
 {
-    double bands[2][2], splits[8];
+    double bands[2][2];
     int n_bands = bands_of(arm, t, elbow_up, bands), count = 0;
     if (n_bands == 0)
         return 0;
-    double aligned = t.hand_elevation - atan2(t.z, t.x);
-    int n_splits = splits_of(arm, t, splits);
-    double home = pitch - aligned;
+    if (splits->count < 0)
+        work_out_splits(arm, t, splits);
+    double aligned = splits->aligned, home = pitch - aligned;
     for (int i = 0; i < n_bands; i++) {
         double low = bands[i][0], high = bands[i][1], ends[9] = {high};
         int n_ends = 1;
-        for (int k = 0; k < n_splits; k++) {
-            double inside = turned(splits[k] - low) + low;
+        for (int k = 0; k < splits->count; k++) {
+            double inside = turned(splits->at[k] - low) + low;
             if (inside < high) {
                 int j = n_ends++;
                 for (; j > 0 && ends[j - 1] > inside; j--)
@@ -162,7 +173,7 @@ static int intervals_of(const Arm *arm, Target t, double pitch, bool elbow_up, I
         }
         for (int k = 0; k < n_ends; k++) {
             double end = ends[k];
-            double away = fabs(remainder(home - 0.5 * (low + end), TAU)) - 0.5 * (end - low);
+            double away = fabs(wrapped(home - 0.5 * (low + end))) - 0.5 * (end - low);
             away = away > 0.0 ? rint(away * 1e9) * 1e-9 : 0.0;
             found[count++] = (Interval){away, aligned + low, aligned + end, elbow_up};
             low = end;
@@ -178,8 +189,9 @@ int so101_nearest_pitch(const Arm *arm, Target t, double pitch, Bend *found)
     if (count)
         return count;
     Interval all[2 * MOST_INTERVALS];
-    int n = intervals_of(arm, t, pitch, true, all);
-    n += intervals_of(arm, t, pitch, false, all + n);
+    Splits splits = {.count = -1};
+    int n = intervals_of(arm, t, pitch, true, &splits, all);
+    n += intervals_of(arm, t, pitch, false, &splits, all + n);
     sort_intervals(all, n);
     for (int i = 0; i < n; i++) {
         double middle = 0.5 * (all[i].low + all[i].high);
@@ -187,7 +199,7 @@ int so101_nearest_pitch(const Arm *arm, Target t, double pitch, Bend *found)
         for (int k = 0; k < count; k++)
             if (found[k].elbow_up == all[i].elbow_up) {
                 double half = (0.5 - INSIDE) * (all[i].high - all[i].low);
-                double ahead = remainder(pitch - middle, TAU);
+                double ahead = wrapped(pitch - middle);
                 ahead = ahead > -half ? ahead : -half;
                 return bends(arm, t, middle + (ahead < half ? ahead : half), found);
             }
@@ -215,8 +227,8 @@ static Sample look(const Arm *arm, Target t, const double *seed, double pitch, b
         fold = -fold;
     double q_elbow = arm->straight + fold;
     double lean = atan2(arm->b * sin(fold), arm->a + arm->b * cosine);
-    double q_lift = remainder(arm->elevation_a - atan2(wrist_z, wrist_x) - lean, TAU);
-    Sample here = {0.0, 0.0, pitch, {q_lift, q_elbow, remainder(pitch - q_lift - q_elbow, TAU)}};
+    double q_lift = wrapped(arm->elevation_a - atan2(wrist_z, wrist_x) - lean);
+    Sample here = {0.0, 0.0, pitch, {q_lift, q_elbow, wrapped(pitch - q_lift - q_elbow)}};
     if (!allows(arm, here.angles))
         return nowhere;
     elevation = arm->elevation_b - q_lift - q_elbow;
@@ -268,19 +280,20 @@ bool so101_nearest_bend(const Arm *arm, Target t, const double *seed, double *ce
 {
     double home = seed[0] + seed[1] + seed[2];
     bool found = false;
+    Splits splits = {.count = -1};
     for (int down = 0; down < 2; down++) {
         bool elbow_up = !down;
         double gap = elbow_up ? arm->straight - seed[1] : seed[1] - arm->straight;
         if (gap > 0.0 && gap * gap >= *ceiling)
             continue;
         Interval all[MOST_INTERVALS];
-        int n = intervals_of(arm, t, home, elbow_up, all);
+        int n = intervals_of(arm, t, home, elbow_up, &splits, all);
         for (int i = 0; i < n && all[i].away * all[i].away < 3.0 * *ceiling; i++) {
             double low = all[i].low, high = all[i].high;
             double pitch = 0.5 * (low + high), margin = INSIDE * (high - low);
             low += margin, high -= margin;
             if (all[i].away == 0.0)
-                pitch = clipped(pitch + remainder(home - pitch, TAU), low, high);
+                pitch = clipped(pitch + wrapped(home - pitch), low, high);
             Sample start = look(arm, t, seed, pitch, elbow_up);
             if (start.square < INFINITY) {
                 Sample end = descend(arm, t, seed, elbow_up, start, low, high);
