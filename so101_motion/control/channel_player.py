@@ -37,7 +37,7 @@ from so101_motion.common.errors import (
     ServoAlarm,
 )
 from so101_motion.common.geometry import Array
-from so101_motion.common.state import JointState
+from so101_motion.common.state import JointReading, JointState
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.following import Following
 from so101_motion.control.following_check import FollowingCheck
@@ -106,6 +106,7 @@ class ChannelPlayer:
         self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
+        self._unanswered: frozenset[str] = frozenset()
 
     @property
     def is_moving(self) -> bool:
@@ -151,9 +152,10 @@ class ChannelPlayer:
         """Set the reference to ``q``, at rest; no motion is under way then."""
         self.reference = Setpoint.at_rest(q)
 
-    def update(self, q: Array, out_of_range: Mapping[str, float]) -> None:
-        """Note the measured angles, shape (n,), [rad], and the joints outside their limits."""
-        self._recovery.update(q, out_of_range)
+    def update(self, q: Array, reading: JointReading) -> None:
+        """Note the measured angles, shape (n,), [rad], and what else was read."""
+        self._unanswered = reading.unanswered
+        self._recovery.update(q, reading.out_of_range)
         if self._recovery and self._motion is None:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
 
@@ -387,15 +389,16 @@ class ChannelPlayer:
         """Stop because of some joints; those stay where they are.
 
         Their goal would otherwise press on, with all the servo's force, against what holds them.
+        One that did not answer now stops like the others, for nobody knows where it is.
         """
+        lost = lost & ~np.isin(self._channel.joints, list(self._unanswered))
         now = self.reference
         self.reference = Setpoint(
             q=np.where(lost, q, now.q),
             qd=np.where(lost, 0.0, now.qd),
             qdd=np.where(lost, 0.0, now.qdd),
         )
-        motion.ending, motion.last, motion.waits_until = error, None, None
-        motion.lost = lost
+        motion.ending, motion.last, motion.waits_until, motion.lost = error, None, None, lost
         self._stop_alone(motion)
 
     def _stop_alone(self, motion: _Motion) -> None:

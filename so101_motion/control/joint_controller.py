@@ -298,8 +298,8 @@ class JointController:
             self._rest_at(reading)
         elif self.mode is Mode.GUIDING:
             self._arm.rest_at(reading.q)
-        self._arm.update(reading.q, reading.out_of_range)
-        self._jaw.update(np.array([reading.q_jaw]), reading.out_of_range)
+        self._arm.update(reading.q, reading)
+        self._jaw.update(np.array([reading.q_jaw]), reading)
         if reading.alarms and self.mode is Mode.HOLDING:
             self._yield_to_push(reading)
         self.state = self._snapshot(reading, now, late)

@@ -1,10 +1,11 @@
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from harness.retarget import retarget
 
-from so101_motion.common.errors import BusError, NotHolding
+from so101_motion.common.errors import BusError, FollowingError, NotHolding
 from so101_motion.common.modes import Mode
 from so101_motion.planning.timing import online
 
@@ -36,6 +37,31 @@ def test_a_driver_that_raises_in_mid_motion_ends_everything_with_its_error(sim):
     assert sim.state.mode is Mode.FAULT
     assert sim.state.fault == "servo 3 does not answer"
     assert not sim.state.arm_moving
+
+
+def test_a_joint_that_fell_silent_while_it_lagged_is_not_sent_back_to_where_it_was(
+    make_sim, taped_arm, clock
+):
+    class SilentArm(taped_arm):
+        """Its first servo is not heard from the hundredth goal on."""
+
+        heard = 0.0
+
+        def read(self):
+            reading = super().read()
+            if len(self.tape) < 100:
+                self.heard = reading.q[0]
+                return reading
+            q = np.array([self.heard, *reading.q[1:]])
+            return replace(reading, q=q, unanswered=frozenset({"shoulder_pan"}))
+
+    sim = make_sim(SilentArm(clock))
+    sim.executor.start()
+    error = sim.error_after(5.0, sim.executor.execute(sim.slow_move(3.0)))
+    assert isinstance(error, FollowingError)
+    steps = np.diff(sim.arm.goals[:, 0])
+    assert steps.min() > -1e-3
+    assert sim.state.mode is Mode.HOLDING
 
 
 def test_a_fault_refuses_motion_and_says_why(sim):
