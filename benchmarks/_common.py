@@ -140,7 +140,7 @@ def in_pieces(name: str, pieces: Mapping[str, Callable[[], Piece]]) -> list[Piec
     if file.exists() and commit.isalnum() and commit != "unknown":
         known = dict(map(json.loads, file.read_text().splitlines()))
     found = []
-    with file.open("a" if known else "w") as kept:
+    with file.open("a") as kept:
         for key, call in pieces.items():
             if key not in known:
                 begin = time.process_time()

@@ -2,7 +2,7 @@
 
 First one joint of an emulated arm after the other meets a wall, at different speeds: from the
 contact until the command no longer leads it on. Then arms whose servos differ (spread 0.2), with 0
-to 0.2 kg in the hand that nobody has told them of, move through random waypoints at up to 180
+to 0.2 kg in the hand that nobody has told them of, move through random waypoints at 10 to 180
 deg/s, an hour on the pretended clock in all: none of those motions may end as a contact does.
 
 The servos are emulated: fitted on recordings of one real servo, see ``docs/emulator.md``.
@@ -15,6 +15,7 @@ import importlib
 import math
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from so101_motion.common.state import ARM_JOINTS
 
 SPEEDS = (10.0, 20.0, 30.0, 50.0, 90.0, 180.0)
 LOADS_KG = (0.0, 0.1, 0.2)
-PACES = ((50.0, 100.0), (90.0, 300.0), (180.0, 500.0))
+PACES = ((10.0, 100.0), (20.0, 100.0), (50.0, 100.0), (90.0, 300.0), (180.0, 500.0))
 GOALS = (50.0, -40.0, -70.0, -60.0, 90.0)
 """Where each joint is sent from zero, clear of the table [deg]."""
 
@@ -115,7 +116,8 @@ def main() -> None:
     asked = parser.parse_args()
     rows: list[dict[str, Any]] = []
     for speed in SPEEDS:
-        times = [each for seed in range(asked.arms) for each in contacts(seed, speed)]
+        pieces = {f"{speed:g} deg/s: {k}": partial(contacts, k, speed) for k in range(asked.arms)}
+        times = [each for arm in _common.in_pieces("bench_contact", pieces) for each in arm]
         rows.append(
             {
                 "what": f"contact at {speed:g} deg/s, {len(times)} of them, until led on no more",
@@ -124,7 +126,9 @@ def main() -> None:
             }
         )
         print(rows[-1])
-    seen = [undisturbed(seed, 60.0 * asked.minutes / asked.arms) for seed in range(asked.arms)]
+    each_for = 60.0 * asked.minutes / asked.arms
+    ways = {f"{each_for:g} s: {k}": partial(undisturbed, k, each_for) for k in range(asked.arms)}
+    seen = _common.in_pieces("bench_contact", ways)
     rows.append(
         {
             "what": f"random motion of {asked.arms} arms without contact, with up to 0.2 kg",

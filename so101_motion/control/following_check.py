@@ -1,22 +1,41 @@
 """Tell whether joints follow their setpoints, or something holds them up.
 
-Two ways to see it. *A joint is far from where it was wanted*, whatever the reason: servos lag, so
+Three ways to see it. *A joint is far from where it was wanted*, whatever the reason: servos lag, so
 it is measured against all the setpoints of the last ``following_lag``. *A joint stands while it is
 led on*: over one of ``contact_windows`` it has moved much less than the setpoints have. That is
 seen long before the joint is far off, because what makes joints stand off (weight, friction, delay)
 changes little in so short a time; so it tells a contact from a load. The longer window is for slow
-motions, in which a joint is led on no farther than play lets it stand.
+motions, in which a joint is led on no farther than play lets it stand. *A joint stops that followed
+slowly and evenly*: how far it strays from its setpoints was seen just before, 0.1 deg or so, so
+what its play lets it stand (its load may change sides on the way) is enough to be beyond that.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
 
 from so101_motion.common.geometry import Array
+from so101_motion.common.units import to_rad
 from so101_motion.control.joint_group import Tolerances
+
+FOLLOWED = 0.4
+"""For how long a joint must have followed before it stopped [s]; chosen."""
+
+STOPPED = (0.06, 0.08, 0.1, 0.12, 0.14, 0.17, 0.2)
+"""For how long it must stand then [s]: at 20 deg/s the shortest do, at 6 the longest. Chosen."""
+
+LEAST_WAY = to_rad(1.6)
+"""How far it must have come in that time [rad]: more than play lets it stand. Chosen."""
+
+SLOW = to_rad(35.0)
+"""A faster joint is seen to stand soon enough without this [rad/s]; chosen."""
+
+STANDS = to_rad(0.3)
+"""Readings of a joint that stands differ by no more than this [rad]: three ticks; chosen."""
 
 
 class FollowingCheck:
@@ -31,9 +50,11 @@ class FollowingCheck:
         self._tolerances = tolerances
         self._lag = round(tolerances.following_lag / dt)
         self._windows = tuple(round(span / dt) for span in tolerances.contact_windows)
-        self._kept = 1 + self._lag + max(self._windows)
+        self._before = round(FOLLOWED / dt)
+        self._stops = tuple(round(span / dt) for span in STOPPED)
+        self._kept = 1 + max(self._lag + max(self._windows), self._before + max(self._stops))
         self._wanted: deque[Array] = deque(maxlen=self._kept)
-        self._seen: deque[Array] = deque(maxlen=1 + max(self._windows))
+        self._seen: deque[Array] = deque(maxlen=self._kept)
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
@@ -61,19 +82,39 @@ class FollowingCheck:
             if len(self._seen) > window:
                 before = self._seen[len(self._seen) - 1 - window]
                 held |= self._stands(wanted[-1 - self._lag - window :], window, q - before, q)
+        if math.isfinite(self._tolerances.contact_stray) and len(self._seen) == self._kept:
+            seen = np.array(self._seen)
+            for stop in self._stops:
+                held |= self._has_stopped(wanted, seen, stop)
+        return held
+
+    def _has_stopped(self, wanted: Array, seen: Array, stop: int) -> NDArray[np.bool_]:
+        """Which joints followed slowly and evenly until ``stop`` ticks ago, and stand since."""
+        side = np.sign(wanted[-1] - wanted[-2])
+        held: NDArray[np.bool_] = (np.ptp(seen[-1 - stop :], axis=0) <= STANDS) & (side != 0.0)
+        if not held.any():
+            return held
+        span = slice(len(seen) - 1 - stop - self._before, None)
+        wanted, seen = side * wanted[span], side * seen[span]
+        steps, stray = np.diff(wanted, axis=0), wanted - seen
+        then = self._before
+        way, moved = wanted[then] - wanted[0], seen[then] - seen[0]
+        held &= (steps.min(axis=0) > 0.0) & (steps[-1] >= 0.8 * steps.max(axis=0))
+        held &= (way >= LEAST_WAY) & (way <= SLOW * FOLLOWED) & (moved >= 0.7 * way)
+        held &= stray[-1] - stray[: then + 1].max(axis=0) > self._tolerances.contact_stray
         return held
 
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:
         led = wanted[window:] - wanted[:-window]
         # By whatever lag it is explained best: only then is it no lag.
-        least, most = np.min(led, axis=0), np.max(led, axis=0)
-        way = np.where(least > 0.0, least, np.where(most < 0.0, most, 0.0))
+        low, high = np.min(led, axis=0), np.max(led, axis=0)
+        way = np.where(low > 0.0, low, np.where(high < 0.0, high, 0.0))
         # One that goes backwards has not met anything, it sags or turns round.
         missing = np.abs(way) - np.maximum(np.sign(way) * moved, 0.0)
-        less = np.maximum(
-            self._tolerances.contact_distance, self._tolerances.contact_share * np.abs(way)
-        )
+        least = self._tolerances.contact_distance
+        less = np.maximum(least, self._tolerances.contact_share * np.abs(way))
         # One that ran ahead may wait for its setpoints.
         behind = np.sign(way) * (wanted[-1] - q)
-        held: NDArray[np.bool_] = (missing > less) & (behind > 0.5 * less)
+        far = behind > np.maximum(0.5 * less, 0.75 * least)
+        held: NDArray[np.bool_] = (missing > less) & far
         return held

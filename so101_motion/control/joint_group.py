@@ -41,6 +41,8 @@ class Tolerances:
         contact_distance: How much less than its setpoints it may move in that time [rad];
             without a bound by default.
         contact_share: The same as a share of what they move; the larger of the two counts.
+        contact_stray: How much farther from its setpoints than just before a joint may be that
+            followed slowly and evenly, and stands [rad]; without a bound by default.
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 
@@ -54,3 +56,4 @@ class Tolerances:
     contact_windows: tuple[float, ...] = (0.08, 0.24)
     contact_distance: float = math.inf
     contact_share: float = 0.6
+    contact_stray: float = math.inf

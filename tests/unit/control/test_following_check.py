@@ -5,7 +5,9 @@ from so101_motion.control.following_check import FollowingCheck
 from so101_motion.control.joint_group import Tolerances
 
 DT = 0.01
-TOLERANCES = Tolerances(following_lag=0.15, contact_distance=np.radians(1.4))
+TOLERANCES = Tolerances(
+    following_lag=0.15, contact_distance=np.radians(1.6), contact_stray=np.radians(1.1)
+)
 
 
 def seen(setpoints, joints, tolerances=TOLERANCES):
@@ -26,6 +28,21 @@ def test_a_joint_that_meets_something_is_held_up_within_90_ms(speed):
     assert met < seen(way, np.where(np.arange(100) < met, way, way[met])) <= met + 9
 
 
+@pytest.mark.parametrize(("speed", "ticks"), [(10.0, 13), (-10.0, 13), (15.0, 9), (20.0, 7)])
+def test_one_that_followed_slowly_is_held_up_once_it_stands_longer_than_play_lets_it(speed, ticks):
+    way = speed * DT * np.arange(150.0)
+    met = 80
+    stands = np.where(np.arange(150) < met, way, way[met])
+    assert met < seen(way, stands) <= met + ticks
+
+
+@pytest.mark.parametrize("speed", [6.0, 10.0, 20.0])
+def test_one_whose_load_changes_sides_on_its_way_stands_for_its_play(speed):
+    way = speed * DT * np.arange(200.0)
+    crossing = np.maximum(np.minimum(way, way[100]), way - 1.0)
+    assert seen(way, crossing) is None
+
+
 @pytest.mark.parametrize("lag", [0, 5, 10, 14])
 def test_a_joint_that_lags_by_a_constant_time_is_not_held_up(lag):
     t = DT * np.arange(400.0)
@@ -44,6 +61,13 @@ def test_a_joint_that_ran_ahead_may_wait_for_its_setpoints():
     way = 50.0 * DT * np.arange(60.0)
     ahead = np.minimum(way + 4.0, np.maximum(way, 20.0))
     assert seen(way, ahead) is None
+
+
+def test_a_joint_that_ran_ahead_and_stands_where_its_setpoints_come_to_rest_has_met_nothing():
+    way = -np.array([67.4, 68.0, 68.7, 69.2, 69.8, 70.3, 70.8, 71.2, 71.6, 71.9, 72.3, 72.6, 72.8,
+                     73.0, 73.2, 73.4, 73.5, 73.6, 73.7, 73.8, 73.8])  # fmt: skip
+    way = np.concatenate([np.linspace(-15.0, way[0], 50), way])
+    assert seen(way, np.maximum(way - 1.0, -72.9)) is None  # an emulated shoulder from 120 deg/s
 
 
 def test_one_that_falls_back_has_met_nothing():
