@@ -1,9 +1,11 @@
 """Make the pictures of the documentation from the running pages.
 
-Needs Chromium (``make test`` installs one). Run it from anywhere, on a machine with nothing else to
-do, for the pages are drawn without a GPU:
+Needs Chromium (``make test`` installs one). Run it from anywhere:
 
     python docs/make_screenshots.py [NAME ...]
+
+The pages are drawn without a GPU, which takes all the processor there is. So nothing is drawn until
+a picture is taken, and buttons are pressed without waiting for the scene to be drawn.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 from so101_viewer.app import serve_source
 from so101_viewer.setup_app import serve_setup
 from so101_viewer.source import Source
@@ -31,12 +33,29 @@ from so101_motion.rig.hardware_rig import Rig, open_simulated
 from so101_motion.tasks.sweeps import Atlas, ReachSweep, run_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+from harness.browser_user import FEW_PICTURES  # noqa: E402  # it lives with the tests
+
 PICTURES = ROOT / "docs" / "pictures"
 TABLE = ROOT / "examples" / "table.json"
 DESK, PHONE = (1440, 900), (400, 800)
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 START_DEG = (65.0, -20.0, 30.0, 50.0, 0.0)
-PATIENCE = 60_000  # [ms]
+PATIENCE = 180_000  # [ms]; a busy machine
+
+DRAW_AND_FREEZE = """
+() => new Promise((done) => {
+  const later = window.requestAnimationFrame;
+  let left = 3;
+  const draw = () => {
+    if (left--) return later(draw);
+    window.requestAnimationFrame = () => 0;  // what is drawn stays
+    done();
+  };
+  window.draws = true;
+  later(draw);
+})
+"""
 
 
 def main() -> None:
@@ -72,7 +91,7 @@ def obstacles(browser: Browser, file: Path) -> None:
 def dark(browser: Browser, file: Path) -> None:
     """The world, in the dark."""
     with _at_the_wall() as (rig, plan), _page(browser, rig, plan=plan, scheme="dark") as page:
-        page.get_by_text("World", exact=True).first.click(timeout=PATIENCE)
+        _open_tab(page, "World")
         _take(page, file)
 
 
@@ -114,15 +133,24 @@ def setup(browser: Browser, file: Path) -> None:
             serve_setup(port=0, ports=[str(link)], reply_timeout=0.5, progress_file=kept) as app,
             _window(browser, app.url, DESK, "light") as page,
         ):
-            for name in ("Calibration Only", "Next", "Next", "Let go of the joints"):
+            for name, then in (
+                ("Calibration Only", "Step 1 of 7"),
+                ("Next", "Step 2 of 7"),
+                ("Next", "it sinks at once"),
+                ("Let go of the joints", "Match the blue ghost"),
+                ("I hold it there", "The pose is taken"),
+                ("Next", "Still to do: shoulder_pan"),
+            ):
                 _press(page, name)
-            _press(page, "I hold it there")
-            _press(page, "Next")
-            for share in (*np.linspace(0.5, 0.0, 30), *np.linspace(0.0, 1.0, 60)):
-                put(float(share), done)
-                put(0.25 + 0.5 * float(share), ("wrist_flex",))
-                page.wait_for_timeout(40)
-            page.wait_for_timeout(300)  # a hand rests at a stop
+                page.get_by_text(then).first.wait_for(timeout=PATIENCE)
+            is_seen = page.get_by_text("Still to do: wrist_flex").first.is_visible
+            for _ in range(10):  # a busy machine may miss a stop
+                for share in (*np.linspace(0.5, 0.0, 30), *np.linspace(0.0, 1.0, 60), *[1.0] * 8):
+                    put(float(share), done)
+                    put(0.25 + 0.5 * float(share), ("wrist_flex",))
+                    page.wait_for_timeout(40)
+                if is_seen():
+                    break
             put(0.6, done)
             _take(page, file)
         servos.close()
@@ -165,8 +193,9 @@ def _window(browser: Browser, url: str, size: tuple[int, int], scheme: str) -> I
         viewport={"width": width, "height": height},
         color_scheme=scheme,  # type: ignore[arg-type]
     )
+    context.add_init_script(FEW_PICTURES)
     page = context.new_page()
-    page.goto(url)
+    page.goto(url, timeout=PATIENCE)
     try:
         yield page
     finally:
@@ -176,7 +205,14 @@ def _window(browser: Browser, url: str, size: tuple[int, int], scheme: str) -> I
 def _press(page: Page, name: str) -> None:
     """Press a button once it is there and can be pressed."""
     button = page.get_by_role("button", name=name, exact=True)
-    button.click(timeout=PATIENCE)
+    expect(button).to_be_enabled(timeout=PATIENCE)
+    button.evaluate("button => button.click()")
+
+
+def _open_tab(page: Page, name: str) -> None:
+    tab = page.get_by_role("tab", name=name, exact=True)
+    tab.wait_for(timeout=PATIENCE)
+    tab.evaluate("tab => tab.click()")
 
 
 def _take(page: Page, file: Path) -> None:
@@ -186,7 +222,8 @@ def _take(page: Page, file: Path) -> None:
     if close.count():
         close.first.dispatch_event("click")
     page.wait_for_timeout(2000)
-    page.screenshot(path=file)
+    page.evaluate(DRAW_AND_FREEZE)
+    page.screenshot(path=file, timeout=PATIENCE)
 
 
 if __name__ == "__main__":

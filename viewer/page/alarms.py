@@ -64,17 +64,17 @@ def state_alarms(state: JointState, sources: Mapping[str, str]) -> tuple[Alarm, 
     plain = tuple(joint for joint, source in sources.items() if source == "defaults")
     if plain:
         text = (
-            f"No calibration: {_listed(plain)} may stand elsewhere than it is drawn. Calibrate on"
+            f"No calibration: {_listed(plain)} may not be where the picture shows it. Calibrate on"
             " the Setup tab before you move the arm."
         )
         found.append(_warm("calibration", plain, text))
     outside = tuple(state.reading.out_of_range)
     if outside:
         where = ", ".join(
-            f"{joint} by the limit at {to_deg(limit):.0f}°"
+            f"{joint}, limit {to_deg(limit):.0f}°"
             for joint, limit in state.reading.out_of_range.items()
         )
-        text = f"Outside its range: {where}. The next motion takes it back in slowly."
+        text = f"Outside its range: {where}. The next motion brings it back slowly."
         found.append(_warm("range", outside, text))
     return tuple(found)
 
@@ -109,7 +109,7 @@ def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
     worst = next((case for case in cases if case[2] is Tone.BAD), cases[0])
     joint, text, tone = worst
     others = tuple(each for each, _, _ in cases if each != joint)
-    more = f" The same with {_listed(others)}." if others else ""
+    more = f" Also: {_listed(others)}." if others else ""
     return Alarm(
         cause=cause,
         joints=(joint, *others),

@@ -16,7 +16,7 @@ from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
 
 _OFF = Sentence(
-    text="Finds out how each servo differs from its type, in two and a half minutes. The arm moves."
+    text="Measures how each servo differs from its type. The arm moves, for about three minutes."
 )
 _EMPTY, _CARRYING = "The hand is empty", "It carries something"
 
@@ -77,7 +77,7 @@ class IdentifyPart(Part):
         if now.outline is not None:
             return Sentence(text=now.outline.sentence, tone=Tone.WARM)
         if now.report is not None:
-            return Sentence(text="Kept beside the calibration, and used now.", tone=Tone.GOOD)
+            return Sentence(text="Saved beside the calibration and used from now on.", tone=Tone.GOOD)
         return texts.blocked(self._arm.state) or _OFF
 
 

@@ -48,7 +48,7 @@ def test_one_supply_is_one_alarm_for_all_its_servos() -> None:
     joints = ("shoulder_pan", "shoulder_lift", "elbow_flex")
     (alarm,) = servo_alarms(replace(WELL, joint=joint, volts=5.1) for joint in joints)
     assert alarm.joints == joints
-    assert "The same with shoulder_lift and elbow_flex" in alarm.sentence.text
+    assert "Also: shoulder_lift and elbow_flex" in alarm.sentence.text
 
 
 def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
