@@ -176,7 +176,7 @@ def restore(file: str, number: int | None, dry_run: bool, as_json: bool) -> None
     if as_json:
         print_json("calibration", facts(stored))
         return
-    click.echo(f"{stored.path} says again:")
+    click.echo(f"{stored.path} is restored:")
     _table(stored.calibration)
     _notes(stored)
 
@@ -268,16 +268,16 @@ def _would_save(wanted: Stored, as_json: bool) -> None:
         ]
         print_json("calibration", {**facts(wanted), "dry_run": True, "changes": changes})
         return
-    click.echo(f"{wanted.path} would say:")
+    click.echo(f"{wanted.path} would hold:")
     _table(wanted.calibration)
     _notes(wanted)
     for row in rows:
         if row.differs:
             click.echo(f"  {row.joint}: {row.field} {row.held} -> {row.filed}", err=True)
     if not now:
-        click.echo("there is no such file yet that can be used", err=True)
+        click.echo("there is no usable file there yet", err=True)
     elif not any(row.differs for row in rows):
-        click.echo("it says the same now", err=True)
+        click.echo("it holds the same now", err=True)
     click.echo("nothing was written", err=True)
 
 

@@ -51,7 +51,7 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     fits: dict[str, BaseFit] = {}
     with quietly(), open_cell(known) as opened:
         if not yes:
-            have_agreed("All arms yield to your hands now; is a hand on each?")
+            have_agreed("All arms go soft now. Are you holding each of them?")
         rigs = opened.rigs
         try:
             for rig in rigs.values():

@@ -317,7 +317,7 @@ def _print_check(report: CheckReport, worst: int) -> None:
     )
     click.echo(f"units: {IN_WORDS[report.units.kind]}; {report.why_units}")
     if report.differences is None:
-        click.echo("where the joints were is not recorded")
+        click.echo("the joints' own positions were not recorded, only where they were sent")
     else:
         _print_differences(report.differences)
     for note in report.notes:

@@ -91,7 +91,7 @@ def doctor(
     if not is_healthy(checks):
         raise SystemExit(CHECK_FAILED)
     if not as_json:
-        click.echo("fit to be moved", err=True)
+        click.echo("ready to move", err=True)
 
 
 def _of_machine(machine: MachineSource, as_json: bool) -> None:

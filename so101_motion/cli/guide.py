@@ -59,7 +59,7 @@ def record(
     files.refuse_taken(file, replace=replace)
     with quietly(), source.open() as rig:
         if not yes:
-            have_agreed("The arm yields to your hand now; is a hand on it?")
+            have_agreed("The arm goes soft now. Are you holding it?")
         rig.arm.set_manual(True)
         recorder = PathRecorder(rig.executor, jaw_of(rig))
         try:
@@ -86,7 +86,7 @@ def _watch(terminal: Terminal, rig: Rig, recorder: PathRecorder, seconds: float 
 
     begin = rig.clock.now()
     try:
-        terminal.mention("lead the arm; Ctrl-C ends it")
+        terminal.mention("move the arm by hand; Ctrl-C ends it")
         while not recorder.future.done():
             now = rig.clock.now() - begin
             if seconds is not None and now >= seconds:

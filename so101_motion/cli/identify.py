@@ -71,7 +71,7 @@ def identify(
         report = identification.report(hand_is_empty=not carrying, keeps=not check)
         if record is not None:
             files = identification.write_recordings(record, hand_is_empty=not carrying)
-            click.echo(f"{len(files)} recordings in {record}; nobody is sent any", err=True)
+            click.echo(f"{len(files)} recordings in {record}; they stay on this computer", err=True)
     if as_json:
         print_json("identify", report.to_json())
     else:
@@ -91,7 +91,7 @@ def _go_back(source: Source, as_json: bool) -> None:
     if as_json:
         print_json("identify", {"file": str(file), "at": kept.at, "joints": list(kept.servos)})
     else:
-        click.echo(f"{file} says again what was found at {kept.at}; used from the next start on")
+        click.echo(f"{file} holds what was found at {kept.at} again; used from the next start")
 
 
 def _move(identification: Identification, outline: IdentificationOutline) -> None:

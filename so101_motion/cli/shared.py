@@ -116,7 +116,7 @@ def have_agreed(question: str) -> None:
         SystemExit: The answer is no, or Ctrl-C.
     """
     nobody = click.UsageError(
-        "there is no terminal for the confirmation; --yes goes without asking"
+        "there is no terminal to ask on; --yes goes ahead without asking"
     )
     if sys.stdin is None:  # it was closed
         raise nobody

@@ -119,7 +119,7 @@ def teleop(
         if scene is not None:
             following.arm.scene = scene
         if not yes:
-            have_agreed("The leader goes limp now; is a hand on it?")
+            have_agreed("The leader goes limp now. Are you holding it?")
         session = stack.enter_context(
             Teleop(
                 LocalLeader(side_of(leading, None if no_gripper else leading)),

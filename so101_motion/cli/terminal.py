@@ -155,7 +155,7 @@ class Terminal:
                     wait((future,), _FRAME)
         except (Quit, KeyboardInterrupt):
             if not future.done():
-                self.say("one moment, ending what has been begun ...")
+                self.say("one moment, finishing what has begun ...")
             raise
         finally:
             wait((future,))  # a join that Ctrl-C has cut short takes the thread for ended

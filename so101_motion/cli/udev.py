@@ -43,7 +43,7 @@ def install_udev(install: bool, printed: bool, dry_run: bool) -> None:
     if install and printed:
         raise click.UsageError("give either --print or --install")
     if sys.platform != "linux":
-        raise click.UsageError("udev is a thing of Linux; here nothing need be installed")
+        raise click.UsageError("udev exists only on Linux; nothing needs to be installed here")
     if install and not dry_run:
         write_rule(host_checks.RULES)
         return

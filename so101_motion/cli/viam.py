@@ -140,7 +140,7 @@ def _compare(migration: Migration, *, with_new: bool) -> None:
     click.echo("to go back:", err=True)
     for line in migration.way_back():
         echo(f"- {line}", indent="  ", err=True)
-    click.echo("to paste, each in place of what has its name; all else stays:", err=True)
+    click.echo("paste these, each in place of the entry with its name; leave the rest:", err=True)
 
 
 def _table(part: MigratedResource, *, with_new: bool) -> Table:

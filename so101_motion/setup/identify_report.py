@@ -71,7 +71,7 @@ class IdentifyReport:
             )
         lines += self.remarks()
         if self.file is not None:
-            lines.append(f"kept in {self.file}; used from the next start on")
+            lines.append(f"saved in {self.file}; used from the next start")
         return "\n".join(lines) + "\n"
 
     def remarks(self) -> list[str]:

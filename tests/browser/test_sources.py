@@ -6,14 +6,18 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import Visit
+from harness.browser_user import Guest
 from harness.viam_machine import running_machine  # it lives with the tests of the machine
 from so101_viewer import Preview, Source, serve_source
 
+from so101_motion.calib.record import store
+from so101_motion.common.modes import Mode
 from so101_motion.drivers.bus.defaults import SERVO_IDS
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.protocols import RigLike
@@ -60,12 +64,15 @@ class Cable:
         self._servos.stdin.flush()
 
     def _open(self) -> RigLike:
-        rig = open_hardware(
-            ServoSettings(port=self.port).with_arm(SERVO_IDS),
-            reply_timeout=0.3,  # this computer has a browser to run as well
-        )
-        self.rigs.append(rig)
-        return rig
+        file = Path(f"{self.port}.json")
+        settings = ServoSettings(port=self.port).with_arm(SERVO_IDS)
+        patience = 0.3  # this computer has a browser to run as well
+        if not file.exists():
+            with open_hardware(settings, reply_timeout=patience) as rig:
+                store.save(file, rig.servos.calibration)
+        settings = replace(settings, calibration_file=file)
+        self.rigs.append(open_hardware(settings, reply_timeout=patience))
+        return self.rigs[-1]
 
     @property
     def q(self) -> np.ndarray:
@@ -87,11 +94,18 @@ def cable(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cable]:
     cable.close()
 
 
-def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
-    visit: Visit, cable: Cable
-) -> None:
+@pytest.fixture(scope="module")
+def beside(visit: Visit, cable: Cable) -> Guest:
+    """A window on the arm of the cable."""
     guest = visit(SMALL)
     guest.page.goto(cable.preview.url)
+    return guest
+
+
+def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
+    beside: Guest, cable: Cable
+) -> None:
+    guest = beside
     guest.until(lambda: guest.says("Still looking"))
     guest.until(lambda: guest.says(f"Arm on {cable.port}"))
     assert guest.button("Plan").count() == 0
@@ -120,6 +134,23 @@ def test_an_arm_on_a_port_comes_goes_and_comes_back_without_moving(
     guest.page.get_by_role("tab", name="Events").click()
     guest.until(lambda: guest.says("is back; nothing moves until you ask"))
     assert guest.problems == []
+
+
+def test_the_servos_tab_says_what_will_move_and_stop_ends_it(beside: Guest, cable: Cable) -> None:
+    arm, before = cable.rigs[-1].arm, cable.q
+    beside.page.get_by_role("tab", name="Servos").click()
+    beside.until(lambda: beside.says("Measures how each servo differs from its type."))
+    beside.press("Plan the motions")
+    beside.until(lambda: beside.says("The arm is raised; then move, one after the other"))
+    np.testing.assert_allclose(cable.q, before, atol=0.06)
+    beside.press("The hand is empty")
+    beside.until(lambda: arm.is_moving and beside.says("Raising the arm … Stop ends it."))
+    beside.press("STOP")
+    beside.until(lambda: beside.says("Stopped. The arm holds where it is."))
+    assert arm.state.mode is Mode.HOLDING
+    beside.until(lambda: beside.button("Plan the motions").is_enabled())
+    assert beside.button("The hand is empty").count() == 0
+    assert beside.problems == []
 
 
 def test_an_arm_of_a_machine_goes_and_comes_back(visit: Visit) -> None:

@@ -132,7 +132,7 @@ def test_a_sound_arm_is_fit_to_be_moved(arm, file, tmp_path):
     page = tmp_path / "doctor.md"
     result = run("doctor", "--port", arm.port, "--report", str(page))
     assert result.exit_code == 0, result.output
-    assert "fit to be moved" in result.stderr
+    assert "ready to move" in result.stderr
     assert memories(arm) == before
     for words in ("numpy", "all six answer", str(file), "by its stops", "deg/s"):
         assert words in result.stdout
@@ -265,6 +265,6 @@ def test_what_was_identified_is_undone_without_a_motion(arm, file):
         servo_file.save(file, found)
     result = run(*command)
     assert result.exit_code == 0, result.output
-    assert "says again what was found at 2026-03-01" in result.output
+    assert "holds what was found at 2026-03-01" in result.output
     assert servo_file.read(file).servos["elbow_flex"].torque == 0.9
     assert not any(servo.memory.raw(reg.TORQUE_ENABLE) for servo in arm.world.servos), "limp"

@@ -14,6 +14,7 @@ from ..page.identifying import Identifying
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Sentence, Tone
+from ..page.shared_fields import grey
 
 _OFF = Sentence(
     text="Measures how each servo differs from its type. The arm moves, for about three minutes."
@@ -57,7 +58,7 @@ class IdentifyPart(Part):
         self._plan.disabled = bool(now.doing) or not holds
         asks = now.outline is not None and not now.doing
         self._note.visible = self._move.visible = asks
-        self._move.disabled = not holds
+        grey(self._move, not holds)
         if now.outline is not None:
             left_out = [f"{joint} is left out: {why}" for joint, why in now.outline.obstacles]
             clear = "Move only when nothing is in its way and no hand is near it."
@@ -77,7 +78,9 @@ class IdentifyPart(Part):
         if now.outline is not None:
             return Sentence(text=now.outline.sentence, tone=Tone.WARM)
         if now.report is not None:
-            return Sentence(text="Saved beside the calibration and used from now on.", tone=Tone.GOOD)
+            return Sentence(
+                text="Saved beside the calibration and used from now on.", tone=Tone.GOOD
+            )
         return texts.blocked(self._arm.state) or _OFF
 
 
@@ -87,4 +90,4 @@ def _table(report: IdentifyReport) -> str:
         play = "–" if each.play is None else f"{to_deg(each.play):.2f}°"
         shares = (f"{each.torque:.0%}", f"{each.friction:.0%}", f"{each.dead_time:.0%}")
         rows.append((joint, *shares, play))
-    return markup.facts(rows) + markup.small(" ".join(report.remarks()))
+    return markup.facts(rows) + markup.small(" ".join(map(texts.capital, report.remarks())))

@@ -92,7 +92,7 @@ def judge(
             ServoTrouble(
                 kind="temperature",
                 level="stop" if "overheated" in reported or celsius >= HOT_C else "note",
-                sentence=f"its servo is too hot ({celsius} degC, it gives up at 70)",
+                sentence=f"its servo is too hot ({celsius} degC, it switches off at 70)",
                 fix=f"let it cool below {WARM_C} degC, and do not let it press or hold up a load"
                 " for long",
             )
