@@ -115,9 +115,7 @@ def have_agreed(question: str) -> None:
         click.UsageError: Nobody is there to answer.
         SystemExit: The answer is no, or Ctrl-C.
     """
-    nobody = click.UsageError(
-        "there is no terminal to ask on; --yes goes ahead without asking"
-    )
+    nobody = click.UsageError("there is no terminal to ask on; --yes goes ahead without asking")
     if sys.stdin is None:  # it was closed
         raise nobody
     try:
