@@ -11,7 +11,6 @@ from PIL import Image
 from so101_viewer import Preview
 from viser import _messages
 
-from so101_motion.arm.gripper import Gripper
 from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files.saved_poses import SavedPoses
@@ -271,51 +270,6 @@ def test_the_joint_sliders_and_the_tool_aim_as_well(guest: Guest, rig: Rig) -> N
         there_mm = to_mm(rig.arm.model.frame(q, frame).p)
         guest.until(lambda there_mm=there_mm: np.allclose(guest.target_mm(), there_mm, atol=0.2))
     assert not far_from(HOME, rig)
-
-
-def test_targets_are_undone_and_turned_and_a_grip_gets_a_force(guest: Guest, rig: Rig) -> None:
-    def enter(label: str, value: str) -> None:
-        field = guest.fields(label).last
-        field.fill(value)
-        field.press("Enter")
-
-    ready_mm = guest.target_mm()
-    guest.page.wait_for_timeout(800)  # what follows sooner is the same change
-    guest.press("rest")
-    guest.until(lambda: guest.target_mm() != ready_mm)
-    rest_mm = guest.target_mm()
-    guest.press("undo")
-    guest.until(lambda: guest.target_mm() == ready_mm)
-    guest.press("redo")
-    guest.until(lambda: guest.target_mm() == rest_mm)
-    guest.press("undo")
-    guest.until(lambda: guest.target_mm() == ready_mm)
-
-    def looks() -> np.ndarray:
-        """Where the ghost's gripper points."""
-        w, x, y, z = guest.pose_of("/target")["wxyz"]
-        return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-
-    guest.page.get_by_text("Direction", exact=True).click()
-    enter("Tilt (°)", "-45")
-    guest.until(lambda: guest.fields("Keeps").first.input_value() == "tilt")
-    guest.until(lambda: abs(looks()[2] + np.sin(np.pi / 4)) < 0.02)
-    enter("Roll (°)", "20")
-    guest.until(lambda: guest.fields("Keeps").first.input_value() == "tilt and roll")
-    guest.until(lambda: guest.says("Reachable. Press Plan."))
-    guest.fields("Keeps").first.click()
-    guest.page.get_by_role("option", name="any", exact=True).click()
-    guest.until(lambda: guest.fields("Keeps").first.input_value() == "any")
-    guest.page.get_by_text("Direction", exact=True).click()
-
-    gripper = rig.gripper
-    assert isinstance(gripper, Gripper)
-    enter("Grip force (%)", "70")
-    guest.until(lambda: abs(gripper.force - 0.7) < 0.01)
-    gripper.set_force(1.0)
-    guest.until(lambda: guest.fields("Grip force (%)").last.input_value() == "100")
-    assert not far_from(HOME, rig)
-    assert guest.problems == []
 
 
 def test_a_pose_can_be_saved_and_comes_back_by_its_name(guest: Guest, rig: Rig) -> None:

@@ -72,30 +72,6 @@ def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> 
     program.until(lambda: program.says("3, 1 of them passed"))
 
 
-def test_a_step_has_a_speed_and_the_whole_round_is_rehearsed_with_its_clearances(
-    program: Guest, rig: Rig
-) -> None:
-    speed = program.fields("Speed (%)").last
-    speed.fill("50")
-    speed.press("Enter")
-    program.until(lambda: program.says("50 % speed"))
-    planned(program)
-    rows = program.page.locator(".so101-steps small")
-    program.until(lambda: all("mm clear" in text for text in rows.all_inner_texts()))
-    program.press("2×")  # only the ghost goes the round
-    seen: set[tuple[float, ...]] = set()
-
-    def goes() -> bool:
-        if "/program/ghost/gripper_link" in program.nodes():
-            seen.add(tuple(program.pose_of("/program/ghost/gripper_link")["position"]))
-        return len(seen) > 3
-
-    program.until(goes)
-    program.press("2×")
-    assert at(HOME, rig)
-    assert not rig.arm.is_moving
-
-
 def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
     def names() -> list[str]:
         return program.page.locator(".so101-steps span").all_inner_texts()

@@ -169,35 +169,9 @@ def test_each_motor_gets_its_id_when_its_button_is_pressed(person: Newcomer, kit
     person.guest.until(lambda: person.guest.button(write).count() == 0)
     assert kit.ids == [1, 1, 1, 1, 1, 6]
     person.sees("unplug the motor of gripper")
-
-
-def test_a_cable_that_was_moved_too_early_is_undone(person: Newcomer, kit: Kit) -> None:
-    says = [
-        "No, this is the motor asked for: the cable was moved too early",
-        "Press again: both get their ids anew",
-    ]
-
-    def is_asked_for() -> bool:
-        person.guest.page.evaluate(
-            "says => [...document.querySelectorAll('button')]"
-            ".find((button) => says.includes(button.innerText.trim()))?.click()",
-            says,
-        )
-        return person.can("Write id 5 to this motor")
-
-    person.guest.until(is_asked_for)
-    assert kit.ids == [1, 1, 1, 1, 1, 6], "nothing is written by saying so"
-    person.presses("Write id 5 to this motor")
-    person.guest.until(lambda: kit.ids == [1, 1, 1, 1, 1, 5])
-    plug_in(kit, "wrist_roll")
-    person.presses("Write id 6 to this motor")
-    person.guest.until(lambda: kit.ids == [1, 1, 1, 1, 6, 5])
-    person.guest.until(lambda: person.can("Skip wrist_flex"))
-    kit.world.servo("gripper").memory.keep(reg.ID, 6)  # for the chapters that follow
     for servo_id, joint in zip(range(5, 0, -1), SETUP_ORDER[1:], strict=True):  # in another program
         kit.world.servo(joint).memory.keep(reg.ID, servo_id)
-        if joint != "wrist_roll":
-            person.presses(f"Skip {joint}")
+        person.presses(f"Skip {joint}")
     person.sees("All six motors are set up")
     person.presses("Next")
 

@@ -98,7 +98,7 @@ class Presence:
 def unconfirmed_position(bus: Bus, servo_id: int) -> NoReply:
     """The error for a servo whose position no two replies agree on."""
     return NoReply(
-        f"{bus.label(servo_id)} is not known to be anywhere for sure, because no two of its answers"
+        f"{bus.label(servo_id)} does not say where it is: no two of its answers"
         " agree; nothing was switched on. Keep the joint still, check the plugs of its cable, then"
         " try again",
         servo_id=servo_id,
