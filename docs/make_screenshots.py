@@ -45,15 +45,14 @@ PATIENCE = 180_000  # [ms]; a busy machine
 
 DRAW_AND_FREEZE = """
 () => new Promise((done) => {
-  const later = window.requestAnimationFrame;
-  let left = 3;
-  const draw = () => {
-    if (left--) return later(draw);
+  let drawn = 0;
+  Object.defineProperty(window, 'draws', { get: () => ++drawn });
+  const look = () => {
+    if (drawn < 400) return setTimeout(look, 100);  // viser draws a scene at rest once a second
     window.requestAnimationFrame = () => 0;  // what is drawn stays
     done();
   };
-  window.draws = true;
-  later(draw);
+  look();
 })
 """
 

@@ -11,7 +11,6 @@ from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import judge
 
 from .screen_state import Sentence, Tone
-from .texts import capital
 
 LATE_WITHIN, LATE_MANY = 10.0, 10
 """So many late setpoints within this time [s] are worth an alarm. Chosen: a busy computer has one
@@ -113,7 +112,7 @@ def _alarm(cause: str, cases: list[tuple[str, str, Tone]]) -> Alarm:
     return Alarm(
         cause=cause,
         joints=(joint, *others),
-        sentence=Sentence(text=f"{joint}: {capital(text)}{more}", tone=tone),
+        sentence=Sentence(text=f"{joint}: {text}.{more}", tone=tone),
     )
 
 
