@@ -12,8 +12,8 @@ demo:
 	@./setup.sh --with viewer
 	$(BIN)/so101 demo
 
-# On two cores: two workers that compute, one that mostly waits (tests/harness/lanes.py).
-WORKERS ?= 3
+# A third worker saves half a minute on two cores, and starves emulated servos (tests/harness/lanes.py).
+WORKERS ?= 2
 test: browser
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder
 

@@ -1,9 +1,9 @@
 """Distribute test files over workers: some mostly wait, the others compute all the time.
 
-With as many workers as there are processors, one that waits for a real process or a browser leaves
-its processor idle: of 13 minutes on two processors, 5 minutes of each. So with more than two
-workers, half of them take the files of real time first. The others take all other files first, and
-yield their processor; whoever has no file of its kind left takes one of the other kind.
+Half of the workers take the files of real time first: they wait for real processes and browsers, so
+that not all processors are idle at once, and no two browsers draw at the same time. The others take
+all other files first; whoever has no file of its kind left takes one of the other kind. With more
+than two workers those that compute yield their processor.
 """
 
 import os

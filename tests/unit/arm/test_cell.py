@@ -326,9 +326,12 @@ def test_a_common_motion_is_refused_when_an_arm_holds_more_than_it_was_planned_f
     pair, plans = planned_pair(pair_of)
     plank = Attached(name="plank", shape=Box(size=[0.02, 0.02, 0.5]), T_tool_object=SE3.identity())
     pair.right.scene = Scene(attached=(plank,), floor_z=None)
-    for motion in pair.cell.start_execute(plans).values():
-        with pytest.raises(InCollision, match="plank"):
-            motion.result()
+    motions = pair.cell.start_execute(plans)
+    ends = [
+        motion.future.exception() for motion in motions.values()
+    ]  # the first ends those of the others
+    assert any(isinstance(end, InCollision) and "plank" in str(end) for end in ends)
+    assert all(isinstance(end, InCollision | Interrupted) for end in ends)
 
 
 def test_a_common_motion_needs_a_plan_for_every_arm(pair_of):

@@ -68,7 +68,7 @@ def test_ctrl_c_loses_nothing(tmp_path):
         [sys.executable, "-c", program, "guide", "record", "--sim", str(file), "--yes"],
         stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    assert "lead the arm" in process.stderr.readline()
+    assert "move the arm by hand" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=30)
     assert process.returncode == 0
