@@ -165,7 +165,10 @@ def test_what_would_be_saved_is_shown_and_nothing_is_written(file, tmp_path):
     assert {(one["now"], one["then"]) for one in told["changes"]} == {(910, 900), (2510, 2500)}
     result = run("import", "arm.json", "--file", "copy.json", "--dry-run")
     assert "there is no usable file there yet" in result.stderr
-    assert "it holds the same now" in run("import", "arm.json", "--file", "arm.json", "--dry-run").stderr
+    assert (
+        "it holds the same now"
+        in run("import", "arm.json", "--file", "arm.json", "--dry-run").stderr
+    )
     result = run("export", "arm.json", "--lerobot", "me", "--dry-run")
     assert "would be written" in result.stderr
     assert json.loads(result.stdout)["gripper"]["id"] == 6
