@@ -50,6 +50,8 @@ def planned(guest: Guest) -> None:
             guest.page.wait_for_timeout(1000)
         return guest.button("Run program").is_enabled()
 
+    guest.press("Plan program")
+    guest.page.wait_for_timeout(500)
     guest.until(is_planned)
 
 
