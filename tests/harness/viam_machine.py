@@ -16,6 +16,7 @@ runs until Ctrl-C.
 import argparse
 import asyncio
 import contextlib
+import functools
 import signal
 import tempfile
 import threading
@@ -25,7 +26,7 @@ from pathlib import Path
 
 import viam.services.discovery  # noqa: F401  # importing registers the client
 
-from harness.emulated_port import emulated_port
+from harness.emulated_port import emulated_port, works
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -37,6 +38,7 @@ from harness.fake_parent import (
     SIMULATED,
     SIMULATED_GRIPPER,
     running_module,
+    until,
 )
 
 SIM = (
@@ -180,7 +182,9 @@ async def _start(stack, loop, emulated, resources, port):
         servos = await stack.enter_async_context(emulated_port(Path(folder)))
     module, _, _ = await stack.enter_async_context(running_module())
     for api, model, name, attributes in resources or (on_port(servos.port) if servos else SIM):
-        await module.add(api, model, attributes, name)
+        component = await module.add(api, model, attributes, name)
+        if servos is not None and api == ARM:
+            await until(functools.partial(works, component.get_geometries))
     if servos is not None:
         await servos.let_go()
     door = Door(module.socket)

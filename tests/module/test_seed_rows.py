@@ -82,8 +82,8 @@ async def opened(port, attributes):
     async with running_module() as (module, _, _):
         arm = await module.add(ARM, HARDWARE_ARM, {"port": port.port, **attributes}, "arm")
         gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"port": port.port}, "gripper")
-        await port.let_go()
         await until(lambda: works(arm.get_geometries))
+        await port.let_go()
         await asyncio.sleep(1.0)  # the weight is taken up
         yield Session(module, port, arm, gripper)
 
