@@ -1,4 +1,4 @@
-"""Leave no arm to itself when a program ends, however that comes about.
+"""Disconnect every arm when a program ends, however it ends.
 
 LeRobot's commands disconnect after Ctrl-C and after most errors. SIGTERM ends them at once, though,
 and so does an error before their loop. So SIGTERM ends the program as Ctrl-C does while an arm is

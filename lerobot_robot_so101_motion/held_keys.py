@@ -1,4 +1,4 @@
-"""What a person holds: keys of this terminal, or the sticks of a gamepad.
+"""Read what a person holds: keys of this terminal, or the sticks of a gamepad.
 
 Each says on request which way is held, as seven numbers from -1 to 1: the tool along X, Y and Z,
 its turns about X, Y and Z, and the jaw, where 1 opens it.

@@ -1,4 +1,4 @@
-"""What robot and leader have in common: an arm on a port, and a calibration file of LeRobot's."""
+"""The base of robot and leader: an arm on a port, and a calibration file of LeRobot."""
 
 from __future__ import annotations
 

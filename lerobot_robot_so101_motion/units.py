@@ -1,4 +1,4 @@
-"""Between LeRobot's values of the six joints and ours.
+"""Convert between the joint values of LeRobot and ours.
 
 LeRobot counts an arm joint in degrees from the middle of its recorded travel, a turn being 4095
 ticks, or from -100 to 100 over that travel; the jaw from 0 to 100. Ours are radians with the zero

@@ -18,7 +18,7 @@ from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
-from .panels.ways_home import WaysHome
+from .panels.hold_buttons import HoldButtons
 from .program.program_panel import ProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
@@ -79,7 +79,7 @@ class Preview(SearchingPage[RigLike]):
         servos: tuple[Part, ...] = ()
         if isinstance(rig, HardwareRig):
             servos = (IdentifyPart(context, rig, panel),)
-        ways = WaysHome(
+        ways = HoldButtons(
             context,
             title=self._source.title,
             rigs={"": rig},

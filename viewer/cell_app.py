@@ -11,7 +11,7 @@ from .page.events import ArmEvents
 from .page.screen_state import Sentence, Tone
 from .panels.cell_part import CellPart
 from .panels.health_panel import EventsPart, HealthPart
-from .panels.ways_home import WaysHome
+from .panels.hold_buttons import HoldButtons
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.kept_key import KeyOf, new_key
@@ -49,7 +49,7 @@ class CellPage(SearchingPage[CellRigs]):
         ]
         events = EventsPart(host.page_context(), panel)
         panel.dock_below(part.panel)
-        ways = WaysHome(
+        ways = HoldButtons(
             host.page_context(), title=title, rigs=rigs, guide=part.guide, fade=part.fade
         )
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from .panels.ways_home import waiting
+from .panels.hold_buttons import waiting
 from .server.guarded_server import GuardedServer
 from .server.host import ServedPage
 from .source import CellSource, Closable, Source, SourceOpener

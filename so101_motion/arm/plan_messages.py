@@ -136,7 +136,7 @@ class MessageSocket:
     """One end of the socket.
 
     Args:
-        end: The socket; is closed with the line.
+        end: The socket; ``close`` closes it.
         wait: How to wait for the other end; for as long as it takes if not given.
     """
 

@@ -89,7 +89,7 @@ class Source(_Paced):
         """Open the arm and its gripper.
 
         Raises:
-            So101Error: It cannot be reached, or a setting cannot be meant.
+            So101Error: It cannot be reached, or a setting is not valid.
         """
         from so101_motion.rig.hardware_rig import open_hardware, open_simulated
 
@@ -158,7 +158,7 @@ class MachineSource(_Paced):
         """Open the arm and its gripper; nothing moves.
 
         Raises:
-            So101Error: It cannot be reached, or a setting cannot be meant.
+            So101Error: It cannot be reached, or a setting is not valid.
         """
         from so101_motion.viam.client import MachineRig
 

@@ -118,7 +118,7 @@ def read_cell(path: Path) -> CellFile:
     """Read a cell file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -79,7 +79,7 @@ def read_scene(path: Path) -> Scene:
     """Read the scene in a file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     try:
         size = path.stat().st_size
@@ -114,7 +114,7 @@ def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
         folder: What mesh files are named from; None to read none.
 
     Raises:
-        ConfigError: Something in it cannot be meant.
+        ConfigError: Something in it is not valid.
     """
     if not isinstance(content, Mapping):
         raise ConfigError("scene", content, 'must be an object such as {"obstacles": [...]}')
@@ -157,7 +157,7 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
         folder: What mesh files are named from; None to read none.
 
     Raises:
-        ConfigError: An entry cannot be meant.
+        ConfigError: An entry is not valid.
     """
     return tuple(_obstacle(entry, folder) for entry in _entries("obstacles", value))
 

@@ -103,7 +103,7 @@ class Planner:
             InCollision: Start, goal, or a path that was prescribed, is in contact.
             NoPath: Start and goal are free, but no path was found between them in time.
             Overloaded: A servo would have to bear too much, however slow the motion.
-            ConfigError: The request holds a value that cannot be meant.
+            ConfigError: The request holds a value that is not valid.
         """
         return plan_among(self._plan, request) if request.others else self._plan(request)
 

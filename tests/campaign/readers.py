@@ -36,7 +36,7 @@ from so101_motion.tasks.guided import GuidedPath
 from so101_motion.tasks.guided import files as guided_files
 from so101_motion.tasks.program import files as program_files
 from so101_motion.tasks.teleop.config import TeleopConfig
-from so101_motion.viam.client import watch
+from so101_motion.viam.client import reports
 from so101_motion.viam.component_config import (
     CalibrationConfig,
     HardwareArmConfig,
@@ -257,8 +257,8 @@ def _read_machine(data):
         JointPositions(values=arm._status.get("values", ()))
     except (ValueError, TypeError, AttributeError, ArithmeticError, RecursionError):
         return  # what cannot be on the wire
-    report = asyncio.run(watch.ask_arm(arm))
-    state = watch.next_state(None, report, watch.GripperReport(), 0.0)
+    report = asyncio.run(reports.ask_arm(arm))
+    state = reports.next_state(None, report, reports.GripperReport(), 0.0)
     assert np.all(np.isfinite(state.q_ref)), f"the arm is at {state.q_ref}"
 
 

@@ -256,7 +256,7 @@ class Jogging:
 def read_held(text: str) -> Array | None:
     """What the browser says is held: a count, then ``AXES`` numbers; None for nothing.
 
-    Anything that cannot be meant counts as nothing held.
+    Anything that is not valid counts as nothing held.
     """
     try:
         held = np.array([float(word) for word in text.split()[1:]])

@@ -19,7 +19,7 @@ from so101_motion.setup.port_selection import Candidate, PortsSeen
 from so101_motion.setup.setup_steps import CONNECT
 
 from . import cards
-from .calibration_target import Ports, SetupTarget
+from .setup_target import Ports, SetupTarget
 from .page import StepPage
 from .setup_context import SetupContext
 

@@ -25,7 +25,7 @@ from so101_motion.setup.setup_steps import TEST
 from ..page.shared_fields import SharedField, put
 from . import calibration_cards, cards
 from .asking_button import AskingButton
-from .calibration_target import SetupTarget
+from .setup_target import SetupTarget
 from .page import StepPage
 from .setup_context import SetupContext
 

@@ -21,7 +21,7 @@ from so101_motion.setup.calibrator import Situation
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import SetupStep
 
-from .calibration_target import SetupTarget
+from .setup_target import SetupTarget
 from .setup_context import SetupContext
 
 T = TypeVar("T")

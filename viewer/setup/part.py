@@ -25,7 +25,7 @@ from ..page.texts import capital
 from . import cards
 from .asking_button import AskingButton
 from .assembly import AssemblyPage
-from .calibration_target import FixedArm, Ports, SetupTarget, fixed_arm
+from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .chain import ChainPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage

@@ -21,7 +21,7 @@ from so101_motion.setup.setup_steps import POSE
 
 from ..page.shared_fields import SharedField
 from . import calibration_cards, cards
-from .calibration_target import SetupTarget
+from .setup_target import SetupTarget
 from .page import CalibrationPage
 from .setup_context import SetupContext
 

@@ -23,7 +23,7 @@ from so101_motion.setup.setup_steps import SetupState
 
 from ..page.page_context import PageContext
 from ..server.host import ServedPage
-from .calibration_target import FixedArm, SetupTarget
+from .setup_target import FixedArm, SetupTarget
 from .picture import Picture
 from .torque import TorqueWatch
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .calibration_target import SetupTarget
+from .setup_target import SetupTarget
 
 SETTLED = 0.4
 """For how long what is told must not have been seen before something else is told [s]; chosen. A

@@ -1,4 +1,4 @@
-"""Find the servo that is connected for its setup, and check that it is the only one.
+"""Find the servo that is connected for its setup, check that it is alone, and read it back.
 
 An id must never be changed while several servos listen: all that have the old one would take the
 new one, and from then on they talk over each other.
@@ -77,7 +77,7 @@ def read_back(tuner: Tuner, joint: str) -> ServoFacts:
     """Read the newly assigned servo of ``joint`` back and check it.
 
     Raises:
-        MotorSetupError: It is not.
+        MotorSetupError: Another servo answers, or this one did not take its settings.
         BusError: It does not answer.
     """
     servo_id = SERVO_IDS[joint]

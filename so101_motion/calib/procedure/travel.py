@@ -5,7 +5,7 @@ the seam where 4095 is followed by 0. Where it lies depends on how the servo was
 homing offset, so it can be anywhere, in the middle of the travel as well. Smallest and largest
 reading then mean nothing. So a ``TravelRecorder`` does not keep extremes; it marks every place of
 the circle that the joint has passed. The part it never passed is where the joint cannot go, and the
-travel is the rest: an ``TravelArc``, seam or no seam. A pause without readings, after which nobody
+travel is the rest: a ``TravelArc``, seam or no seam. A pause without readings, after which nobody
 knows which way the joint went, leaves a hole that the next pass fills.
 
 Three readings in a row are judged together and the middle one counts, so a single wrong reading

@@ -1,4 +1,4 @@
-"""From where the six joints are wanted to the goals of their servos.
+"""Compute the goals of the six servos from where their joints are wanted.
 
 A goal is not the place where a joint is wanted. It lies beyond, by what weight and friction make
 its servo give way (``gravity_compensation.py``) and by what the servo would lag behind at speed

@@ -1,4 +1,4 @@
-"""Making joints keep up with where they are wanted while they move.
+"""Compute where to send a servo so that its joint keeps up with where it is wanted.
 
 A servo does not jump to a goal. It drives a set-point of its own there, which never goes faster
 than lets it stop in time: running after a goal that moves on at speed v, it stays v^2 / 2a behind,

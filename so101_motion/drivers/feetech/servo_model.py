@@ -1,4 +1,4 @@
-"""What a servo's goal must be for its joint to be somewhere: the servo's own behaviour, inverted.
+"""Compute the goal that brings a servo to a position under load: its behaviour, inverted.
 
 A position loop without integral makes torque only from an error: ``p_gain / 4`` thousandths of full
 drive for each tick, and a constant that helps it over its friction. So a goal lies beyond the place

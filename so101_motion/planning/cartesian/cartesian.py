@@ -73,7 +73,7 @@ class CartesianPlanner:
             Unreachable: The path cannot be followed to its end; says for how many millimetres it
                 can, and what stops the arm there.
             InCollision: It could be, but not free of contact.
-            ConfigError: The goal holds numbers that cannot be meant.
+            ConfigError: The goal holds numbers that are not valid.
         """
         found = self._look(goal, q_start, collision, q_jaw)
         if isinstance(found, ToolMotion):

@@ -74,7 +74,7 @@ class Clearance(NamedTuple):
         return f"{first} {verb} {-self.distance * 1e3:.1f} mm into {second}"
 
 
-class Near(NamedTuple):
+class ClosePair(NamedTuple):
     """Two bodies that are near each other, and how the joints bring them nearer.
 
     Attributes:
@@ -225,7 +225,7 @@ class CollisionModel:
         closest = self.clearance(q, q_jaw)
         return closest.first, closest.second
 
-    def nearest(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> list[Near]:
+    def nearest(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> list[ClosePair]:
         """The pairs of bodies that are near each other, the nearest first.
 
         Args:
@@ -237,12 +237,12 @@ class CollisionModel:
         rows = self.near_rows(q, q_jaw, within=within)
         return [self.described(row) for row in rows[np.argsort(rows[:, 1], kind="stable")]]
 
-    def described(self, row: Array) -> Near:
+    def described(self, row: Array) -> ClosePair:
         """A row of ``near_rows`` in words and vectors."""
         k = int(row[0])
         p_first, p_second, normal, gradient = row[2:5], row[5:8], row[8:11], row[11:]
         vectors = p_first, p_second, normal, gradient
-        return Near(float(row[1]), *self.pairs[k], *vectors, float(self.margins[k]), k)
+        return ClosePair(float(row[1]), *self.pairs[k], *vectors, float(self.margins[k]), k)
 
     def near_rows(self, q: ArrayLike, q_jaw: float = 0.0, *, within: float) -> Array:
         """The same as numbers, in any order, for whoever asks in every control cycle.

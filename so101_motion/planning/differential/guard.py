@@ -21,8 +21,8 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
-from so101_motion.planning.collision.collision import CollisionModel, Near
-from so101_motion.planning.timing.torque import Heavy, Load
+from so101_motion.planning.collision.collision import CollisionModel, ClosePair
+from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 RANGE = 0.05
 """From how near on, beyond the margin, bodies are approached more slowly [m]. Chosen: a tool that
@@ -96,20 +96,20 @@ class Guard:
         self._reach: list[float] = collision.reach.tolist()
         self._looked: Array | None = None
         self._rows, self._rooms, self._free = np.zeros((0, NEAR_ROW)), np.zeros(0), 0.0
-        self.against: tuple[Near | Heavy, ...] = ()
+        self.against: tuple[ClosePair | TorqueReserve, ...] = ()
 
     @property
     def margin(self) -> float:
         """The smallest distance that any two bodies must keep [m]."""
         return float(self._collision.margins.min(initial=self._collision.margin))
 
-    def look(self, q: Array) -> list[Near | Heavy]:
+    def look(self, q: Array) -> list[ClosePair | TorqueReserve]:
         """What has little left at ``q``, shape (5,), [rad]: joints, then bodies, nearest first."""
         heavy = self._see(q)
         order = np.lexsort((self._rows[:, 1], self._rooms))
         return [*heavy, *map(self._collision.described, self._rows[order])]
 
-    def _see(self, q: Array) -> list[Heavy]:
+    def _see(self, q: Array) -> list[TorqueReserve]:
         """Look around at ``q``; what is heavy there."""
         rows = self._collision.near_rows(q, self._q_jaw(), within=self._range)
         self._rooms = rows[:, 1] - self._collision.margins[rows[:, 0].astype(int)]
@@ -133,7 +133,7 @@ class Guard:
             if (rates >= np.minimum(0.0, GAP - self._rooms)).all():
                 return q_target
         near = np.lexsort((self._rows[:, 1], self._rooms))[: MOST - len(heavy)]
-        found: list[Near | Heavy] = [*heavy]
+        found: list[ClosePair | TorqueReserve] = [*heavy]
         found += map(self._collision.described, self._rows[near])
         G = np.array([each.gradient for each in found])
         least = np.array([min(0.0, GAP - room_of(each)) for each in found])
@@ -178,17 +178,17 @@ class Guard:
         lack[pairs] = np.maximum(margins[pairs] - self._rows[:, 1], 0.0)
         return lack
 
-    def words(self, each: Near | Heavy) -> str:
+    def words(self, each: ClosePair | TorqueReserve) -> str:
         """What has little left, such as ``"the jaw close to the floor"``."""
-        if isinstance(each, Heavy):
+        if isinstance(each, TorqueReserve):
             return f"{each.joint} bearing all that it may"
         called = self._collision.scene.called
         return f"{called(each.first)} close to {called(each.second)}"
 
 
-def room_of(each: Near | Heavy) -> float:
+def room_of(each: ClosePair | TorqueReserve) -> float:
     """How much nearer two bodies may come [m], or what a joint has left as a share."""
-    return each.distance - each.margin if isinstance(each, Near) else each.left
+    return each.distance - each.margin if isinstance(each, ClosePair) else each.left
 
 
 def _nearest_within(step: Array, G: Array, least: Array) -> tuple[Array | None, Sequence[int]]:

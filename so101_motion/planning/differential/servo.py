@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.planning.collision.collision import CollisionModel, Near
+from so101_motion.planning.collision.collision import CollisionModel, ClosePair
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.differential.guard import GAP, Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage
@@ -51,7 +51,7 @@ from so101_motion.planning.differential.task_velocity import SAME, TaskControl, 
 from so101_motion.planning.kinematics.geometry_from_model import measure_structure
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing.limits import MotionLimits
-from so101_motion.planning.timing.torque import Heavy, Load
+from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 STRAIGHT = 0.05
 """How far from straight the elbow stays, on the side where it was at the start [rad]. On the other
@@ -100,7 +100,7 @@ class _Room(NamedTuple):
     upper: Array
     G: Array
     b: Array
-    against: list[Near | Heavy]
+    against: list[ClosePair | TorqueReserve]
 
     def has(self, qd: Array) -> bool:
         """Whether velocities keep all of it."""
@@ -212,7 +212,7 @@ class Servo:
             reasons.append(self._arm_near)
         return tuple(reasons)
 
-    def _room(self, against: list[Near | Heavy], brake: Array) -> _Room:
+    def _room(self, against: list[ClosePair | TorqueReserve], brake: Array) -> _Room:
         """Velocities that leave way enough to brake, after this step as well."""
         # The joints may become a step's worth faster, and would brake as much longer.
         time = 1.5 * self._dt + 0.5 * self._braking_time

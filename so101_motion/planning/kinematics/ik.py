@@ -95,7 +95,7 @@ class IkSolver:
         Raises:
             Unreachable: There is none. Says how far off the nearest reachable pose is, where it
                 is, and which limit stops the arm there.
-            ConfigError: Goal or seed hold numbers that cannot be meant.
+            ConfigError: Goal or seed hold numbers that are not valid.
         """
         task, seed = check_goal(self.model, goal), check_seed(q_seed)
         if goal.cloud is not None:

@@ -168,7 +168,7 @@ class Strength:
         return self.holding * np.array(self.shares), self.moving * np.array(self.shares)
 
 
-class Heavy(NamedTuple):
+class TorqueReserve(NamedTuple):
     """A joint that is near its torque limit, or beyond it.
 
     Attributes:
@@ -242,7 +242,7 @@ class Load:
         """
         return self._check_holding(q, self._holding, where)
 
-    def heavy(self, q: Array) -> list[Heavy]:
+    def heavy(self, q: Array) -> list[TorqueReserve]:
         """The joints that bear nearly all they may, standing at ``q``, shape (5,), [rad]."""
         if self._is_surely_within(NEARLY, [(angle,) for angle in q.tolist()]):
             return []
@@ -254,7 +254,7 @@ class Load:
             return []
         around = self._model.holding_torques(q + _STEP * np.eye(5))
         gradients = (torques - around) * (np.sign(torques) / (_STEP * self._may_hold))
-        return [Heavy(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
+        return [TorqueReserve(ARM_JOINTS[i], float(left[i]), gradients[:, i]) for i in heavy]
 
     def admits(self, path: Array) -> bool:
         """Whether every configuration of ``path``, shape (m, 5), [rad], is bearable, or no worse.

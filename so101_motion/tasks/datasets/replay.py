@@ -1,4 +1,4 @@
-"""Let an arm do again what an episode of a data set says, in the episode's own time.
+"""Replay an episode of a data set on an arm, in the time of the episode.
 
 The way to the first frame is planned. From there the arm follows the recorded numbers, a straight
 line between two frames, under its caps and its guard (``control/following.py``): a jump in the

@@ -110,7 +110,7 @@ def read(file: Path) -> GuidedPath:
     """Read the path in a file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     return _read(file).path
 

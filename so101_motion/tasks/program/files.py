@@ -84,7 +84,7 @@ def read(path: Path) -> Program:
     """Read the program in a file.
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     return program_from(user_storage.read(path, schema=SCHEMA))
 
@@ -93,7 +93,7 @@ def program_from(content: Mapping[str, object]) -> Program:
     """Make a program from the parsed JSON of a file.
 
     Raises:
-        ConfigError: Something in it cannot be meant; the message names it.
+        ConfigError: Something in it is not valid; the message names it.
     """
     Attributes(content, ("schema", "rounds", "waypoints"), kind="entry of a program")
     given = content.get("waypoints")

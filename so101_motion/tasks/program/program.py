@@ -37,7 +37,7 @@ class Waypoint:
             waypoints are passed, the slowest step up to the next stop counts.
 
     Raises:
-        ConfigError: A value cannot be meant, or what needs a stop is wanted in passing.
+        ConfigError: A value is not valid, or what needs a stop is wanted in passing.
     """
 
     name: str

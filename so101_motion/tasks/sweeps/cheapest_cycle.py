@@ -1,4 +1,4 @@
-"""Which of several configurations to take at each stop, so that the way around is the shortest."""
+"""Choose one configuration at each stop, so that the whole cycle takes the least time."""
 
 from __future__ import annotations
 

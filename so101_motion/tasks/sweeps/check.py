@@ -1,4 +1,4 @@
-"""Motions of a data set against a scene or an arm's calibration: which fail, where and by what.
+"""Check the motions of a data set in a scene, or with another calibration: which fail, and why.
 
 A motion is the straight joint lines through its setpoints, and the verdict on it is a proof. Shards
 are those of the data set, which every worker reads from its folder: on a cluster it must be one

@@ -1,4 +1,4 @@
-"""What numbers of joints mean for an arm that is calibrated otherwise."""
+"""Convert joint angles to those of the same arm under another calibration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a search for bases leaves behind: a table, a map, and a program with its scene for each."""
+"""Write what a search for bases found: a table, a map, and a program with its scene for each."""
 
 from __future__ import annotations
 

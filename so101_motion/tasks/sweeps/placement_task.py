@@ -137,7 +137,7 @@ def read_task(path: Path, *, approach_tolerance: float = APPROACH_TOLERANCE) -> 
         approach_tolerance: For the waypoints of a program [rad].
 
     Raises:
-        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+        ConfigError: It cannot be read, or something in it is not valid; the message names it.
     """
     try:
         written = json.loads(path.read_bytes()).get("schema")
@@ -171,7 +171,7 @@ def task_from(content: Mapping[str, object]) -> PlacementTask:
     """Make a task from the parsed JSON of a file.
 
     Raises:
-        ConfigError: Something in it cannot be meant.
+        ConfigError: Something in it is not valid.
     """
     given = Attributes(content, ("schema", "rounds", "frame", "poses"), kind="entry of a task")
     poses, rounds = content.get("poses"), content.get("rounds", _ENDLESS)

@@ -1,4 +1,4 @@
-"""A program against a scene or a calibration that is not that of its teaching: what fails, where.
+"""Check a program in another scene, or with another calibration: which waypoints and paths fail.
 
 A program is planned anew whenever it runs, so what counts is whether each waypoint can still be
 stood at, and whether there still is a way to it. A shard is the way to one stop. The way to the

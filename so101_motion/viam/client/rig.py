@@ -36,7 +36,7 @@ from so101_motion.viam.client.executor import MachineExecutor
 from so101_motion.viam.client.gripper import MachineGripper
 from so101_motion.viam.client.link import PATIENCE, Access
 from so101_motion.viam.client.machine import Machine
-from so101_motion.viam.client.watch import GripperReport, ask_arm, ask_gripper, next_state
+from so101_motion.viam.client.reports import GripperReport, ask_arm, ask_gripper, next_state
 
 BUSY, IDLE = 1.0 / 30.0, 0.1
 """How often the machine is asked how it is while something moves, and while nothing does [s].

@@ -30,7 +30,7 @@ def from_geometry(geometry: Geometry) -> Shape | ShapeFile:
     """The shape of a geometry, around its own centre; a mesh or a cloud as the file it is.
 
     Raises:
-        ConfigError: It has none, or one that cannot be meant; the message has its label.
+        ConfigError: It has none, or one that is not valid; the message has its label.
     """
     label = geometry.label or "a geometry without a label"
     if len(label) > LONGEST_LABEL:

@@ -157,7 +157,7 @@ def cloud_in(extra: Mapping[str, object]) -> PoseCloud | None:
     """The ``pose_cloud`` of a request, if it has one.
 
     Raises:
-        ConfigError: It cannot be meant, or a metric is named as well.
+        ConfigError: It is not valid, or a metric is named as well.
     """
     value = extra.get("pose_cloud")
     if value is None:

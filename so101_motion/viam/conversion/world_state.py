@@ -36,7 +36,7 @@ async def scene_with(scene: Scene, world: WorldState | None, frames: Frames) -> 
         frames: Where its frames are; knows its transforms already.
 
     Raises:
-        ConfigError: Something cannot be meant, or its frame is not known.
+        ConfigError: Something is not valid, or its frame is not known.
     """
     if world is None:
         return scene

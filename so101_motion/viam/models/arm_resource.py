@@ -111,7 +111,7 @@ class ArmResource(Configured, Arm):
     @classmethod
     def needed(cls, wanted: ArmConfig) -> Sequence[str]:
         """The motion service that is to plan for it, if one is named."""
-        scene_of(wanted)  # refuses obstacles that cannot be meant
+        scene_of(wanted)  # refuses obstacles that are not valid
         return [motion_name(wanted.motion)] if wanted.motion else []
 
     @classmethod
@@ -315,8 +315,8 @@ class ArmResource(Configured, Arm):
         return self.settings.ignored
 
     async def ready(self) -> None:
-        """Let the arm hold again after a fault and know others, for a request that moves it."""
-        await self.surroundings.meet_others()
+        """Hold again after a fault and update the other arms, for a request that moves this one."""
+        await self.surroundings.update_other_arms()
 
     async def ended(self, motion: Motion, by: str) -> None:
         """End a motion of this arm, and wait until it is over."""

@@ -23,7 +23,7 @@ def scene_of(wanted: ArmConfig) -> Scene:
     """The obstacles of an arm's configuration.
 
     Raises:
-        ConfigError: An obstacle cannot be meant; the message names it.
+        ConfigError: An obstacle is not valid; the message names it.
     """
     if len(wanted.obstacles) > MOST_THINGS:
         given = f"{len(wanted.obstacles)} obstacles"

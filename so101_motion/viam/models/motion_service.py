@@ -243,7 +243,7 @@ class So101Motion(ServiceForAnArm, MotionService):
         """Interpret a request at the arm's present place, with what is around it now.
 
         Raises:
-            So101Error: It cannot be meant.
+            So101Error: It is not valid.
         """
         await self._turns.passed()
         self._ignored.warn(wanted.extra)

@@ -40,7 +40,7 @@ async def move_together(
         seen_through: Waits for the motion of an arm; ends it with the call.
 
     Raises:
-        ConfigError: A goal cannot be meant, or the arms do not know each other.
+        ConfigError: A goal is not valid, or the arms do not know each other.
         So101Error: What one of the motions raises.
     """
     goals = _goals(asked, arms)

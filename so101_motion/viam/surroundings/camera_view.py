@@ -85,7 +85,7 @@ class CameraView:
         except GRPCError as error:
             raise self._unknown(f"does not look: {error.message}") from error
         except ConfigError as error:
-            raise self._unknown(f"sees what cannot be meant: {error}") from error
+            raise self._unknown(f"sees something that is not valid: {error}") from error
 
     async def _steady_look(self, view: MachineView) -> tuple[_Seen, MachineView, SE3]:
         """What it sees while nothing moves, the machine at that moment, and where it is."""

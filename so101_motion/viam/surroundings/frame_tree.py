@@ -56,7 +56,7 @@ class FrameTree:
         parts: The components by name.
 
     Raises:
-        ConfigError: They cannot be meant: too many, two of one name, a pose that is not finite,
+        ConfigError: They are not valid: too many, two of one name, a pose that is not finite,
             a parent that is not there, or one that hangs from itself.
     """
 

@@ -121,7 +121,7 @@ class MachineBodies:
         """The machine as it is now.
 
         Raises:
-            SurroundingsUnknown: It does not answer in time, or something in it cannot be meant.
+            SurroundingsUnknown: It does not answer in time, or something in it is not valid.
         """
         if not self.is_asked:
             return self._nothing()
@@ -344,7 +344,7 @@ class MachineBodies:
             center = convert.from_pose(geometry.center) if has_center else SE3.identity()
         except ConfigError as error:
             raise SurroundingsUnknown(
-                f'the geometry of "{name}" cannot be meant: {error}', component=name
+                f'the geometry of "{name}" is not valid: {error}', component=name
             ) from error
         return known[1], center
 

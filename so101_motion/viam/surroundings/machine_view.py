@@ -90,7 +90,7 @@ class MachineView:
         """The same frames, and those that ``transforms`` bring along.
 
         Raises:
-            ConfigError: A transform cannot be meant.
+            ConfigError: A transform is not valid.
         """
         if self.tree is None:
             return Frames(self.arm, self.T_base_tool, transforms)

@@ -70,7 +70,7 @@ class StoreWatch:
         """``scene`` with what is in the store now.
 
         Raises:
-            SurroundingsUnknown: The store does not say what is in it, or that cannot be meant.
+            SurroundingsUnknown: The store does not say what is in it, or that is not valid.
         """
         if self._store is None:
             raise self._unknown("does not run")
@@ -83,7 +83,7 @@ class StoreWatch:
         try:
             return await scene_with(scene, world, view.frames(world.transforms))
         except ConfigError as error:
-            raise self._unknown(f"has what cannot be meant: {error}") from error
+            raise self._unknown(f"has something that is not valid: {error}") from error
 
     def _named_apart(self, view: MachineView) -> list[Transform]:
         """The things, each with a name of its own: what a store counts by is the id."""

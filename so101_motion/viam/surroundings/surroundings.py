@@ -36,7 +36,7 @@ class Source(Protocol):
 
         Raises:
             SurroundingsUnknown: It does not say.
-            ConfigError: What it says cannot be meant.
+            ConfigError: What it says is not valid.
         """
 
     async def close(self) -> None:
@@ -82,12 +82,12 @@ class Surroundings:
             for source in (*self._sources, *also):
                 now = await source.added_to(now, view)
         except ConfigError as error:
-            raise SurroundingsUnknown(f"what is around cannot be meant: {error}") from error
+            raise SurroundingsUnknown(f"what is around the arm is not valid: {error}") from error
         self._last[also] = (scene, now)
         return now
 
-    async def meet_others(self) -> None:
-        """Know the other arms of this process, before this one is moved without a plan.
+    async def update_other_arms(self) -> None:
+        """Read where the other arms of this process are, before this one moves without a plan.
 
         Asks the machine only if there are others and it has not been asked for a while. If it does
         not say, what was known counts, and that is logged.
@@ -101,7 +101,7 @@ class Surroundings:
         try:
             await self._machine.read()
         except SurroundingsUnknown as error:
-            self._logger.warning("other arms are minded as they were known: %s", error)
+            self._logger.warning("using the last known places of other arms: %s", error)
 
     async def _with_bodies(self, scene: Scene, bodies: tuple[Body, ...]) -> Scene:
         built = self._built

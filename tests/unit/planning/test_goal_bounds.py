@@ -1,4 +1,4 @@
-"""Goals so far away that they cannot be meant."""
+"""Goals too far away to be accepted."""
 
 import pytest
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from so101_viewer import source
 from so101_viewer.page.bar import Bar
-from so101_viewer.panels.ways_home import notice, waiting
+from so101_viewer.panels.hold_buttons import notice, waiting
 from so101_viewer.source import Source, SourceOpener
 
 from so101_motion.common.errors import PortUnavailable

@@ -3,7 +3,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any, cast
 
-from so101_viewer.setup.calibration_target import SetupTarget
+from so101_viewer.setup.setup_target import SetupTarget
 from so101_viewer.setup.torque import SETTLED, TorqueWatch, torque
 
 

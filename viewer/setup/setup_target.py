@@ -77,10 +77,10 @@ class Ports:
         """
         file = candidate.calibration_file(name)
         asked = ServoSettings(port=candidate.name, timeout=None, fallback_file=file)
-        return _bench(open_hardware(asked, reply_timeout=self.reply_timeout))
+        return _opened(open_hardware(asked, reply_timeout=self.reply_timeout))
 
 
-def _bench(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
+def _opened(share: HardwareRig, rig: RigLike | None = None) -> SetupTarget:
     try:
         return SetupTarget(
             where=share.settings.port, calibrator=Calibrator(share), rig=rig or share
@@ -133,7 +133,7 @@ def _open_share(rig: HardwareRig) -> SetupTarget:
     asked = ServoSettings(
         port=settings.port, baudrate=settings.baudrate, timeout=None, fallback_file=file
     )
-    return _bench(open_hardware(asked), rig)
+    return _opened(open_hardware(asked), rig)
 
 
 def _open_machine(rig: MachineRig) -> SetupTarget:

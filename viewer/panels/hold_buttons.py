@@ -1,4 +1,4 @@
-"""What the bar says of the arm and its connection, and the ways home: hold, guide, let go.
+"""The buttons Hold, Guide and Let go, and what the bar says of the arm and its connection.
 
 An arm that is disconnected keeps its last picture, in grey. When it is back nothing moves: it holds
 only after somebody presses Hold.
@@ -57,12 +57,12 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Sen
     return None
 
 
-class WaysHome(Part):
-    """Fills the bar for the arms of a page; each way home is that of all.
+class HoldButtons(Part):
+    """Fills the bar for the arms of a page; each button is for all of them.
 
     Args:
         title: Which arms they are.
-        rigs: The arms by name; the name of one that is alone is not told.
+        rigs: The arms by name; the name of a single one is not shown.
         guide: Starts hand guiding for a limited time.
         fade: Told which drawn arm shall be grey, or not.
     """
