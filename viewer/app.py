@@ -14,11 +14,11 @@ from .page.page_context import ArmContext
 from .page.part import Part
 from .panels.camera_panel import CameraPart
 from .panels.health_panel import EventsPart, HealthPart
+from .panels.hold_buttons import HoldButtons
 from .panels.identify_panel import IdentifyPart
 from .panels.jog_panel import JogPart
 from .panels.move_part import MovePart
 from .panels.share_panel import SharePart
-from .panels.hold_buttons import HoldButtons
 from .program.program_panel import ProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded

@@ -14,8 +14,8 @@ from .scene.lighting import set_up_view
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.host import ServedPage
 from .server.kept_key import KeyOf, new_key
-from .setup.setup_target import FixedArm, Ports, fixed_machine
 from .setup.part import SetupPart
+from .setup.setup_target import FixedArm, Ports, fixed_machine
 from .setup.stop import SetupStop
 
 

@@ -16,9 +16,9 @@ from so101_motion.viam.suggested_config import configuration
 
 from ..page import markup
 from . import calibration_cards, cards
-from .setup_target import SetupTarget
 from .page import StepPage
 from .setup_context import ServesPreview, SetupContext
+from .setup_target import SetupTarget
 
 
 class SetupPreview:

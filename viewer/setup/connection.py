@@ -19,9 +19,9 @@ from so101_motion.setup.port_selection import Candidate, PortsSeen
 from so101_motion.setup.setup_steps import CONNECT
 
 from . import cards
-from .setup_target import Ports, SetupTarget
 from .page import StepPage
 from .setup_context import SetupContext
+from .setup_target import Ports, SetupTarget
 
 PERIOD = 1.0
 """How long to wait between two looks [s]; chosen: soon enough for somebody who plugs a cable in."""

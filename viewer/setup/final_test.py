@@ -25,9 +25,9 @@ from so101_motion.setup.setup_steps import TEST
 from ..page.shared_fields import SharedField, put
 from . import calibration_cards, cards
 from .asking_button import AskingButton
-from .setup_target import SetupTarget
 from .page import StepPage
 from .setup_context import SetupContext
+from .setup_target import SetupTarget
 
 OPEN_POSE = next(pose.q for pose in POSES if pose.name == "ready")
 """Where every joint has room for its test motion, shape (5,), [rad]."""

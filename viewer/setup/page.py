@@ -21,8 +21,8 @@ from so101_motion.setup.calibrator import Situation
 from so101_motion.setup.checkup import Check
 from so101_motion.setup.setup_steps import SetupStep
 
-from .setup_target import SetupTarget
 from .setup_context import SetupContext
+from .setup_target import SetupTarget
 
 T = TypeVar("T")
 

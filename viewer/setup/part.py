@@ -25,7 +25,6 @@ from ..page.texts import capital
 from . import cards
 from .asking_button import AskingButton
 from .assembly import AssemblyPage
-from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .chain import ChainPage
 from .configure import ConfigurePage
 from .connection import ConnectionPage
@@ -37,6 +36,7 @@ from .pose import PosePage
 from .record import RecordPage
 from .save import SavePage
 from .setup_context import ServesPreview, SetupContext
+from .setup_target import FixedArm, Ports, SetupTarget, fixed_arm
 from .step_wizard import StepWizard
 
 TITLE = "Setup"

@@ -21,9 +21,9 @@ from so101_motion.setup.setup_steps import POSE
 
 from ..page.shared_fields import SharedField
 from . import calibration_cards, cards
-from .setup_target import SetupTarget
 from .page import CalibrationPage
 from .setup_context import SetupContext
+from .setup_target import SetupTarget
 
 _LET_GO = (
     "The arm must be assembled by now; that takes an hour or two, and this page waits. Hold the arm"

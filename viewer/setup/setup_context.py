@@ -23,8 +23,8 @@ from so101_motion.setup.setup_steps import SetupState
 
 from ..page.page_context import PageContext
 from ..server.host import ServedPage
-from .setup_target import FixedArm, SetupTarget
 from .picture import Picture
+from .setup_target import FixedArm, SetupTarget
 from .torque import TorqueWatch
 
 T = TypeVar("T")

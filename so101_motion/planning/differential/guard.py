@@ -21,7 +21,7 @@ import numpy as np
 from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.batch_check import NEAR_ROW
 from so101_motion.planning.collision.bodies import NEAR
-from so101_motion.planning.collision.collision import CollisionModel, ClosePair
+from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.timing.torque import Load, TorqueReserve
 
 RANGE = 0.05

@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike
 
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.common.state import ARM_JOINTS
-from so101_motion.planning.collision.collision import CollisionModel, ClosePair
+from so101_motion.planning.collision.collision import ClosePair, CollisionModel
 from so101_motion.planning.collision.course import Neighbours
 from so101_motion.planning.differential.guard import GAP, Guard, room_of
 from so101_motion.planning.differential.moving_average import MovingAverage

@@ -13,8 +13,8 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import checked_number
 from so101_motion.viam.client.executor import STOPPING
 from so101_motion.viam.client.link import Link
-from so101_motion.viam.client.runner import MotionRunner
 from so101_motion.viam.client.reports import GripperReport
+from so101_motion.viam.client.runner import MotionRunner
 
 _LOOK = 0.05
 """How often to look whether a jaw has arrived that did not wait for it [s]; chosen."""

@@ -17,7 +17,13 @@ from so101_motion.common.units import to_rad
 from so101_motion.rig.protocols import ArmConnection
 from so101_motion.tasks.guided.path import corners_of
 from so101_motion.viam.client.link import Access
-from so101_motion.viam.client.reports import AT_REST, GripperReport, ask_arm, ask_gripper, next_state
+from so101_motion.viam.client.reports import (
+    AT_REST,
+    GripperReport,
+    ask_arm,
+    ask_gripper,
+    next_state,
+)
 
 JAW = GripperReport(aperture=0.5)
 

@@ -140,7 +140,9 @@ async def is_unknown(scene):
 
 async def test_what_is_in_it_and_cannot_be_meant_is_refused_with_its_name():
     async with watched(FakeStore(seen_thing("crate", x=float("nan")))) as scene:
-        with pytest.raises(SurroundingsUnknown, match='store "seen" has something that is not valid'):
+        with pytest.raises(
+            SurroundingsUnknown, match='store "seen" has something that is not valid'
+        ):
             await scene()
 
 
