@@ -84,6 +84,9 @@ class SO101MotionLeaderConfig(TeleoperatorConfig):
     """As for the robot; give both the same."""
     speed_degs_per_sec: float = 60.0
     """Cap on the speed of each joint while the leader is driven [deg/s]."""
+    guard_hint: float = 0.0
+    """How much of its drive a joint pulls back with, 0 to 0.2, while the follower of this program
+    is held off something: for the hand to feel, which always wins. 0 for not at all."""
 
 
 @TeleoperatorConfig.register_subclass("so101_motion_jog")

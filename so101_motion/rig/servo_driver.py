@@ -35,6 +35,7 @@ from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.command_record import CommandListener, SentCommand
 from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
+from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
 from so101_motion.drivers.feetech.servo_model import ServoModel
@@ -187,6 +188,10 @@ class ServoDriver:
         """Let the arm joints yield to a hand; see ``FeetechArm.guide``."""
         self._driver().guide(compliance)
 
+    def pull(self, pull: Pull) -> None:
+        """Pull the limp joints of the arm softly; see ``FeetechArm.pull``."""
+        self._driver().pull(pull)
+
     def close(self) -> None:
         """Let go of the port; the servos stay as they are."""
         arm, self._arm = self._arm, None
@@ -207,9 +212,8 @@ class ServoDriver:
             BusError: A required servo cannot be reached or set up.
         """
         if self._arm is not None and self._arm.is_connected:
-            self._finder.require(
-                self._arm.bus.port, settings, settings.required()
-            )  # to learn it while all still works
+            # to learn it while all still works
+            self._finder.require(self._arm.bus.port, settings, settings.required())
         before = self.settings
         self.close()
         try:

@@ -10,8 +10,8 @@ where the joint is, and so much beyond that the servo carries the joint's weight
 drives its joint already, because a former process left it so or the cable was out for a moment,
 stands a little off its goal under its load; the first goal keeps exactly that distance. A joint
 outside its limits, where no goal can keep it, is left as it is until a goal inside comes
-(``out_of_range.py``). What the goals are: see ``goal_compensation.py``, and while a hand guides the
-arm ``hand_guiding.py``.
+(``out_of_range.py``). What the goals are: see ``goal_compensation.py``, while a hand guides the arm
+``hand_guiding.py``, and while it pulls softly at a hand ``hand_pull.py``.
 
 *One silent servo costs nobody else anything*, and no answer is asked for twice in a cycle: there is
 no time for that, and the next cycle comes soon. For a quarter of a second a joint that is not heard
@@ -26,7 +26,8 @@ up again. They hold meanwhile, and get nothing before somebody asks for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -46,16 +47,14 @@ from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
 from so101_motion.drivers.feetech.goal_writer import GoalWriter
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_guiding import HandGuiding
+from so101_motion.drivers.feetech.hand_pull import HandPull, Pull
 from so101_motion.drivers.feetech.health import HealthReadings, JointHealth
 from so101_motion.drivers.feetech.joint_estimate import JointEstimate
 from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
-from so101_motion.drivers.feetech.presence import (
-    missing_servos,
-    restarted_servos,
-    unconfirmed_position,
-)
+from so101_motion.drivers.feetech.presence import missing_servos, restarted_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
+from so101_motion.drivers.feetech.torque_switch import TorqueSwitch
 from so101_motion.drivers.goal_limiter import GoalLimiter
 from so101_motion.drivers.servo_types import ServoFigures
 
@@ -63,9 +62,6 @@ JOINTS = (*ARM_JOINTS, GRIPPER_JOINT)
 """Base to jaw, the order of the servos along the cable."""
 
 _NO_GOALS: Sequence[None] = (None,) * 6
-
-_FRESH = 0.1
-"""How old the position may be that a joint is held at [s]. Chosen: two looks at a resting arm."""
 
 _REWRITE = 0.03
 """After how long without a setpoint the goals are sent again, with what the trim has learnt [s]."""
@@ -131,7 +127,15 @@ class FeetechArm:
         self.models: Sequence[ServoModel] = self._compensation.trim.models
         self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
         self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)
+        self._switch = TorqueSwitch(
+            self._chain, self._compensation, self._at, self._out_of_range, self._goals, clock,
+            self._maps,
+        )  # fmt: skip
         self._guide: HandGuiding | None = None
+        self._pull = HandPull(
+            self._chain, self._compensation, self._at, self._out_of_range, self._goals,
+            self._switch, clock,
+        )  # fmt: skip
         self._health_readings = HealthReadings(clock.now())
         try:
             self._reach()
@@ -154,6 +158,8 @@ class FeetechArm:
             self._measure(bus)
             if self._guide is not None:
                 self._yield(bus, self._guide)
+            elif self._pull.is_on:
+                self._pull.step(bus)
             elif self._is_held and self._clock.now() - self._goals.t >= _REWRITE:
                 self._send(bus)
         q, qd = self._at.q, self._at.qd
@@ -205,14 +211,15 @@ class FeetechArm:
             q = [*q_cmd.tolist(), q_jaw_cmd]
             if self._is_held:
                 if qd_cmd is None:  # whoever is sent elsewhere is to be held where it is
-                    self._refuse_unsure(
+                    self._switch.refuse_unsure(
                         bus, [i for i in self._maps if q[i] != self._compensation.q[i]]
                     )
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
                 self._compensation.point(q, qd, now, here, free, qdd)
             else:
-                self._refuse_unsure(bus, self._maps)
+                self._pull.end(bus)
+                self._switch.refuse_unsure(bus, self._maps)
                 self._compensation.begin(q, self._at.q, now, free)
             if self._torque:
                 if self._out_of_range:
@@ -233,10 +240,13 @@ class FeetechArm:
         with self._chain.watching():
             bus = self._chain.bus()
             self._end_guiding(bus)
+            self._pull.end(bus)
             if on:
-                self._switch_on(bus)
+                self._switch.on(bus)
+                self._torque = True
             else:
-                self._switch_off(bus)
+                self._torque = False
+                self._switch.off(bus)
 
     def guide(self, compliance: Compliance | None) -> None:
         """Let the joints of the arm yield to a hand; the jaw holds on.
@@ -257,12 +267,29 @@ class FeetechArm:
             elif not self._is_held:
                 raise RuntimeError("hold the joints before they are guided")
             else:
-                self._refuse_unsure(bus, self._maps)
+                self._switch.refuse_unsure(bus, self._maps)
                 trim, now = self._compensation.trim, self._clock.now()
                 self._guide = HandGuiding(compliance, trim, self._at.q, now)
 
+    def pull(self, pull: Pull) -> None:
+        """Pull the limp joints of the arm softly; see ``hand_pull.py``.
+
+        ``read`` has to be called a hundred times a second then. Only RAM registers are written.
+
+        Raises:
+            BusError: A servo did not obey, or where a joint is is not sure.
+            RuntimeError: The joints are held.
+        """
+        with self._chain.watching():
+            if self._torque:
+                raise RuntimeError("joints that are held are not pulled; let go of them first")
+            self._pull.ask(self._chain.bus(), pull)
+
     def close(self) -> None:
-        """Close the port; the servos stay as they are."""
+        """Close the port; the servos stay as they are, but for a pull, which ends."""
+        if self._chain.is_set_up:
+            with suppress(BusError):
+                self._pull.end(self._chain.bus())
         self._chain.connection.close()
 
     # What else can be asked of this arm, on the I/O thread
@@ -330,8 +357,9 @@ class FeetechArm:
     def _reach(self) -> Bus:
         if not self._chain.is_set_up:
             self._compensation.is_set, self._guide = False, None
-            self._torque = self._chain.set_up()
+            self._torque = self._chain.set_up() and not self._pull.is_on
             self._at.forget()
+            self._pull.end(self._chain.bus())
         return self._chain.bus()
 
     def _take_over(self, i: int, servo: ServoCondition) -> None:
@@ -344,24 +372,18 @@ class FeetechArm:
     def _take_back(self, bus: Bus, servo_ids: Sequence[int]) -> None:
         """Servos that were silent answer again; all are seen to before anything is raised."""
         limp, refusals = self._chain.set_up_again(servo_ids)
+        self._pull.end(bus)
         restarted = limp if self._torque else []
         for servo_id in restarted:
             self._compensation.is_set = False
             try:
-                self._catch(bus, servo_id)
+                self._switch.catch(bus, self._index[servo_id])
             except ServoFault as error:
                 refusals.append(error)
         if refusals:
             raise refusals[0]
         if restarted:
             raise restarted_servos(bus, restarted)
-
-    def _catch(self, bus: Bus, servo_id: int) -> None:
-        """Hold a limp joint where it is."""
-        i = self._index[servo_id]
-        here = self._at.ticks(i)
-        if self._out_of_range.may_be_driven(bus, i, here):
-            self._goals.engage(bus, servo_id, self._maps[i].to_goal(self._at.q[i]))
 
     # Measuring
 
@@ -415,36 +437,4 @@ class FeetechArm:
         here = [*self._at.q[:5], self._compensation.q[5]]
         self._compensation.begin(here, here, self._clock.now(), ())
         self._send(bus)
-        limits = {servo_id: ram[reg.TORQUE_LIMIT] for servo_id, ram in self._chain.ram.items()}
-        self._chain.put_all(reg.TORQUE_LIMIT, limits)
-
-    def _switch_on(self, bus: Bus) -> None:
-        if not self._compensation.is_set:
-            raise RuntimeError("write a goal before torque is switched on")
-        lost = sorted(i for i in self._presence.silent if self._index[i] < 5)
-        if lost:
-            raise missing_servos(bus, lost, set(self._index) - self._presence.silent)
-        self._refuse_unsure(bus, self._maps)
-        goals = self._compensation.goals(self._clock.now(), self._presence.silent)
-        for servo_id, goal in goals.items():
-            i = self._index[servo_id]
-            held = self._compensation.held[i]
-            here = self._at.ticks(i) if held is None else held
-            if self._out_of_range.may_be_driven(bus, i, here):
-                self._goals.engage(bus, servo_id, goal)
-        self._torque = True
-
-    def _refuse_unsure(self, bus: Bus, joints: Collection[int]) -> None:
-        """See that two readings agree on where each of ``joints`` is before it is held there."""
-        for i in self._at.unconfirmed(self._clock.now() - _FRESH):
-            servo_id = self._maps[i].servo_id
-            if i in joints and servo_id not in self._presence.silent:
-                raise unconfirmed_position(bus, servo_id)
-
-    def _switch_off(self, bus: Bus) -> None:
-        self._torque = self._compensation.is_set = False
-        self._compensation.held = [None] * 6
-        try:
-            self._chain.put_all(reg.TORQUE_ENABLE, dict.fromkeys(self._index, 0))
-        finally:
-            self._out_of_range.let_go(bus)
+        self._switch.limit_again()
