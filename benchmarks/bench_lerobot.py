@@ -1,25 +1,39 @@
 """LeRobot's robot on the emulated arm: how soon an action is sent, how well one is replayed.
 
-    PYTHONPATH=tests python -m benchmarks.bench_lerobot
+    python -m benchmarks.bench_lerobot
+    python -m benchmarks.bench_lerobot --two-arms 10
 
 In pretended time, so figures are those of the emulated servo and of the control cycle, not of this
 machine. The same recording, a person's reaches at 30 frames a second, is replayed by the plugin and
-by a client that does what LeRobot's own follower does: P 16, no caps, each action a goal at once.
+by a client that does what LeRobot's own follower does: P 16, no caps, each action a goal at once;
+where LeRobot is installed (in the environment that ``make test-lerobot`` makes) by that one, too.
 The plugin has caps of 180 deg/s and 500 deg/s^2, which the recording keeps.
+
+``--two-arms MINUTES`` runs nothing but teleoperation of two followers by two leaders at 60 Hz, in
+real time, by the calls and the sleep of LeRobot's own loop: four emulators in processes of their
+own, with the time of the wire, and all else in one process. It wants a machine with nothing else to
+do. What the log warned of after the first approach is counted, and told.
 """
 
 from __future__ import annotations
 
+import argparse
 import importlib
+import importlib.metadata
 import json
 import logging
+import resource
 import sys
 import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.bench_teleop import emulator
 from so101_motion.common.geometry import Array
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
@@ -36,6 +50,10 @@ MIDDLES_DEG: Array = np.array(_rig.MIDDLES_DEG)
 FPS, SECONDS, DT = 30, 20.0, 0.01
 JAW = 30.0
 LOWERED = np.array([0.0, -25.0, 25.0, 20.0, 0.0])  # keeps the reaches off the table and the arm
+
+SIDES = ("left", "right")
+RATE = 60.0  # of teleoperation [Hz]
+HELD, LED_FROM = 25.0, 30.0  # by a hand: the followers until they hold, the leaders before [s]
 
 
 def recording(seed: int = 3) -> Array:
@@ -94,6 +112,38 @@ def replayed_as_stock(folder: Path, rows: Array) -> Array:
     return np.array(seen)
 
 
+def replayed_by_stock(folder: Path, rows: Array) -> Array:
+    """The same by LeRobot's own follower."""
+    stock: Any = importlib.import_module("lerobot.robots.so_follower")
+    start = (*np.radians(rows[0] + MIDDLES_DEG), 0.5)
+    with _lerobot.lerobot_bench(folder, q_start=start) as bench:
+        config = stock.SO101FollowerConfig(port=str(bench.port), id="arm", calibration_dir=folder)
+        robot = stock.SO101Follower(config)
+        robot.connect(calibrate=False)
+        robot.bus.calibration = robot.bus.read_calibration()
+        robot.send_action(_lerobot.action(*rows[0], JAW))
+        robot.get_observation()
+        bench.advance(2.0)
+        seen = []
+        for k in range(len(rows)):
+            if k == 0 or int(k * DT * FPS) != int((k - 1) * DT * FPS):
+                robot.send_action(_lerobot.action(*at_frame(rows, k), JAW))
+                robot.get_observation()  # answered after the goals were heard
+            bench.advance(DT)
+            seen.append(bench.q_deg[:5] - MIDDLES_DEG)
+        robot.disconnect()
+    return np.array(seen)
+
+
+def has_lerobot() -> bool:
+    """Whether the genuine LeRobot is installed."""
+    try:
+        importlib.metadata.version("lerobot")
+    except importlib.metadata.PackageNotFoundError:
+        return False
+    return True
+
+
 def measured(rows: Array, seen: Array) -> dict[str, Any]:
     """Lag and what is left, all joints together and each."""
     lag, rms = _pair.best_shift(rows, seen, DT, longest=0.3)
@@ -128,23 +178,123 @@ def latency(folder: Path, n: int = 200) -> dict[str, Any]:
     }
 
 
+class _Warnings(logging.Handler):
+    """Keeps what is warned of."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.found: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.found.append(record.getMessage())
+
+
+def leading_hand(seconds: float, seed: int) -> str:
+    """A script of a hand that holds all joints, and then leads them for so long."""
+    every = 0.05
+    rows = 0.5 * _pair.human_motion(seconds, seed, dt=every)[:, :5] + LOWERED + MIDDLES_DEG
+    lines = [f"{t} {joint} start" for joint in _pair.JOINTS for t in (0, HELD)]
+    lines += [f"{LED_FROM} gripper {JAW}"]
+    for joint, column in zip(_pair.JOINTS, rows.T, strict=False):
+        lines += [f"{LED_FROM + every * k:.2f} {joint} {q:.3f}" for k, q in enumerate(column)]
+    return "\n".join(lines) + "\n"
+
+
+def holding_hand() -> str:
+    """A script of a hand that holds all joints until the follower does."""
+    return "".join(f"0 {joint} start\n{HELD} {joint} release\n" for joint in _pair.JOINTS)
+
+
+def two_arms(folder: Path, minutes: float) -> dict[str, Any]:
+    """Teleoperation of two followers by two leaders in real time, as LeRobot's loop does it."""
+    seconds = 60.0 * minutes
+    with ExitStack() as stack:
+        ports = {}
+        for seed, name in enumerate(("left", "right", "left_leader", "right_leader")):
+            (folder / name).mkdir()
+            script = leading_hand(seconds + 60.0, seed) if seed >= 2 else holding_hand()
+            ports[name] = stack.enter_context(emulator(folder / name, script))
+        arms = (_lerobot.SO101MotionArmConfig(port=ports[side]) for side in SIDES)
+        config = _lerobot.BiSO101MotionConfig(*arms, id="two", calibration_dir=folder)
+        robot = _lerobot.BiSO101Motion(config)
+        robot.connect(calibrate=False)
+        stack.callback(robot.disconnect)
+        leaders = {}
+        for side in SIDES:
+            own = {"port": ports[f"{side}_leader"], "id": side, "calibration_dir": folder}
+            leader = _lerobot.SO101MotionLeader(_lerobot.SO101MotionLeaderConfig(**own))
+            leader.connect(calibrate=False)
+            stack.callback(leader.disconnect)
+            leaders[f"{side}_"] = leader
+
+        def once() -> None:
+            robot.get_observation()
+            robot.send_action(
+                {f"{s}{k}": v for s, each in leaders.items() for k, v in each.get_action().items()}
+            )
+
+        once()  # the way to where the leaders are
+        warnings = _Warnings()
+        logging.getLogger().addHandler(warnings)
+        stack.callback(logging.getLogger().removeHandler, warnings)
+        usage, took = resource.getrusage(resource.RUSAGE_SELF), []
+        begin = time.perf_counter()
+        while (now := time.perf_counter()) - begin < seconds:
+            once()
+            took.append(time.perf_counter() - now)
+            time.sleep(max(1.0 / RATE - took[-1], 0.0))
+        passed, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF)
+    spent = after.ru_utime + after.ru_stime - usage.ru_utime - usage.ru_stime
+    median, p99 = np.percentile(took, (50.0, 99.0))
+    return {
+        "what": "two followers, two leaders, 60 Hz, real time, four emulators beside it",
+        "minutes": round(passed / 60.0, 2),
+        "loops": len(took),
+        "loops_per_s": round(len(took) / passed, 2),
+        "median_ms": round(1000.0 * float(median), 2),
+        "p99_ms": round(1000.0 * float(p99), 2),
+        "longest_ms": round(1000.0 * max(took), 1),
+        "longer_than_a_period": int(np.sum(np.array(took) > 1.0 / RATE)),
+        "processors_used": round(spent / passed, 2),
+        "warnings": len(warnings.found),
+        "warned_of": sorted(set(warnings.found))[:10],
+    }
+
+
+def keep(told: dict[str, Any]) -> None:
+    """Write figures beside those that stand there already."""
+    file = ROOT / "benchmarks" / "results" / "bench_lerobot.json"
+    before = json.loads(file.read_text()) if file.exists() else {}
+    file.write_text(json.dumps(before | told, indent=1) + "\n")
+
+
 def main() -> None:
     """Measure, print, write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--two-arms", type=float, metavar="MINUTES", help="nothing but that")
+    asked = parser.parse_args()
+    if asked.two_arms:
+        with tempfile.TemporaryDirectory() as folder:
+            told = {"two_arms": two_arms(Path(folder), asked.two_arms)}
+        print(json.dumps(told, indent=1))
+        keep(told)
+        return
     logging.disable(logging.WARNING)
     rows = recording()
-    told: dict[str, Any] = {}
+    told = {}
     rules = ("travel", "limits", "distance", "seed", "stop", "motion", "command")
-    for name, run in (
-        ("plugin", lambda folder: measured(rows, replayed_by_plugin(folder, rows))),
-        ("as_stock", lambda folder: measured(rows, replayed_as_stock(folder, rows))),
-        ("latency", latency),
-    ):
+    parts: dict[str, Callable[[Path], dict[str, Any]]] = {
+        "plugin": lambda folder: measured(rows, replayed_by_plugin(folder, rows)),
+        "as_stock": lambda folder: measured(rows, replayed_as_stock(folder, rows)),
+        "latency": latency,
+    }
+    if has_lerobot():
+        parts["stock"] = lambda folder: measured(rows, replayed_by_stock(folder, rows))
+    for name, run in parts.items():
         with tempfile.TemporaryDirectory() as folder, _referee.refereed(breaks=rules):
             told[name] = run(Path(folder))
         print(name, told[name], flush=True)
-    (ROOT / "benchmarks" / "results" / "bench_lerobot.json").write_text(
-        json.dumps(told, indent=1) + "\n"
-    )
+    keep(told)
 
 
 if __name__ == "__main__":

@@ -347,21 +347,74 @@ def replay(bench):
         return {"dropped_deg": arm.dropped()}
 
 
-def rollout(bench):
-    """lerobot-rollout of a policy with random weights, for 15 s."""
-    policy = bench.folder / "policy"
+def _policy(bench, *kind):
+    """A policy of this kind in a folder of its own."""
+    folder = bench.folder / kind[0]
     made = subprocess.run(
-        [sys.executable, Path(__file__).with_name("make_policy.py"), policy, bench.folder / "seen"],
+        [sys.executable, Path(__file__).with_name("make_policy.py"), folder, *kind],
         env=bench.env, capture_output=True, text=True, check=False,
     )  # fmt: skip
     if made.returncode:
         raise Failure(made.stderr[-900:])
+    return folder
+
+
+def _rollout(bench, arguments, *more):
+    """Let a policy act for 15 s; what was said, and how far the arm dropped."""
     with bench.arm("arm") as arm:
-        bench.run(
-            "rollout", *robot(arm, f"--robot.cameras={CAMERA}"), f"--policy.path={policy}",
-            "--policy.device=cpu", "--strategy.type=base", "--task=wave", "--duration=15",
-            within=150,
+        before = arm.degrees()
+        running = bench.run(
+            "rollout", *arguments(arm), *more, "--policy.device=cpu", "--strategy.type=base",
+            "--task=wave", "--duration=15", within=150,
         )  # fmt: skip
+        moved = np.abs(arm.degrees() - before).round(1).tolist()
+        return running.said, {"moved_deg": moved, "dropped_deg": arm.dropped()}
+
+
+def rollout(bench):
+    """lerobot-rollout of a policy with random weights, for 15 s; it goes home and parks."""
+    policy = _policy(bench, "act", bench.folder / "seen")
+    _, found = _rollout(
+        bench, lambda arm: robot(arm, f"--robot.cameras={CAMERA}"), f"--policy.path={policy}"
+    )
+    return found
+
+
+def _stays(arm):
+    """A robot that is left where its policy took it."""
+    return robot(arm)[:-1]
+
+
+def rollout_in_chunks(bench):
+    """lerobot-rollout, real-time chunks that come 0.5 s late, two interpolated steps for each."""
+    policy = _policy(bench, "wave")
+    said, found = _rollout(
+        bench, _stays, f"--policy.path={policy}", "--inference.type=rtc",
+        "--interpolation_multiplier=2", "--return_to_initial_position=false",
+    )  # fmt: skip
+    if max(found["moved_deg"]) < 20.0 or "RTC inference error" in said:
+        raise Failure(f"{found}; {said[-900:]}")
+    return found
+
+
+def rollout_of_garbage(bench):
+    """lerobot-rollout of a policy that jumps by 60 deg and says NaN and 5000 deg."""
+    policy = _policy(bench, "garbage")
+    said, found = _rollout(
+        bench, _stays, f"--policy.path={policy}", "--return_to_initial_position=false"
+    )
+    if "a target is not taken" not in said:
+        raise Failure(f"nobody said that NaN was not taken: {said[-900:]}")
+    return found
+
+
+def find_joint_limits(bench):
+    """lerobot-find-joint-limits loads no plugins: it says so and touches nothing."""
+    with both(bench) as (arm, led):
+        running = bench.begin("find-joint-limits", *robot(arm), *leader(led), "--urdf_path=none")
+        running.end(60, code=None)
+        if "so101_motion" not in running.said or "Connecting" in running.said:
+            raise Failure(running.said[-900:])
         return {"dropped_deg": arm.dropped()}
 
 
@@ -375,7 +428,7 @@ def recorded_types(bench):
 SCENARIOS = (
     recorded_types, setup_motors, calibrate, calibrate_leader, teleoperate, interrupted,
     terminated, killed, jog_with_keys, jog_with_a_gamepad, record, record_with_a_camera, replay,
-    rollout,
+    rollout, rollout_in_chunks, rollout_of_garbage, find_joint_limits,
 )  # fmt: skip
 NEEDED = (calibrate, calibrate_leader)
 

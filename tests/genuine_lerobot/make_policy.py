@@ -1,4 +1,4 @@
-"""Write an ACT policy with random weights: ``make_policy.py FOLDER DATASET``. It means nothing."""
+"""Write a policy that means nothing: ``make_policy.py FOLDER act DATASET``, or ``wave``, ``garbage``."""
 
 import sys
 from pathlib import Path
@@ -9,16 +9,19 @@ from lerobot.datasets import LeRobotDataset
 from lerobot.policies import make_pre_post_processors
 from lerobot.policies.act.configuration_act import ACTConfig
 from lerobot.policies.act.modeling_act import ACTPolicy
+from lerobot_policy_wild.configuration_wild import WildConfig
+from lerobot_policy_wild.modeling_wild import WildPolicy
+
+STATE = {"observation.state": PolicyFeature(type=FeatureType.STATE, shape=(6,))}
+PICTURE = {"observation.images.front": PolicyFeature(type=FeatureType.VISUAL, shape=(3, 96, 96))}
+ACTION = {"action": PolicyFeature(type=FeatureType.ACTION, shape=(6,))}
 
 
-def main(folder, dataset):
-    torch.manual_seed(3)
+def act(dataset):
+    """An ACT policy with random weights, and what to scale it by."""
     config = ACTConfig(
-        input_features={
-            "observation.state": PolicyFeature(type=FeatureType.STATE, shape=(6,)),
-            "observation.images.front": PolicyFeature(type=FeatureType.VISUAL, shape=(3, 96, 96)),
-        },
-        output_features={"action": PolicyFeature(type=FeatureType.ACTION, shape=(6,))},
+        input_features={**STATE, **PICTURE},
+        output_features=ACTION,
         chunk_size=20,
         n_action_steps=20,
         dim_model=64,
@@ -30,12 +33,25 @@ def main(folder, dataset):
         pretrained_backbone_weights=None,
         device="cpu",
     )
-    policy = ACTPolicy(config)
-    stats = LeRobotDataset("somebody/seen", root=dataset).meta.stats
-    before, after = make_pre_post_processors(config, dataset_stats=stats)
+    return ACTPolicy(config), LeRobotDataset("somebody/seen", root=dataset).meta.stats
+
+
+def wild(**settings):
+    """A policy that does as it likes."""
+    config = WildConfig(input_features=STATE, output_features=ACTION, device="cpu", **settings)
+    return WildPolicy(config), None
+
+
+def main(folder, kind, dataset=None):
+    torch.manual_seed(3)
+    if kind == "act":
+        policy, stats = act(Path(dataset))
+    else:
+        policy, stats = wild(late_s=0.5) if kind == "wave" else wild(is_garbage=True)
+    before, after = make_pre_post_processors(policy.config, dataset_stats=stats)
     for part in (policy, before, after):
-        part.save_pretrained(folder)
+        part.save_pretrained(Path(folder))
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:]))
+    main(*sys.argv[1:])

@@ -19,5 +19,5 @@ if [ ! -x "$venv/bin/lerobot-record" ]; then
     "$found" -m venv "$venv"
     "$venv/bin/pip" install "lerobot[core_scripts,feetech]"
 fi
-"$venv/bin/pip" install --quiet -e . -e ./lerobot_robot_so101_motion ./tests/genuine_lerobot/lerobot_camera_fake
+"$venv/bin/pip" install --quiet -e . -e ./lerobot_robot_so101_motion ./tests/genuine_lerobot/lerobot_camera_fake ./tests/genuine_lerobot/lerobot_policy_wild
 exec "$venv/bin/python" tests/genuine_lerobot/commands.py "$@"
