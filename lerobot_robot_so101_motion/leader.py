@@ -104,7 +104,7 @@ class SO101MotionLeader(SO101Device, Teleoperator):
         self.disable_torque()
 
     def get_action(self) -> dict[str, Any]:
-        """Where the hand holds the joints; it feels the guard of the follower, if that is asked for.
+        """Where the hand holds the joints; it may feel the guard of the follower then.
 
         Raises:
             DeviceNotConnectedError: It is not connected.

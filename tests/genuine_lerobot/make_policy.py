@@ -1,4 +1,4 @@
-"""Write a policy that means nothing: ``make_policy.py FOLDER act DATASET``, or ``wave``, ``garbage``."""
+"""Write a policy that means nothing: ``FOLDER act DATASET``, ``FOLDER wave``, ``garbage``."""
 
 import sys
 from pathlib import Path

@@ -66,7 +66,7 @@ def test_it_is_left_as_it_is(folded, leader):
 
 
 class Pair:
-    """A hand that leads the one arm, and a follower that keeps off the table; one clock for both."""
+    """A hand that leads one arm, and a follower that keeps off the table; one clock for both."""
 
     def __init__(self, folder, **leader):
         for name in ("follower", "leader"):
