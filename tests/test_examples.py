@@ -24,6 +24,8 @@ ARGUMENTS = {
     "plot_trajectory.py": ["trajectory.png", "--xyz", "200", "-100", "150"],
     "leader_follower.py": [],
     "reach_map.py": ["20"],
+    "place_base.py": [],
+    "motion_data.py": ["20"],
 }
 
 
@@ -97,6 +99,20 @@ def test_the_reach_is_drawn_as_far_left_as_right(said):
         for part in (slice(0, 18), slice(19, 37))
     )
     assert 0.8 * left < right < 1.25 * left
+
+
+@pytest.mark.slow
+def test_two_arms_find_a_place(said):
+    first = said("place_base.py").splitlines()[0]
+    assert re.match(r"left at \(.*\) mm, .*; right at .*: \d\.\d\d s once around", first)
+
+
+@pytest.mark.slow
+def test_motions_are_made_and_checked(said):
+    made, first, checked = said("motion_data.py").splitlines()
+    assert "setpoints" in first
+    assert made.startswith("{")
+    assert checked.startswith("{")
 
 
 def test_the_sample_machine_has_every_model_once():

@@ -46,7 +46,13 @@ class Preview(SearchingPage[RigLike]):
     def _add_parts(self, rig: RigLike) -> None:
         host, title = self.host, self._source.title
         context = host.arm_context(rig)
-        move = MovePart(context, title=title, stops=(self.stop, rig.gripper.stop), plan=self._plan)
+        move = MovePart(
+            context,
+            title=title,
+            stops=(self.stop, rig.gripper.stop),
+            plan=self._plan,
+            atlas=self._source.atlas,
+        )
         host.windows.leave_open_as_stop(move.stop_button)
         host.say = move.page.report
         jog, program = JogPart(context, move.page), ProgramPart(context, move.page)

@@ -10,6 +10,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.files.saved_poses import SavedPoses
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.request import Plan
+from so101_motion.tasks.sweeps.atlas import Atlas
 
 from ..page.page_context import ArmContext
 from ..page.part import Part
@@ -35,6 +36,7 @@ class MovePart(Part):
 
     Args:
         stops: What Stop calls, each in a thread of its own.
+        atlas: What the arm reaches, shaded while the target is dragged; else that is computed.
 
     Attributes:
         stop_button: What the bar's Stop presses.
@@ -47,6 +49,7 @@ class MovePart(Part):
         title: str,
         stops: tuple[Callable[[], None], ...],
         plan: Plan | None = None,
+        atlas: Atlas | None = None,
     ) -> None:
         self._arm = arm = context.rig.arm
         model = RobotModel.load()
@@ -64,7 +67,7 @@ class MovePart(Part):
         views = Views(context.server)
         context.bar.views = views.buttons
         context.leave_open(*(button for _, button in views.buttons))
-        self._reach = ReachView(context.server.scene, model)
+        self._reach = ReachView(context.server.scene, model, atlas)
         self._stage = Stage(
             context,
             model=model,

@@ -4,7 +4,7 @@
 compute: ``reach.py`` (where the arm can be, and how well; asked by ``atlas.py``), ``plans.py``
 (random motions as a data set), ``check.py`` and ``program_check.py`` (its motions, or a program,
 against a changed scene or another calibration), and ``place.py`` (bases for a task;
-``placement.py`` finds the best).
+``placement.py`` finds the best, ``pair_placement.py`` the best for two arms).
 """
 
 from so101_motion.tasks.sweeps.atlas import Atlas, Reach
@@ -17,10 +17,12 @@ from so101_motion.tasks.sweeps.engine import (
     run_sweep,
 )
 from so101_motion.tasks.sweeps.joint_reading import JointReading, as_lerobot, since
+from so101_motion.tasks.sweeps.judged_bases import Base
 from so101_motion.tasks.sweeps.mounting import FixedArm, Region
+from so101_motion.tasks.sweeps.pair_placement import BasePair, PairPlacement, find_pairs
 from so101_motion.tasks.sweeps.place import PlaceSweep
-from so101_motion.tasks.sweeps.placement import Base, Placement, find_bases
-from so101_motion.tasks.sweeps.placement_files import write_placement
+from so101_motion.tasks.sweeps.placement import Placement, find_bases
+from so101_motion.tasks.sweeps.placement_files import write_pairs, write_placement
 from so101_motion.tasks.sweeps.placement_task import (
     PlacementTask,
     TaskPose,
@@ -40,10 +42,12 @@ from so101_motion.tasks.sweeps.reach import ReachSweep, scene_text
 __all__ = [
     "Atlas",
     "Base",
+    "BasePair",
     "CheckSweep",
     "Episode",
     "FixedArm",
     "JointReading",
+    "PairPlacement",
     "PlaceSweep",
     "Placement",
     "PlacementTask",
@@ -61,6 +65,7 @@ __all__ = [
     "default_workers",
     "episodes",
     "find_bases",
+    "find_pairs",
     "plans_summary",
     "program_check_summary",
     "program_text",
@@ -71,5 +76,6 @@ __all__ = [
     "task_of",
     "task_text",
     "write_mcap",
+    "write_pairs",
     "write_placement",
 ]

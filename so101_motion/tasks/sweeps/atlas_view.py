@@ -47,8 +47,6 @@ _COLOURS = np.array(
 )
 """From bad to good: five of the colours of viridis (S. van der Walt and N. Smith, 2015)."""
 
-UNREACHABLE = (134, 142, 150)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
@@ -90,15 +88,6 @@ def shades(figure: str, values: Array) -> NDArray[np.uint8]:
     stops = np.arange(len(_COLOURS))
     columns = [np.interp(at, stops, column) for column in _COLOURS.T]
     return np.stack(columns, axis=-1).round().astype(np.uint8)
-
-
-def shade(reach: Reach, figure: str = "Torque left") -> tuple[int, int, int]:
-    """The colour of one answer of an atlas; grey where the arm cannot be."""
-    if not reach.reachable:
-        return UNREACHABLE
-    value = np.array([getattr(reach, FIGURES[figure].name)], dtype=float)
-    r, g, b = shades(figure, value)[0].tolist()
-    return r, g, b
 
 
 def voxels(atlas: Atlas, shown: Shown) -> Voxels:

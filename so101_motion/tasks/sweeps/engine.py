@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
 import time
@@ -147,7 +148,7 @@ def run_sweep(
         if workers is not None:
             pool = WorkerPool(workers) if isinstance(workers, int) else workers
         else:
-            pool = _Given(executor or _Here(), ahead or (1 if executor is None else 32))
+            pool = _Here() if executor is None else _Given(executor, ahead or 32)
         run = _Run(sweep, place, digests, pool, on_progress, now)
         with pool.opened():
             return run.go()
@@ -316,6 +317,17 @@ class _Computers:
         yield
 
 
+class _Here(_Computers):
+    """This process, at once."""
+
+    ahead = 1
+
+    def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
+        future: Future[Outcome] = Future()
+        future.set_result(compute(sweep, shard))
+        return future
+
+
 class _Given(_Computers):
     """Somebody's executor."""
 
@@ -323,7 +335,22 @@ class _Given(_Computers):
         self._executor, self.ahead = executor, ahead
 
     def submit(self, sweep: Sweep, shard: int) -> Future[Outcome]:
-        return self._executor.submit(compute, sweep, shard)
+        call = pickle.dumps(_Call(sweep, shard))
+        return self._executor.submit(pickle.loads, call)
+
+
+class _Call:
+    """Computes a shard where it is unpickled.
+
+    Who only hands it on, as a scheduler does, has bytes, and needs nothing of this package. Dask's
+    unpickles whatever is no bytes: it loaded robot model and all, two seconds of its one core.
+    """
+
+    def __init__(self, sweep: Sweep, shard: int) -> None:
+        self._arguments = sweep, shard
+
+    def __reduce__(self) -> tuple[Callable[[Sweep, int], Outcome], tuple[Sweep, int]]:
+        return compute, self._arguments
 
 
 class WorkerPool(_Computers):
@@ -401,13 +428,3 @@ def _begin() -> None:
 def _end_with(sentinel: int) -> None:
     wait_for([sentinel])
     os._exit(1)
-
-
-class _Here(Executor):
-    """Computes in this process, at once."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call it."""
-        future: Future[Any] = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future

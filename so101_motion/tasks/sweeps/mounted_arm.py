@@ -22,8 +22,11 @@ import numpy as np
 
 from so101_motion.common.errors import PlanningError
 from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.anytime import evenly
+from so101_motion.planning.collision.apart import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.collision import CollisionModel
+from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.planner import Plan
@@ -113,12 +116,12 @@ class Cycle(NamedTuple):
     Attributes:
         time: Pauses included [s].
         q: The joint angles at each pose, shape (n, 5), [rad].
-        motions: The plans in order, each with the jaw's angle [rad].
+        motions: The plans in order, each with the jaw's angle [rad]; None where the arm stays.
     """
 
     time: float
     q: Array
-    motions: list[tuple[Plan, float]]
+    motions: list[tuple[Plan | None, float]]
 
 
 class MountedArm:
@@ -150,6 +153,7 @@ class MountedArm:
         if caps.payload > 0.0:
             x, y, z = place_in_hand(self.model).tolist()
             self._payload = Payload(mass=caps.payload, com=(x, y, z))
+        self._bodies = bodies_of(attached)
         held = carried(self._payload, attached)
         loaded = self.model
         self._loaded = loaded if held is None else loaded.with_payload(held.mass, held.com)
@@ -235,12 +239,24 @@ class MountedArm:
         """Clearance beyond the margins [m] and share of torque left, over whole motions."""
         collision, room, left = self._around(scene), math.inf, math.inf
         for plan, jaw in cycle.motions:
+            if plan is None:
+                continue
             q = plan.trajectory.q
             looked = q[np.unique([*range(0, len(q), _LOOKED_AT), len(q) - 1])]
             room = min(room, *(collision.clearance(each, jaw).room for each in looked))
             held = float(np.abs(self._loaded.holding_torques(looked)).max())
             left = min(left, 1.0 - held / self._strength.holding)
         return room, left
+
+    def way(self, cycle: Cycle) -> Array:
+        """Where joints and jaw are all the way around, as of ``evenly``, shape (n, 6), [rad]."""
+        q, rows = cycle.q[0], [np.append(cycle.q[0], self._jaws[-1])[None]]
+        for plan, jaw in cycle.motions:
+            q = q if plan is None else plan.trajectory.q[-1]
+            here = Course.resting(q, jaw) if plan is None else Course.along(plan.trajectory, jaw)
+            rows.append(here.q)
+        rows.append(np.append(q, self._jaws[-1])[None])
+        return evenly(self._bodies, np.concatenate(rows))
 
     @property
     def limits(self) -> MotionLimits:
@@ -262,7 +278,7 @@ class MountedArm:
         """Plan the legs through one configuration at each pose, and note what they take."""
         n = len(options)
         q = np.array([of[option] for of, option in zip(choice.q, options, strict=True)])
-        time, motions = self._pauses, list[tuple[Plan, float]]()
+        time, motions = self._pauses, list[tuple[Plan | None, float]]()
         for indices in self._stretches():
             through = [(indices[0] - 1) % n, *indices]
             begin, end = through[-2], through[-1]
@@ -278,7 +294,7 @@ class MountedArm:
             duration = 0.0 if plan is None else plan.duration
             known[leg] = duration - other
             time += duration
-            motions += [] if plan is None else [(plan, jaw)]
+            motions.append((plan, jaw))
         return Cycle(time, q, motions)
 
     def _cheapest(self, choice: Choice, known: Mapping[_Leg, float]) -> tuple[float, list[int]]:

@@ -134,6 +134,7 @@ class Placed(NamedTuple):
             to 1; not a number if that was not looked at.
         why: There is no plan; empty if there is one.
         q: The joint angles at each pose, shape (n, 5), [rad].
+        way: Joints and jaw all the way around, shape (m, 6), [rad]; the last row may be repeated.
     """
 
     cell: Cell
@@ -143,6 +144,13 @@ class Placed(NamedTuple):
     robust: float
     why: str
     q: Array
+    way: Array
+
+    @classmethod
+    def nowhere(cls, cell: Cell, why: str, poses: int) -> Placed:
+        """A base without a plan."""
+        q, way = np.full((poses, 5), np.nan), np.full((1, 6), np.nan)
+        return cls(cell, math.inf, -math.inf, -math.inf, 0.0, why, q, way)
 
 
 class _Judge:
@@ -170,7 +178,14 @@ class _Judge:
         cells = self._bases[number * count : (number + 1) * count]
         rows = [self._planned(each) if planned else self._screened(each) for each in cells]
         kind = Placed if planned else Screened
-        return {name: np.array([getattr(row, name) for row in rows]) for name in kind._fields}
+        columns = {name: [getattr(row, name) for row in rows] for name in kind._fields}
+        if planned:
+            longest = max(map(len, columns["way"]))
+            columns["way"] = [
+                np.pad(way, ((0, longest - len(way)), (0, 0)), mode="edge")
+                for way in columns["way"]
+            ]
+        return {name: np.array(column) for name, column in columns.items()}
 
     def _seen(self, T_cell_base: SE3) -> Scene:
         return self._sweep.region.seen_from(self._scene, T_cell_base)
@@ -188,10 +203,10 @@ class _Judge:
         choice, _ = self._arm.choice(T_cell_base, scene)
         found = "Unreachable" if choice is None else self._arm.planned(choice, scene)
         if isinstance(found, str):
-            none = np.full((len(self._task.poses), 5), np.nan)
-            return Placed(cell, math.inf, -math.inf, -math.inf, 0.0, found, none)
+            return Placed.nowhere(cell, found, len(self._task.poses))
         clearance, left = self._arm.figures(found, scene)
-        return Placed(cell, found.time, clearance, left, self._robust(T_cell_base), "", found.q)
+        robust, way = self._robust(T_cell_base), self._arm.way(found)
+        return Placed(cell, found.time, clearance, left, robust, "", found.q, way)
 
     def _robust(self, T_cell_base: SE3) -> float:
         if not self._sweep.jittered:

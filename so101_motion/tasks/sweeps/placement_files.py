@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from so101_motion.common.geometry import SE3
 from so101_motion.common.units import to_deg, to_mm
 from so101_motion.files import atomic
 from so101_motion.files.cell_file import CellArm, CellFile, write_cell
 from so101_motion.files.scene_file import scene_from, write_scene
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.program.files import write as write_program
+from so101_motion.tasks.sweeps.judged_bases import Base
+from so101_motion.tasks.sweeps.pair_placement import BasePair, PairPlacement
 from so101_motion.tasks.sweeps.place import PlaceSweep
-from so101_motion.tasks.sweeps.placement import Base, Placement
-from so101_motion.tasks.sweeps.placement_task import PlacementTask, task_from
+from so101_motion.tasks.sweeps.placement import Placement
+from so101_motion.tasks.sweeps.placement_task import task_from
 
 _PIXELS_PER_M = 800.0
 _BORDER = 60.0
@@ -35,40 +42,92 @@ def write_placement(
     Raises:
         ConfigError: A file cannot be written.
     """
-    task = task_from(json.loads(sweep.task))
-    scene = scene_from(json.loads(sweep.scene), folder=None)
+    for number, base in enumerate(placement.best, 1):
+        _write_base(sweep, base, folder, f"{number:02d}")
+        if sweep.others:
+            _write_cell({arm: sweep.region.base(base.cell)}, sweep, folder, number)
+    rows = [in_figures(base) for base in placement.best]
+    _write_table(folder, sweep.by, placement.sha256, rows)
+    atomic.write(folder / "map.svg", placement_map(placement, sweep).encode())
+
+
+def write_pairs(
+    found: PairPlacement,
+    sweeps: tuple[PlaceSweep, PlaceSweep],
+    folder: Path,
+    names: tuple[str, str],
+) -> None:
+    """Write ``placement.json``, a map for each arm, and the ten best pairs into ``best/``.
+
+    As ``write_placement``, with the arms' ``names`` in those of the files: ``map-left.svg``,
+    ``best/01-left.json``, ``best/01-left-scene.json`` and so on, and ``best/01-cell.json``.
+
+    Raises:
+        ConfigError: A file cannot be written.
+    """
+    for number, pair in enumerate(found.best, 1):
+        placed = {}
+        for name, sweep, base in zip(names, sweeps, pair.bases, strict=True):
+            _write_base(sweep, base, folder, f"{number:02d}-{name}")
+            placed[name] = sweep.region.base(base.cell)
+        _write_cell(placed, sweeps[0], folder, number)
+    rows = [pair_in_figures(pair, names) for pair in found.best]
+    _write_table(folder, sweeps[0].by, found.sha256, rows)
+    for name, sweep, placement in zip(names, sweeps, found.each, strict=True):
+        atomic.write(folder / f"map-{name}.svg", placement_map(placement, sweep).encode())
+
+
+def _write_base(sweep: PlaceSweep, base: Base, folder: Path, called: str) -> None:
     best = folder / "best"
     best.mkdir(exist_ok=True)
-    for number, base in enumerate(placement.best, 1):
-        write_program(task.program(base.q), best / f"{number:02d}.json")
-        seen = sweep.region.seen_from(scene, sweep.region.base(base.cell))
-        write_scene(seen, best / f"{number:02d}-scene.json")
-        if sweep.others:
-            bases = {each.name: each.T_cell_base for each in sweep.others}
-            arms = {arm: sweep.region.base(base.cell), **bases}.items()
-            cell = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms)
-            write_cell(CellFile(arms=cell, scene=scene), best / f"{number:02d}-cell.json")
-    rows = [in_figures(base) for base in placement.best]
-    table = json.dumps({"by": sweep.by, "sha256": placement.sha256, "best": rows}, indent=1)
+    write_program(task_from(json.loads(sweep.task)).program(base.q), best / f"{called}.json")
+    seen = sweep.region.seen_from(_scene(sweep), sweep.region.base(base.cell))
+    write_scene(seen, best / f"{called}-scene.json")
+
+
+def _write_cell(placed: Mapping[str, SE3], sweep: PlaceSweep, folder: Path, number: int) -> None:
+    arms = {**placed, **{each.name: each.T_cell_base for each in sweep.others}}
+    cell = tuple(CellArm(name=name, T_cell_base=T) for name, T in arms.items())
+    place = folder / "best" / f"{number:02d}-cell.json"
+    write_cell(CellFile(arms=cell, scene=replace(_scene(sweep), attached=())), place)
+
+
+def _write_table(folder: Path, by: str, sha256: str, rows: Sequence[Mapping[str, object]]) -> None:
+    table = json.dumps({"by": by, "sha256": sha256, "best": rows}, indent=1)
     atomic.write(folder / "placement.json", (table + "\n").encode())
-    atomic.write(folder / "map.svg", placement_map(placement, sweep, task).encode())
 
 
-def in_figures(base: Base) -> dict[str, float]:
+def _scene(sweep: PlaceSweep) -> Scene:
+    return scene_from(json.loads(sweep.scene), folder=None)
+
+
+def in_figures(base: Base) -> dict[str, Any]:
     """A base as people read it: millimetres, degrees, seconds, per cent."""
     return {
         "x_mm": round(to_mm(base.x), 1),
         "y_mm": round(to_mm(base.y), 1),
         "z_mm": round(to_mm(base.z), 1),
         "turn_deg": round(to_deg(base.turn), 2),
-        "time_s": round(base.time, 3),
-        "clearance_mm": round(to_mm(base.clearance), 1),
-        "torque_left_percent": round(100.0 * base.torque_left, 1),
-        "robust_percent": round(100.0 * base.robust, 1),
+        **_figures(base),
     }
 
 
-def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) -> str:
+def pair_in_figures(pair: BasePair, names: tuple[str, str]) -> dict[str, Any]:
+    """A pair as people read it, the bases under the names of the arms."""
+    bases = dict(zip(names, map(in_figures, pair.bases), strict=True))
+    return {**_figures(pair), "arms": bases}
+
+
+def _figures(it: Base | BasePair) -> dict[str, Any]:
+    return {
+        "time_s": round(it.time, 3),
+        "clearance_mm": round(to_mm(it.clearance), 1),
+        "torque_left_percent": round(100.0 * it.torque_left, 1),
+        "robust_percent": round(100.0 * it.robust, 1),
+    }
+
+
+def placement_map(placement: Placement, sweep: PlaceSweep) -> str:
     """The first round and the best bases as a picture, SVG.
 
     Seen from above, x to the right; of bases on a wall from the side. Each field
@@ -76,6 +135,7 @@ def placement_map(placement: Placement, sweep: PlaceSweep, task: PlacementTask) 
     number are the best bases, their strokes where they face; dots are the poses, black squares
     other arms.
     """
+    task = task_from(json.loads(sweep.task))
     places = {each.cell: sweep.region.place(each.cell) for each in placement.screened}
     across, up = _axes(sweep)
     bound: dict[tuple[float, float], float] = {}

@@ -14,7 +14,7 @@ import pytest
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.tasks.sweeps import ReachSweep, run_sweep, scene_text
 
-pytest.importorskip("distributed")
+distributed = pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
 PATIENCE = 240.0
@@ -61,5 +61,8 @@ def test_a_killed_worker_changes_nothing(tmp_path):
         eventually(lambda: list(out.glob("shards/*.npz")))
         first.kill()
         said = sweep.communicate(timeout=PATIENCE)[0]
+        with distributed.Client(address, set_as_default=False) as client:
+            loaded = client.run_on_scheduler(lambda: "so101_motion" in sys.modules)
     expected = run_sweep(ReachSweep(spacing=0.02, scene=scene_text(Scene())), tmp_path / "whole")
+    assert not loaded  # a scheduler hands shards on, it needs nothing of this package
     assert said.splitlines()[-1] == f"sha256 {expected.sha256}"

@@ -1,0 +1,208 @@
+"""The bases of one arm that a search has screened and planned so far, and which are promising.
+
+Each step is a sweep with a folder of its own, ``01-screen``, ``02-place``, and so on: a search that
+is interrupted goes on where it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from so101_motion.common.errors import PlanningError
+from so101_motion.common.geometry import Array
+from so101_motion.tasks.sweeps.engine import SweepResult
+from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.mounted_arm import GAIN
+from so101_motion.tasks.sweeps.mounting import Cell
+from so101_motion.tasks.sweeps.place import Placed, PlaceSweep, Screened
+from so101_motion.tasks.sweeps.placement_task import task_from
+
+Key = tuple[float, ...]
+"""What bases are compared by, the smaller the better."""
+
+RunStep = Callable[[PlaceSweep, Path], SweepResult]
+"""Runs a step of a search in a folder."""
+
+
+class Base(NamedTuple):
+    """A base that was found, in the order in which they are compared.
+
+    Attributes:
+        cell: Its place on the lattice.
+        x: Where it is in the cell [m].
+        y: Likewise [m].
+        z: Likewise [m].
+        turn: Its turn about its own z axis [rad].
+        time: Once around [s].
+        clearance: Beyond the margins, on all of the way [m].
+        torque_left: The least share of what a servo may hold that is left.
+        robust: From how many of eight bases 5 mm and 2 degrees off all can still be reached.
+        q: The joint angles at each pose, shape (n, 5), [rad].
+    """
+
+    cell: Cell
+    x: float
+    y: float
+    z: float
+    turn: float
+    time: float
+    clearance: float
+    torque_left: float
+    robust: float
+    q: Array
+
+
+class JudgedBases:
+    """The bases of one arm.
+
+    Args:
+        sweep: What is asked for.
+        folder: Where the steps go.
+        run: Runs them.
+
+    Attributes:
+        sweep: What is asked for.
+        screened: What is known of each base that was screened.
+        placed: Likewise of those that were planned.
+        failed: Why shards failed, by folder and number.
+    """
+
+    def __init__(self, sweep: PlaceSweep, folder: Path, run: RunStep) -> None:
+        self.sweep, self._folder, self._run = sweep, folder, run
+        self._steps = 0
+        self.screened: dict[Cell, Screened] = {}
+        self.placed: dict[Cell, Placed] = {}
+        self.failed: dict[str, str] = {}
+        self._ratio = math.inf  # the least time of a plan, by its bound
+        self._digest = hashlib.sha256()
+
+    @property
+    def sha256(self) -> str:
+        """Of all steps."""
+        return self._digest.hexdigest()
+
+    def first_round(self) -> tuple[Screened, ...]:
+        """Screen the bases of the region's first round.
+
+        Raises:
+            PlanningError: From none of them all poses can be reached; says which is missed most.
+        """
+        self._screened_by(self.sweep)
+        first = tuple(self.screened.values())
+        if not any(math.isfinite(each.time) for each in first):
+            task = task_from(json.loads(self.sweep.task))
+            further = max(each.missed for each in first)
+            if further < 0:
+                raise PlanningError(
+                    f"each of {len(first)} bases would stand in something; give another region"
+                )
+            raise PlanningError(
+                f"from none of {len(first)} bases all poses can be reached; the best ones miss pose"
+                f" {further + 1} ({task.poses[further].name}); give another region, or wider"
+                " tolerances"
+            )
+        return first
+
+    def screen(self, cells: Iterable[Cell]) -> None:
+        """Screen those that have not been."""
+        new = tuple(dict.fromkeys(cell for cell in cells if cell not in self.screened))
+        if new:
+            self._screened_by(replace(self.sweep, cells=new))
+
+    def _screened_by(self, sweep: PlaceSweep) -> None:
+        for row in self._rows(replace(sweep, planned=False)):
+            cell = _cell(row[0])
+            self.screened[cell] = Screened(cell, *row[1:])
+
+    def promising(self, cells: Iterable[Cell], than: Key) -> list[Cell]:
+        """Bases not planned yet whose bounds are better than something, the best first."""
+        left = [
+            cell
+            for cell in cells
+            if cell not in self.placed
+            and math.isfinite(self.screened[cell].time)
+            and self._bound(cell) < than
+        ]
+        return sorted(left, key=self._bound)
+
+    def plan(self, cells: Iterable[Cell], *, jittered: bool = False) -> None:
+        """Plan some, once more if they have been."""
+        wanted = tuple(dict.fromkeys(cells))
+        if not wanted:
+            return
+        jittered |= self.sweep.by == "robust"
+        for row in self._rows(replace(self.sweep, cells=wanted, planned=True, jittered=jittered)):
+            cell = _cell(row[0])
+            self.placed[cell] = Placed(cell, *row[1:])
+        for cell in wanted:  # of shards that failed, as that is told at the end
+            self.placed.setdefault(cell, Placed.nowhere(cell, "failed", 1))
+        ratios = (self.placed[cell].time / self.screened[cell].time for cell in wanted)
+        self._ratio = min(self._ratio, *ratios)
+
+    def ranked(self, cells: Iterable[Cell]) -> list[Cell]:
+        """Those that are planned, the best first."""
+        good = [
+            cell for cell in cells if cell in self.placed and math.isfinite(self.placed[cell].time)
+        ]
+        return sorted(good, key=self.key)
+
+    def key(self, cell: Cell) -> Key:
+        """What a planned base is compared by."""
+        it = self.placed[cell]
+        return (*first_of(self.sweep.by, it.time, it.clearance, it.torque_left, it.robust), *cell)
+
+    def base(self, cell: Cell) -> Base:
+        """A planned base with its place."""
+        it, (x, y, z, turn) = self.placed[cell], self.sweep.region.place(cell)
+        return Base(
+            cell, x, y, z, turn, it.time, it.clearance, it.torque_left, it.robust, np.array(it.q)
+        )
+
+    def _bound(self, cell: Cell) -> Key:
+        it = self.screened[cell]
+        # A base that cannot gain more than GAIN is not worth planning, nor one that would have to
+        # come nearer to its bound than any has: where poses are passed, bounds are far off.
+        time = it.time * (1.0 if self._ratio == math.inf else self._ratio) / (1.0 - GAIN)
+        return first_of(self.sweep.by, time, it.clearance, it.torque_left, 1.0)
+
+    def _rows(self, step: PlaceSweep) -> Iterator[list[Any]]:
+        """Run a step; its rows as plain values, but for arrays."""
+        self._steps += 1
+        place = self._folder / f"{self._steps:02d}-{step.kind}"
+        result = self._run(step, place)
+        self._digest.update(f"{result.sha256}\n".encode())
+        for number, why in result.failed.items():
+            self.failed[f"{place.name}, shard {number}"] = why
+        names = (Placed if step.planned else Screened)._fields
+        for number in range(step.shards):
+            shard = SweepFolder(place).read(number)
+            if shard is not None:
+                columns = (
+                    of if of.ndim > 1 else of.tolist() for of in (shard[name] for name in names)
+                )
+                yield from map(list, zip(*columns, strict=True))
+
+
+def first_of(by: str, time: float, clearance: float, left: float, robust: float) -> Key:
+    """The figures that are compared, the one that is wanted most first."""
+    if by == "clearance":
+        return -clearance, time
+    if by == "torque":
+        return -left, time
+    if by == "robust":
+        return -robust, time
+    return (time,)
+
+
+def _cell(row: NDArray[np.int64]) -> Cell:
+    x, y, z, turn = row.tolist()
+    return x, y, z, turn
