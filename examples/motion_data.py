@@ -34,7 +34,8 @@ def main() -> None:
         first = next(iter(episodes(motions)))
         print(f"the first has {len(first.action)} setpoints: {first.action[0].round(1)}, ...")
         run_sweep(CheckSweep.of(motions, scene_text(read_scene(TABLE))), checked)
-        print(check_summary(checked))
+        figures, _which = check_summary(checked)
+        print(figures)
 
 
 if __name__ == "__main__":
