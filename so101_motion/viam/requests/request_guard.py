@@ -1,6 +1,8 @@
 """Refuse requests that would take too long to read, before they are read.
 
-The event loop answers Stop, so nothing on it may take long. The SDK turns the structs of a request
+The event loop answers Stop, so nothing on it may take long. Nor may the garbage collector, which
+stops every thread: with 200 clients it had 45,000 objects of finished requests to free and took 90
+ms, so requests leave nothing that refers to itself. The SDK turns the structs of a request
 (``extra``, ``command``) into dictionaries there, value by value, quotes names in its own errors,
 and reports a message that it cannot parse with file and line. So every call passes here first:
 messages are bounded before they are decoded (``large_messages``), structs in the number of their
@@ -20,7 +22,7 @@ from google.protobuf.message import DecodeError, Message
 from google.protobuf.struct_pb2 import Struct, Value
 from grpclib import GRPCError, Status
 from grpclib.events import RecvRequest, listen
-from grpclib.server import Stream
+from grpclib.server import Handler, Stream
 from viam.rpc.server import Server
 
 from so101_motion.common.errors import ConfigError
@@ -41,6 +43,7 @@ def guard(server: Server) -> None:
     """Check every call of ``server``; call it before the server serves."""
     inner = server._server  # the SDK has no door of its own for either
     inner._codec = LargeCodec()
+    Handler.__gc_interval__ = 1  # a connection forgets a request at the next one, not at the tenth
     listen(inner, RecvRequest, _guarded)
     convert_answers_fast()
 
@@ -81,6 +84,8 @@ async def _guarded(event: RecvRequest) -> None:
         except GRPCError as error:
             message = None if error.message is None else on_the_wire(error.message)
             raise GRPCError(error.status, message, error.details) from error
+        finally:  # or the streams refer to themselves, and wait for the garbage collector
+            del stream.recv_message, transport.recv_data
 
     event.method_func = answered
 
