@@ -13,7 +13,7 @@ from viam.proto.common import (
     Transform,
     Vector3,
 )
-from viam.proto.robot import FrameSystemConfig
+from viam.proto.robot import FrameSystemConfig, GetMachineStatusResponse, ResourceStatus
 from viam.proto.service.worldstatestore import StreamTransformChangesResponse, TransformChangeType
 from viam.services.worldstatestore import WorldStateStore
 
@@ -36,6 +36,12 @@ def hanging(name, parent="world", *, geometry=None, joints=0, **pose):
     for i in range(joints):
         config.model.joints.add(id=str(i))
     return config
+
+
+def status(kind, name, state, error=""):
+    """Whether a component runs, as viam-server says it; ``state`` such as ``"READY"``."""
+    named = ResourceName(namespace="rdk", type="component", subtype=kind, name=name)
+    return ResourceStatus(name=named, state=f"STATE_{state}", error=error)
 
 
 class Thing(Generic):
@@ -65,7 +71,10 @@ KINDS = {
 
 
 class FakeStore(WorldStateStore):
-    """A store whose streams a test writes to; as viam-server it keeps the first message back."""
+    """A store whose streams a test writes to, behind viam-server.
+
+    That opens its own stream, waits for the first message and drops it, and sends an empty one.
+    """
 
     def __init__(self, *things):
         super().__init__("seen")
@@ -87,8 +96,10 @@ class FakeStore(WorldStateStore):
     async def stream_transform_changes(self, **kwargs):
         queue = asyncio.Queue()
         self.streams.append(queue)
-        while (change := await queue.get()) is not None:
-            yield change
+        if await queue.get() is not None:
+            yield StreamTransformChangesResponse()
+            while (change := await queue.get()) is not None:
+                yield change
 
     def say(self, kind, thing):
         for queue in self.streams:
@@ -123,6 +134,7 @@ class FakeMachine:
     Attributes:
         configs: The frame system; an exception is raised.
         things: Components by name.
+        statuses: What it says of whether its resources run.
         ends: Where the ends of components with joints are in their origins.
         silent: Whether it does not answer before ``answer`` is set.
         asked: How often it was asked for the frame system.
@@ -131,7 +143,7 @@ class FakeMachine:
     def __init__(self, *configs, things=()):
         self.configs = list(configs)
         self.things = {each.name: each for each in things}
-        self.ends = {}
+        self.ends, self.statuses = {}, []
         self.silent, self.asked, self.answer = False, 0, asyncio.Event()
 
     @property
@@ -155,6 +167,9 @@ class FakeMachine:
             raise self.configs
         # What comes over a wire is never the same object.
         return [FrameSystemConfig.FromString(each.SerializeToString()) for each in self.configs]
+
+    async def get_machine_status(self):
+        return GetMachineStatusResponse(resources=self.statuses)
 
     async def transform_pose(self, query, destination):
         T = self._world(destination).inverse @ self._world(query.reference_frame)

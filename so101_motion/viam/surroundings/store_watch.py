@@ -29,7 +29,7 @@ from so101_motion.viam.conversion.world_state import MOST_THINGS, UniqueNames, s
 from so101_motion.viam.surroundings.machine_bodies import LONGEST_READ
 from so101_motion.viam.surroundings.machine_view import MachineView
 
-_AGAIN = 0.5
+_AGAIN = 0.2
 """How long a store that failed is left alone [s]; chosen."""
 
 _COMPARED = 5.0
@@ -145,7 +145,7 @@ class StoreWatch:
         listening = asyncio.ensure_future(listen())
         try:
             await asyncio.sleep(0)  # so that it asks before the list is asked for
-            await self._compare(store)
+            await self._compare(store, anew=True)
             while True:
                 if changes.empty():
                     self._trouble = "is being asked"
@@ -169,15 +169,17 @@ class StoreWatch:
         thing = change.transform
         if change.change_type == TransformChangeType.TRANSFORM_CHANGE_TYPE_REMOVED:
             self._things.pop(thing.uuid, None)
-        elif thing.uuid:
+        elif not thing.uuid:  # viam-server's first message, sent when it has dropped a change
+            await self._compare(store, anew=True)
+        else:
             is_whole = thing.reference_frame and thing.HasField("pose_in_observer_frame")
             if is_whole and thing.HasField("physical_object"):
                 self._things[thing.uuid] = thing
             else:
                 await self._read(store, thing.uuid)
 
-    async def _compare(self, store: WorldStateStore) -> None:
-        """Read what is listed and not known, and forget what is not listed."""
+    async def _compare(self, store: WorldStateStore, *, anew: bool = False) -> None:
+        """Read what is listed and not known, or all of it, and forget what is not listed."""
         try:
             listed = set(await _in_time(store.list_uuids(), self._patience))
         except GRPCError as error:
@@ -188,7 +190,7 @@ class StoreWatch:
             listed = set(sorted(listed)[: MOST_THINGS + 1])  # refused when it is planned with
         for gone in self._things.keys() - listed:
             del self._things[gone]
-        new = sorted(listed - self._things.keys())
+        new = sorted(listed if anew else listed - self._things.keys())
         await asyncio.gather(*(self._read(store, uuid) for uuid in new))
 
     async def _read(self, store: WorldStateStore, uuid: bytes) -> None:

@@ -83,9 +83,29 @@ async def test_a_change_that_does_not_say_all_is_asked_for():
     store = FakeStore(seen_thing("crate"))
     async with watched(store) as scene:
         await scene()
+        store.has(seen_thing("mug"))
+        await until(lambda: has(scene, {"crate": 0.2, "mug": 0.2}))
         store.things[b"crate"] = seen_thing("crate", x=700.0)
         store.say("updated", Transform(uuid=b"crate"))
-        await until(lambda: has(scene, {"crate": 0.6}))
+        await until(lambda: has(scene, {"crate": 0.6, "mug": 0.2}))
+
+
+async def test_what_moved_in_a_message_that_viam_server_dropped_is_where_it_is_now():
+    store = FakeStore(seen_thing("crate"))
+    async with watched(store) as scene:
+        assert places(await scene()) == {"crate": 0.2}
+        store.has(seen_thing("crate", x=550.0))
+        await until(lambda: has(scene, {"crate": 0.45}))
+
+
+async def test_what_moved_while_the_stream_was_down_is_where_it_is_now():
+    store = FakeStore(seen_thing("crate"))
+    async with watched(store) as scene:
+        assert places(await scene()) == {"crate": 0.2}
+        store.things[b"crate"] = seen_thing("crate", x=550.0)
+        for queue in store.streams:
+            queue.put_nowait(None)
+        await until(lambda: has(scene, {"crate": 0.45}))
 
 
 async def test_what_hangs_from_the_tool_is_held():
