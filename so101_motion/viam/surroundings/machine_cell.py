@@ -50,6 +50,7 @@ class MachineCell:
         self._arms, self._lock = arms, threading.Lock()
         self._cells: dict[object, Cell] = {}
         self._joined: dict[str, RigWithExecutor] = {}
+        self._closed: set[str] = set()  # of these
 
     def meet(self, own: str, bases: Mapping[str, SE3]) -> frozenset[str]:
         """Let arms know each other.
@@ -76,10 +77,17 @@ class MachineCell:
             joined.arm.place.held = dict(held)
 
     def leave(self, name: str, rig: RigWithExecutor) -> None:
-        """An arm is about to be closed; may be called for one that has not joined."""
+        """An arm is about to be closed; may be called for one that has not joined.
+
+        It stands where it stops, and what the others are doing goes on. So they keep off it until
+        the machine has been read again, unless there are no others.
+        """
         with self._lock:
             if self._joined.get(name) is rig:
-                self._leave(name)
+                self._closed.add(name)
+                if self._closed == self._joined.keys():
+                    for each in list(self._joined):
+                        self._leave(each)
 
     def _join(self, name: str, T: SE3) -> None:
         arm = self._arms.get(name)
@@ -98,8 +106,10 @@ class MachineCell:
 
     def _leave(self, name: str) -> None:
         rig = self._joined.pop(name, None)
+        self._closed.discard(name)
         if rig is not None:
-            self._cells[_time_of(rig.clock)].remove(name, rig)
+            with suppress(So101Error):  # its control loop may have ended
+                self._cells[_time_of(rig.clock)].remove(name, rig)
             self._cells = {key: each for key, each in self._cells.items() if each.places}
 
 

@@ -47,6 +47,11 @@ class Bench:
         self.arms[name] = HereArm(rig, ignored)
         return rig.arm
 
+    def close(self, name):
+        here = self.arms.pop(name)
+        self.cell.leave(name, here.rig)
+        here.rig.close()
+
     async def read(self, *configs, by="arm"):
         self.machine.configs = list(configs)
         reader = MachineBodies(by, self.arms[by].ignored, self.arms, (), self.cell)
@@ -106,11 +111,24 @@ async def test_what_another_arm_holds_moves_with_it_and_not_as_an_obstacle(bench
     assert [each.name for each in left.place.attached_to(left.place)] == ["stick"]
 
 
-async def test_an_arm_that_is_closed_leaves_and_one_of_its_name_may_come(bench):
-    arm, _ = bench.add("arm"), bench.add("left")
+async def test_an_arm_that_is_closed_stands_in_the_way_until_the_machine_is_read_again(bench):
+    """It is rebuilt with every change of its configuration, while others move on."""
+    arm, closed = bench.add("arm"), bench.add("left")
     await bench.read(ARM, LEFT)
-    bench.cell.leave("left", bench.arms["left"].rig)
-    assert known(arm) == {}
+    bench.close("left")
+    [stands] = known(arm)["left"].course.at(np.array([60.0]))
+    np.testing.assert_allclose(stands[:5], closed.state.q, atol=1e-9)
     left = bench.add("left")
     await bench.read(ARM, LEFT)
     assert set(known(left)) == {"arm"}
+    bench.close("left")
+    await bench.read(ARM)
+    assert known(arm) == {}
+
+
+async def test_who_is_closed_last_leaves_nobody_behind(bench):
+    arm, left = bench.add("arm"), bench.add("left")
+    await bench.read(ARM, LEFT)
+    bench.close("left")
+    bench.close("arm")
+    assert arm.place is left.place is None
