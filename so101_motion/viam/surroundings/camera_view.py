@@ -169,19 +169,17 @@ class CameraView:
                 raise ConfigError("reference_frame", frame, "must be that of the camera")
             label = boxes[0].label if boxes and boxes[0].label else f"{self._vision} object"
             centres = [convert.from_pose(box.center) for box in boxes]
-            points = T_base_camera @ (
-                _finite(read_points(each.point_cloud))
-                if each.point_cloud
-                else np.array([centre.p for centre in centres]).reshape(-1, 3)
-            )
-            is_whole = not len(points) or float(np.mean(own(points))) <= 1.0 - _WHOLE
+            # viam-server sends a file without points where the service gave none.
+            cloud = _finite(read_points(each.point_cloud)) if each.point_cloud else np.empty((0, 3))
+            marks = cloud if len(cloud) else np.array([centre.p for centre in centres])
+            is_whole = not len(marks) or float(np.mean(own(T_base_camera @ marks))) <= 1.0 - _WHOLE
             if boxes and is_whole:
                 things += [
                     (box.label or label, from_geometry(box), T_base_camera @ centre)
                     for box, centre in zip(boxes, centres, strict=True)
                 ]
-            elif each.point_cloud and len(points):
-                shapes = self._cubes(T_base_camera.inverse @ points, scene, view, T_base_camera)
+            elif len(cloud):
+                shapes = self._cubes(cloud, scene, view, T_base_camera)
                 things += [(label, shape, SE3.identity()) for shape in shapes]
         return things
 

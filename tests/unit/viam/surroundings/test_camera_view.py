@@ -179,6 +179,18 @@ async def test_objects_of_a_vision_service_are_boxes_and_the_arm_is_none_of_them
     np.testing.assert_allclose(crate.shape.size, BOX[1], atol=1e-9)
 
 
+async def test_a_box_without_points_is_an_object_unless_the_arm_is_there(sight):
+    bench = Bench(FakeCamera("camera", lambda: sight))
+    T_camera_base = bench.T_base_camera.inverse
+    crate, hand = a_box(60, 60, 60, "crate"), a_box(60, 60, 60, "hand")
+    crate.center.CopyFrom(convert.to_pose(T_camera_base @ SE3.from_translation(BOX[0])))
+    hand.center.CopyFrom(convert.to_pose(T_camera_base @ MODEL.frame(Q, "gripper_link")))
+    for cloud in (None, np.empty((0, 3))):  # none, or viam-server's file without points
+        finder = FakeVision("finder", [(cloud, [crate]), (cloud, [hand])])
+        async with bench.watching(finder) as scene:
+            assert [each.name for each in (await scene()).obstacles] == ["crate"]
+
+
 async def test_an_object_that_is_partly_the_arm_is_what_is_left_of_its_points(sight):
     bench = Bench(FakeCamera("camera", lambda: sight))
     both = a_box(600, 600, 600, "lump")
