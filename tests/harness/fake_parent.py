@@ -35,6 +35,7 @@ from viam.proto.module import (
 )
 from viam.proto.robot import (
     FrameSystemConfigResponse,
+    GetMachineStatusResponse,
     GetPoseResponse,
     LogResponse,
     ResourceNamesResponse,
@@ -101,6 +102,12 @@ class ParentService(UnimplementedRobotServiceBase):
         await stream.recv_message()
         configs = [] if self.machine is None else await self.machine.get_frame_system_config()
         await stream.send_message(FrameSystemConfigResponse(frame_system_configs=configs))
+
+    async def GetMachineStatus(self, stream):
+        await stream.recv_message()
+        no_status = GetMachineStatusResponse()
+        asked = None if self.machine is None else self.machine.get_machine_status()
+        await stream.send_message(no_status if asked is None else await asked)
 
     async def Log(self, stream):
         request = await stream.recv_message()

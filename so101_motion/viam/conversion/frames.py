@@ -14,7 +14,7 @@ from typing import Protocol
 from grpclib import GRPCError
 from viam.components.component_base import ComponentBase
 from viam.proto.common import Pose, PoseInFrame, ResourceName, Transform
-from viam.proto.robot import FrameSystemConfig
+from viam.proto.robot import FrameSystemConfig, GetMachineStatusResponse
 
 from so101_motion.common.attributes import suggest
 from so101_motion.common.errors import ConfigError
@@ -43,6 +43,9 @@ class Machine(Protocol):
 
     async def get_frame_system_config(self) -> list[FrameSystemConfig]:
         """The frames and their parents."""
+
+    async def get_machine_status(self) -> GetMachineStatusResponse:
+        """Which of its resources run."""
 
     async def get_pose(
         self, component_name: str, destination_frame: str, supplemental_transforms: list[Transform]

@@ -7,7 +7,7 @@ none. What hangs from ``<name>`` moves with its joints, what hangs from ``<name>
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from viam.proto.common import Geometry
@@ -51,6 +51,7 @@ class FrameTree:
 
     Args:
         configs: What the machine says.
+        left_out: Parts that may hang from nothing that is there; they are not there then.
 
     Attributes:
         parts: The components by name.
@@ -60,7 +61,9 @@ class FrameTree:
             a parent that is not there, or one that hangs from itself.
     """
 
-    def __init__(self, configs: Iterable[FrameSystemConfig]) -> None:
+    def __init__(
+        self, configs: Iterable[FrameSystemConfig], left_out: Collection[str] = ()
+    ) -> None:
         self.parts: dict[str, Part] = {}
         for config in configs:
             part = _part(config)
@@ -70,9 +73,14 @@ class FrameTree:
                 given = f"more than {MOST_PARTS} components"
                 raise ConfigError("frame system", given, "are more than are read")
             self.parts[part.name] = part
-        for name in self.parts:
-            for _ in self.above(name):
-                pass
+        for name in list(self.parts):
+            try:
+                for _ in self.above(name):
+                    pass
+            except ConfigError:
+                if name not in left_out:
+                    raise
+                del self.parts[name]
 
     def has(self, frame: str) -> bool:
         """Whether there is such a frame, a component's or its origin's."""

@@ -34,6 +34,7 @@ from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
 from so101_motion.viam.surroundings.machine_cell import MachineCell, held_by
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
+from so101_motion.viam.surroundings.missing_parts import missing_parts
 
 Answer = TypeVar("Answer")
 
@@ -42,6 +43,9 @@ LONGEST_READ = 2.0
 
 _ASK_AGAIN = 5.0
 """After how long those without geometries are asked again [s]; chosen."""
+
+_STARTING = 0.05
+"""How often a component that is being configured is looked for [s]; chosen."""
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 """What modules in other languages say for UNIMPLEMENTED."""
@@ -90,7 +94,7 @@ class MachineBodies:
         self._patience = patience
         self._arm, self._left_out = arm, frozenset(left_out)
         self._arms, self._grippers = arms, grippers
-        self._configs: list[FrameSystemConfig] = []
+        self._configs: list[FrameSystemConfig] | None = None
         self._tree = FrameTree(())
         self._shapeless: dict[str, float] = {}  # who has no geometries, and since when
         self._ends: dict[str, SE3] = {}
@@ -132,7 +136,8 @@ class MachineBodies:
             reason = f"the machine has not said within {self._patience:g} s what its components are"
             raise SurroundingsUnknown(reason) from error
         except ConfigError as error:
-            raise SurroundingsUnknown(f"the machine says {error}") from error
+            component = str(error.value) if error.key == "frame" else ""
+            raise SurroundingsUnknown(f"the machine says {error}", component=component) from error
 
     def _nothing(self) -> MachineView:
         return self._view((), None, {})
@@ -148,10 +153,8 @@ class MachineBodies:
         )  # fmt: skip
 
     async def _read(self) -> MachineView:
-        machine = machine_here()
-        assert machine is not None, "is_asked"
         try:
-            configs = await machine.get_frame_system_config()
+            configs = await self._frame_system()
         except GRPCError as error:
             if error.status is Status.UNIMPLEMENTED:
                 self.without = "the machine has no frame system"
@@ -161,7 +164,7 @@ class MachineBodies:
         except OSError as error:
             raise SurroundingsUnknown(f"the machine cannot be reached: {error}") from error
         if configs != self._configs:
-            tree = await asyncio.to_thread(FrameTree, configs)
+            tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
             self._configs, self._tree = configs, tree
             self._changes += 1
             self._shapeless.clear()
@@ -193,6 +196,21 @@ class MachineBodies:
         if self._cell is not None:
             self._cell.know(self._arm, self._held)
         return self._view(self._bodies, self._tree, ends)
+
+    async def _frame_system(self) -> list[FrameSystemConfig]:
+        """What the machine says once everything that belongs into its frame system is there."""
+        machine = machine_here()
+        assert machine is not None, "is_asked"
+        configs = await machine.get_frame_system_config()
+        if configs == self._configs:
+            return configs
+        while missing := await missing_parts(machine, self._left_out):
+            for name, why in missing.items():
+                if why:
+                    reason = f'"{name}" does not run, so nobody knows where it is: {why}'
+                    raise SurroundingsUnknown(reason, component=name)
+            await asyncio.sleep(_STARTING)
+        return await machine.get_frame_system_config()
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
         """Let the arms of this process that have frames know each other."""
@@ -274,7 +292,8 @@ class MachineBodies:
             self._shapeless.pop(part.name, None)
         else:
             self._shapeless[part.name] = time.monotonic()
-        return [*own, *answer]
+        # Of a component without a geometry in its configuration viam-server takes the first answer.
+        return [*(each for each in own if not _is_among(each, answer)), *answer]
 
     async def _ask(self, name: str) -> list[Geometry]:
         machine = machine_here()
@@ -369,6 +388,17 @@ async def _all(asked: Iterable[Coroutine[Any, Any, Answer]]) -> list[Answer]:
 def _component(names: list[ResourceName], name: str) -> ResourceName | None:
     wanted = [each for each in names if each.type == "component" and each.name == name]
     return wanted[0] if wanted else None
+
+
+def _is_among(geometry: Geometry, answer: Iterable[Geometry]) -> bool:
+    """Whether an answer has the same geometry, called whatever it is."""
+    bare = Geometry()
+    for each in answer:
+        bare.CopyFrom(each)
+        bare.label = geometry.label
+        if bare == geometry:
+            return True
+    return False
 
 
 def _called(component: str, label: str, count: int) -> str:

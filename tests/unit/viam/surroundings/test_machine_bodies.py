@@ -1,7 +1,10 @@
+import asyncio
+
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.fake_machine import FakeMachine, Thing, a_box, hanging
+from harness.fake_machine import FakeMachine, Thing, a_box, hanging, status
+from harness.fake_parent import until
 
 from so101_motion.common.errors import SurroundingsUnknown
 from so101_motion.common.geometry import SE3
@@ -248,6 +251,48 @@ async def test_an_arm_whose_joints_are_not_known_is_not_planned_around(around):
     )
     with pytest.raises(SurroundingsUnknown, match='"left" is: not ready: servo 3'):
         await reader.read()
+
+
+async def test_an_arm_that_failed_is_not_planned_through(around):
+    machine = FakeMachine(ARM)
+    machine.statuses = [status("arm", "arm", "READY"), status("gripper", "claw", "UNHEALTHY", "x")]
+    assert (await around(machine).read()).bodies == ()
+    machine.statuses.append(status("arm", "ur", "UNHEALTHY", "module exited"))
+    says = r'"ur" does not run.*: module exited; .*"ignore_components": \["ur"\]'
+    with pytest.raises(SurroundingsUnknown, match=says):
+        await around(machine).read()
+    assert (await around(machine, ignored=["ur"]).read()).bodies == ()
+
+
+@pytest.mark.parametrize("late", ["arm", "left"])
+async def test_an_arm_that_is_being_configured_is_waited_for(around, late):
+    parts = {"arm": ARM, "left": hanging("left", y=450.0, joints=5)}
+    machine = FakeMachine(*(part for name, part in parts.items() if name != late))
+    machine.statuses = [status("arm", late, "CONFIGURING")]
+    reader = around(machine, arms={"arm": Neighbour(), "left": Neighbour()})
+    reading = asyncio.ensure_future(reader.read())
+    await until(lambda: machine.asked > 0)
+    machine.configs, machine.statuses = list(parts.values()), []
+    assert "left:jaw" in by_name((await reading).bodies)
+
+
+async def test_what_hangs_from_nothing_that_is_there_can_be_left_out(around):
+    crate = hanging("crate", geometry=a_box(10, 10, 10))
+    lost = (hanging("claw", "ur"), hanging("tip", "claw"))
+    machine = FakeMachine(ARM, crate, *lost, things=[Thing("crate")])
+    with pytest.raises(SurroundingsUnknown, match=r'"ur", which is no.*: \["claw"\]'):
+        await around(machine).read()
+    bodies = (await around(machine, ignored=["claw", "tip"]).read()).bodies
+    assert [body.name for body in bodies] == ["crate"]
+
+
+async def test_a_geometry_that_viam_server_shows_as_the_frames_counts_once(around):
+    """It takes the first answer for that where the configuration names none."""
+    tray = a_box(10, 10, 10, "pallet:tray")
+    pallet = Thing("pallet", [tray, a_box(10, 10, 10, "pallet:foot", y=50.0)])
+    machine = FakeMachine(ARM, hanging("pallet", geometry=tray), things=[pallet])
+    names = [body.name for body in (await around(machine).read()).bodies]
+    assert names == ["pallet:tray", "pallet:foot"]
 
 
 async def test_names_that_the_arm_has_itself_are_told_apart(around):
