@@ -19,6 +19,7 @@ from collections.abc import Collection, Coroutine, Iterable, Mapping
 from typing import Any, Protocol, TypeVar
 
 from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
 from viam.errors import ResourceNotFoundError
 from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
 from viam.proto.robot import FrameSystemConfig
@@ -43,6 +44,9 @@ LONGEST_READ = 2.0
 
 _ASK_AGAIN = 5.0
 """After how long those without geometries are asked again [s]; chosen."""
+
+_LOST = (OSError, StreamTerminatedError)
+"""What a call ends with when the connection is gone."""
 
 _STARTING = 0.05
 """How often a component that is being configured is looked for [s]; chosen."""
@@ -161,7 +165,7 @@ class MachineBodies:
                 return self._nothing()
             reason = f"the machine does not tell its frame system: {_words(error)}"
             raise SurroundingsUnknown(reason) from error
-        except OSError as error:
+        except _LOST as error:
             raise SurroundingsUnknown(f"the machine cannot be reached: {error}") from error
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
@@ -254,7 +258,7 @@ class MachineBodies:
         query = PoseInFrame(reference_frame=name, pose=Pose(o_z=1.0))
         try:
             seen = await machine.transform_pose(query, f"{name}_origin")
-        except GRPCError as error:
+        except (GRPCError, *_LOST) as error:
             reason = f'the machine does not tell where "{name}" is: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
         T = convert.from_pose(seen.pose)
@@ -313,7 +317,7 @@ class MachineBodies:
             return list(await client.get_geometries(timeout=self._patience))
         except NotImplementedError:
             return []
-        except (GRPCError, OSError) as error:
+        except (GRPCError, *_LOST) as error:
             if isinstance(error, GRPCError) and _has_none(error):
                 return []
             reason = f'"{name}" does not tell its geometries: {_words(error)}'
@@ -412,5 +416,5 @@ def _has_none(error: GRPCError) -> bool:
     return error.status is Status.UNIMPLEMENTED or any(word in told for word in _HAS_NONE)
 
 
-def _words(error: GRPCError | OSError) -> str:
+def _words(error: Exception) -> str:
     return str(error.message if isinstance(error, GRPCError) else error)

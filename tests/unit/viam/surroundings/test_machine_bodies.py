@@ -3,6 +3,7 @@ import asyncio
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
+from grpclib.exceptions import StreamTerminatedError
 from harness.fake_machine import FakeMachine, Thing, a_box, hanging, status
 from harness.fake_parent import until
 
@@ -240,6 +241,16 @@ async def test_a_machine_that_does_not_answer_is_not_waited_for(around):
         await around(machine, patience=0.01).read()
     machine.silent, machine.configs = False, GRPCError(Status.UNKNOWN, "broken")
     with pytest.raises(SurroundingsUnknown, match="broken"):
+        await around(machine).read()
+
+
+async def test_a_connection_that_is_lost_is_told(around):
+    machine = FakeMachine(ARM, hanging("a"), things=[Thing("a")])
+    machine.things["a"].geometries = StreamTerminatedError("Connection lost")
+    with pytest.raises(SurroundingsUnknown, match=r'"a" does not .*: Connection lost; '):
+        await around(machine).read()
+    machine.configs = StreamTerminatedError("Connection lost")
+    with pytest.raises(SurroundingsUnknown, match="cannot be reached: Connection lost"):
         await around(machine).read()
 
 
