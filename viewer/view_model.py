@@ -51,6 +51,7 @@ class ViewModel(TargetEditor):
 
     Attributes:
         drops: How often something has changed that plans depend on.
+        ran: The newest plan that was executed and how it was followed; None before.
     """
 
     def __init__(
@@ -79,6 +80,7 @@ class ViewModel(TargetEditor):
         self._tracker = MotionTracker()
         self._count = 0  # plans that were shown
         self.drops = 0
+        self.ran: tuple[PlanView, Tracking] | None = None
         self._path = self._hint()
 
     # Commands
@@ -204,11 +206,6 @@ class ViewModel(TargetEditor):
         """Whether that plan can still be executed."""
         return self._plan_is_current
 
-    @property
-    def tracking(self) -> Tracking | None:
-        """How well the newest motion that ended was followed."""
-        return self._tracker.newest
-
     # What time brings
 
     def refresh(self) -> bool:
@@ -221,7 +218,7 @@ class ViewModel(TargetEditor):
         own = None if self._motion is None else self._plan
         events = (
             self._follow_surroundings(),
-            self._tracker.take(self._state, "another motion" if own is None else own.name),
+            self._track("another motion" if own is None else own.name),
             self._collect_plan(),
             self._collect_motion(),
             self._notice_departure(),
@@ -308,6 +305,15 @@ class ViewModel(TargetEditor):
         self._solver = loading.result()
         self._target = self._again(self._target)
         return True
+
+    def _track(self, name: str) -> bool:
+        """Measure the motion under way; a run is shared with the plan that it was of."""
+        tracker, plan = self._tracker, self._plan
+        ended = tracker.take(self._state, name)
+        is_own = ended and plan is not None and tracker.newest_name == plan.name
+        if is_own and plan is not None and tracker.newest is not None:
+            self.ran = plan, tracker.newest
+        return ended
 
     def _collect_plan(self) -> bool:
         if self._planning is None or not self._planning.done():

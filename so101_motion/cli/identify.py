@@ -40,7 +40,7 @@ def identify(
 ) -> None:
     """Find out how this arm's servos differ from their type. The arm MOVES.
 
-    The arm is raised, and one joint after the other goes to and fro through a wide part of its
+    The arm is raised, and one joint after the other goes back and forth through a wide part of its
     range, clear of everything that is known, for about two and a half minutes. The hand must be
     empty, or say --carrying. What is found is kept beside the calibration, and used from the next
     start on. Ctrl-C stops the arm.

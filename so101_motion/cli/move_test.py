@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 def move_test(source: Source, yes: bool, report: Path | None, as_json: bool) -> None:
     """Move every joint a little and check that it follows commands. The arm MOVES.
 
-    One joint after the other goes six degrees to and fro, slowly, clear of everything that is
+    One joint after the other goes six degrees back and forth, slowly, clear of everything that is
     known, and stands still to be measured; at last the jaw opens and closes a little. Ctrl-C stops
     the arm. Exit code 6 if a joint does not obey.
 

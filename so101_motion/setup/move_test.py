@@ -94,7 +94,7 @@ class Outline:
         if self.obstacles[0][0] == GRIPPER_JOINT:
             return f"Left out is the {joints}: {self.obstacles[0][1]}."
         return (
-            f"Left out for want of room: {joints}. To test them too, let go, move the arm to a more"
+            f"Too little room to test: {joints}. To test them too, let go, move the arm to a more"
             " open pose, and have it held again."
         )
 
@@ -103,7 +103,7 @@ class Outline:
         """A sentence that says what will move and how far."""
         moved = [swing.joint for swing in self.swings if swing.joint != GRIPPER_JOINT]
         jaw = any(swing.joint == GRIPPER_JOINT for swing in self.swings)
-        by = f"one after the other, by {to_deg(SWING):.0f}° to and fro"
+        by = f"one after the other, by {to_deg(SWING):.0f}° back and forth"
         parts = [f"{', '.join(moved)}: {by}"] if moved else []
         parts += ["the jaw opens and closes a little"] if jaw else []
         speed_deg = to_deg(float(LIMITS.velocity[0]))

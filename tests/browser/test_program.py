@@ -73,10 +73,10 @@ def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> 
     program.press("arm")
     program.until(lambda: program.says("Recorded waypoint 3."))
     program.press("up")  # what is chosen is the second now
-    program.until(lambda: program.fields("Pause (s)").count() > 0)
+    program.until(lambda: program.fields("Pause (s)").first.is_enabled())
     program.fields("Pass through").first.check()
     program.until(lambda: program.says("Passed without stopping"))
-    program.until(lambda: program.fields("Pause (s)").count() == 0)
+    program.until(lambda: program.fields("Pause (s)").first.is_disabled())
     planned(program)
     program.until(lambda: program.says("3, 1 of them passed"))
 

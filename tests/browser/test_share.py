@@ -65,7 +65,7 @@ def test_the_last_run_is_downloaded_as_wanted_and_as_measured(
     guest.press("Execute")
     guest.until(lambda: guest.says("Arrived"))
     guest.page.get_by_role("tab", name="Share").click()
-    guest.until(lambda: guest.fields("Motion").filter(visible=True).count() >= 1)
+    guest.until(lambda: guest.fields("Motion").filter(visible=True).first.is_enabled())
     download = take(guest, "Table, degrees (CSV)", "The last run")
     download.save_as(tmp_path / "run.csv")
     assert download.suggested_filename.startswith("so101-run-")

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from so101_motion.common.modes import Mode
 from so101_motion.common.state import JointState
 from so101_motion.common.units import to_deg
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import judge
 
 from .screen_state import Sentence, Tone
+
+SILENCE = "silence"
+"""The cause of an alarm about servos that do not answer."""
 
 LATE_WITHIN, LATE_MANY = 10.0, 10
 """So many late setpoints within this time [s] are worth an alarm. Chosen: a busy computer has one
@@ -38,7 +42,7 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
     for servo in servos:
         if servo.is_silent:
             text = "its servo does not answer; check its plugs and its power"
-            found.setdefault("silence", []).append((servo.joint, text, Tone.BAD))
+            found.setdefault(SILENCE, []).append((servo.joint, text, Tone.BAD))
             continue
         for trouble in judge(
             volts=servo.volts,
@@ -76,6 +80,12 @@ def state_alarms(state: JointState, sources: Mapping[str, str]) -> tuple[Alarm, 
         text = f"Outside its range: {where}. The next motion brings it back slowly."
         found.append(_warm("range", outside, text))
     return tuple(found)
+
+
+def not_said_yet(alarms: Iterable[Alarm], state: JointState) -> tuple[Alarm, ...]:
+    """The alarms that the bar does not say already: a fault names the servos that fell silent."""
+    is_fault = state.mode is Mode.FAULT
+    return tuple(alarm for alarm in alarms if not (is_fault and alarm.cause == SILENCE))
 
 
 class LateCycles:

@@ -45,6 +45,10 @@ class History(Generic[T]):
         self._values = [*kept, value][-KEPT:]
         self._at = len(self._values) - 1
 
+    def amend(self, value: T) -> None:
+        """Put a value in the place of the present one."""
+        self._values[self._at] = value
+
     def undo(self) -> T:
         """The value before, or the first one again."""
         self._at, self._changed = max(self._at - 1, 0), -inf

@@ -6,7 +6,7 @@ configurations and devices.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
 
@@ -215,7 +215,6 @@ def steps(
     active: int | None,
     press: str | None,
     move: str | None,
-    values: Sequence[str],
 ) -> str:
     """A list of steps to choose from: a name and small print each.
 
@@ -223,9 +222,8 @@ def steps(
         rows: Name and small print.
         chosen: Index of the one that is edited, set in bold.
         active: Index of the one that is being done, marked.
-        press: The id of the widget that is told which row was pressed.
+        press: The id of the widget that is told the number of the row that was pressed.
         move: The id of the widget that is told which row was dragged where.
-        values: What it is told, a row each.
     """
     lines = []
     for k, (name, rest) in enumerate(rows):
@@ -233,7 +231,7 @@ def steps(
         mark = "▶" if k == active else f"{k + 1}"
         lines.append(
             f'<button type="button" class="{kind}" data-press="{escape(press or "")}"'
-            f' data-value="{escape(values[k])}"><i>{mark}</i><span>{escape(name)}</span>'
+            f' data-value="{k + 1}"><i>{mark}</i><span>{escape(name)}</span>'
             f"<small>{escape(rest)}</small></button>"
         )
     return f'<div class="so101-steps" data-move="{escape(move or "")}">{"".join(lines)}</div>'

@@ -48,6 +48,12 @@ class SharedField:
             self._known = shown
             put(self._widget, shown)
 
+    def offer(self, value: Any) -> None:
+        """The same, but without a value the widget stays in its place, grey."""
+        self._widget.disabled = value is None
+        if value is not None:
+            self.show(value)
+
 
 def grey(group: Any, greyed: bool) -> None:
     """Disable a group of buttons, or not; viser's browser can, its Python only says that it cannot.

@@ -11,6 +11,7 @@ import numpy as np
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array
 from so101_motion.common.state import JointState
+from so101_motion.common.units import to_rad
 from so101_motion.planning.goals import PoseGoal
 
 from .history import History
@@ -18,6 +19,9 @@ from .target_ik import FRAMES, Direction, Target, TargetSolver
 
 ABOVE = 0.02
 """How far above a surface that is clicked the target is [m]; chosen: the jaws stay clear of it."""
+
+FROM_ABOVE = (to_rad(-90.0), to_rad(-70.0), to_rad(-50.0))
+"""How the gripper may come from above [rad], the best first; chosen: further out it must lean."""
 
 ANY, TILT, TURN = "any", "tilt", "tilt and roll"
 DIRECTIONS = (ANY, TILT, TURN)
@@ -59,12 +63,20 @@ class TargetEditor(ABC):
         self.set_target_joints(q)
 
     def set_target_above(self, p_base: Array) -> None:
-        """Set a target point above a surface, so that the gripper comes from above and stops short.
+        """Set a target point above a surface, for a gripper that comes from above and stops short.
+
+        Where it cannot point down it comes as it can; a direction that is kept stays.
 
         Args:
             p_base: The point of the surface, shape (3,), [m].
         """
-        self.set_target_point(p_base + np.array([0.0, 0.0, ABOVE]))
+        p_above, frame = p_base + np.array([0.0, 0.0, ABOVE]), self._target.frame
+        if self._kind != ANY:
+            self.set_target_point(p_above)
+            return
+        targets = (self._at_point(p_above, frame, Direction(tilt=tilt)) for tilt in FROM_ABOVE)
+        down = next((target for target in targets if target.problem is None), None)
+        self._take(self._at_point(p_above, frame, None) if down is None else down)
 
     def take_nearest(self) -> None:
         """Set the target to the nearest place that can be reached, if there is one."""

@@ -11,7 +11,7 @@ from so101_motion.rig.hardware_rig import HardwareRig
 from so101_motion.rig.protocols import RigLike
 
 from ..page import markup, texts
-from ..page.alarms import Alarm, LateCycles, servo_alarms, state_alarms
+from ..page.alarms import Alarm, LateCycles, not_said_yet, servo_alarms, state_alarms
 from ..page.events import EventLog
 from ..page.health import Health, read_health
 from ..page.page_context import ArmContext, PageContext
@@ -47,6 +47,7 @@ class HealthPart(Part):
         self._bar, self._mark = context.bar, mark
         self._late = LateCycles()
         self._alarms: tuple[Alarm, ...] = ()
+        self._told: tuple[Alarm, ...] = ()
         self._log: EventLog = context.events
         self._due = 0.0
         self._health: Health | None = None
@@ -67,30 +68,35 @@ class HealthPart(Part):
         return news
 
     def _look_for_alarms(self, health: Health) -> None:
-        rig, before = self._rig, {alarm.cause: alarm for alarm in self._alarms}
+        rig, state = self._rig, self._rig.arm.state
         found: tuple[Alarm, ...] = ()
         if rig.connection.problem is None:
             setups = rig.servos.setups if isinstance(rig, HardwareRig) else {}
             sources = {joint: setup.source for joint, setup in setups.items()}
             found = (
                 *servo_alarms(health.servos),
-                *state_alarms(rig.arm.state, sources),
+                *state_alarms(state, sources),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
-        said = [texts.named(self._name, alarm.sentence) for alarm in found]
-        for alarm, sentence in zip(found, said, strict=True):
-            if alarm.cause not in before:
-                self._log.add(sentence.text, sentence.tone)
+        self._tell(not_said_yet(found, state))
         if found != self._alarms:
             self._alarms = found
             self._tab.icon = viser.Icon.ALERT_TRIANGLE if found else viser.Icon.HEARTBEAT
-            self._bar.alert(f"alarms {self._name}", said)
             marks: dict[str, Tone] = {}
             for alarm in found:
                 for joint in alarm.joints:
                     if marks.get(joint) is not Tone.BAD:
                         marks[joint] = alarm.sentence.tone
             self._mark(marks)
+
+    def _tell(self, alarms: tuple[Alarm, ...]) -> None:
+        """Have the bar say them, and log those whose cause is new."""
+        before, self._told = {alarm.cause for alarm in self._told}, alarms
+        said = [texts.named(self._name, alarm.sentence) for alarm in alarms]
+        for alarm, sentence in zip(alarms, said, strict=True):
+            if alarm.cause not in before:
+                self._log.add(sentence.text, sentence.tone)
+        self._bar.alert(f"alarms {self._name}", said)
 
     def show(self) -> None:
         """Update the widgets; viser sends only what differs."""

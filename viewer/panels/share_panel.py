@@ -8,13 +8,12 @@ from datetime import datetime
 
 import viser
 
-from so101_motion.files.trajectory_export import Run
 from so101_motion.tasks.teleop.local_arms import lerobot_of
 
 from ..page import markup, texts
 from ..page.page_context import ArmContext
 from ..page.part import Part
-from ..page.screen_state import PlanView, Sentence, Tone
+from ..page.screen_state import Sentence, Tone
 from ..view_model import ViewModel
 from .share import KINDS, PLAN, RUN, SharedMotion, content, file_name, kind_called
 
@@ -40,17 +39,16 @@ class SharePart(Part):
 
     def __init__(self, context: ArmContext, page: ViewModel, *, title: str) -> None:
         self._context, self._page, self._title = context, page, title
-        self._plan = page.plan_view
-        self._tracking, self._is_current = page.tracking, page.plan_is_current
-        self._ran: tuple[PlanView, Run] | None = None
+        self._plan, self._ran, self._is_current = page.plan_view, page.ran, page.plan_is_current
         self._orders: list[_PendingFile] = []
         self._status: Sentence | None = None
         gui = context.gui
         with context.tabs.add_tab("Share"):
             self._sentence = gui.add_html("")
-            self._what = gui.add_dropdown("Motion", (PLAN, RUN), visible=False)
+            self._what = gui.add_dropdown("Motion", (PLAN, RUN), disabled=True)
             self._kind = gui.add_dropdown("File", tuple(kind.label for kind in KINDS))
             self._download = gui.add_button("Download", icon=viser.Icon.DOWNLOAD, disabled=True)
+        self._shown_what = PLAN
         context.on_asked(self._download, self._order)
         context.leave_open(self._what, self._kind, self._download)
 
@@ -58,10 +56,13 @@ class SharePart(Part):
         """Note what can be shared, and send the files that are ready."""
         page = self._page
         is_current, self._is_current = self._is_current, page.plan_is_current
-        news = page.plan_view is not self._plan or page.tracking is not self._tracking
-        if page.tracking is not self._tracking and page.tracking and page.plan_view:
-            self._ran = page.plan_view, page.tracking.run
-        self._plan, self._tracking = page.plan_view, page.tracking
+        what, self._shown_what = self._shown_what, self._what.value
+        news = (
+            page.plan_view is not self._plan
+            or page.ran is not self._ran
+            or what != self._shown_what
+        )
+        self._plan, self._ran = page.plan_view, page.ran
         if news:
             self._status = None
         done = [order for order in self._orders if order.file.done()]
@@ -74,12 +75,14 @@ class SharePart(Part):
         """Update the widgets."""
         has_plan = self._plan is not None
         self._download.disabled = not has_plan
-        self._what.visible = self._ran is not None
+        self._what.disabled = self._ran is None
         self._sentence.content = markup.sentence(self._status or self._offer())
 
     def _offer(self) -> Sentence:
         if self._plan is None:
             return NOTHING
+        if self._what.value == RUN and self._ran is not None:
+            return Sentence(text=f"The last run, which was of {self._ran[0].name}. {READY}")
         is_old = "" if self._page.plan_is_current else ", which is old"
         return Sentence(text=f"{self._plan.name}{is_old}. {READY}")
 
@@ -109,7 +112,7 @@ class SharePart(Part):
     def _subject(self) -> SharedMotion | None:
         rig, run, view = self._context.rig, None, self._plan
         if self._what.value == RUN and self._ran is not None:
-            view, run = self._ran
+            view, run = self._ran[0], self._ran[1].run
         if view is None:
             return None
         return SharedMotion(

@@ -13,7 +13,7 @@ import viser
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, SLOWEST, Program
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, SLOWEST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
@@ -55,10 +55,11 @@ class ProgramPart(Part):
             RobotModel.load(),
             lambda dot, k: self._context.on_pick(dot, partial(self.model.choose, k)),
         )
-        with context.tabs.add_tab("Program"):
+        with context.tabs.add_tab("Program"):  # nothing comes and goes, so nothing changes places
             self._add_recording(context.gui)
-            self._add_waypoint(context.gui)
             self._add_run(context.gui)
+            self._add_waypoint(context.gui)
+            self._add_rounds(context.gui)
             self._add_files(context.gui)
 
     # Widgets
@@ -66,55 +67,19 @@ class ProgramPart(Part):
     def _add_recording(self, gui: viser.GuiApi) -> None:
         model = self.model
         self._sentence = gui.add_html("")
-        self._waypoints = gui.add_html("")
-        self._dragged = gui.add_text("Dragged", "", visible=False)
-        self._context.on_entry(self._dragged, self._reorder)
         record = gui.add_button_group(
             "Record", ("arm", "target"), hint="Where the arm is, or where the ghost is"
         )
         self._on_choice(record, {"arm": model.record_arm, "target": model.record_target})
-
-    def _add_waypoint(self, gui: viser.GuiApi) -> None:
-        model = self.model
-        self._list = gui.add_dropdown("Waypoint", (_NONE,), visible=False)
-        self._chosen = self._field(self._list, lambda name: model.choose(_index(name)), str)
-        name = gui.add_text("Name", "", visible=False)
-        self._name = self._field(name, model.rename, str)
-        passes = gui.add_checkbox(
-            "Pass through",
-            False,
-            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
-            visible=False,
-        )
-        self._pass = self._field(passes, model.set_passes, bool)
-        speed = gui.add_slider(
-            "Speed (%)",
-            round(100.0 * SLOWEST),
-            100,
-            1,
-            100,
-            hint="On the way to it, as a share of the speed on the Move tab",
-            visible=False,
-        )
-        self._speed = self._field(speed, lambda percent: model.set_speed(percent / 100.0), round)
-        pause = gui.add_number(
-            "Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1, visible=False
-        )
-        self._pause = self._field(pause, model.set_pause, lambda s: round(s, 1))
-        jaw = gui.add_dropdown("Gripper", tuple(_JAW), visible=False)
-        self._jaw = self._field(jaw, lambda name: model.set_aperture(_JAW[name]), str)
-        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0, visible=False)
-        self._opening = self._field(
-            opening, lambda percent: model.set_aperture(percent / 100.0), round
-        )
-        self._of_waypoint = (
-            self._chosen, self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
-        )  # fmt: skip
+        self._waypoints = gui.add_html("")
+        self._picked = gui.add_text("Picked", "", visible=False)
+        self._context.on_entry(self._picked, self._pick)
+        self._dragged = gui.add_text("Dragged", "", visible=False)
+        self._context.on_entry(self._dragged, self._reorder)
         self._order = gui.add_button_group(
             "Waypoint",
             ("up", "down", "copy", "re-record", "delete"),
             hint="re-record: it moves to where the arm is now",
-            visible=False,
         )
         self._on_choice(
             self._order,
@@ -127,7 +92,38 @@ class ProgramPart(Part):
             },
         )
 
-    def _add_run(self, gui: viser.GuiApi) -> None:
+    def _add_waypoint(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        name = gui.add_text("Name", "")
+        self._name = self._field(name, model.rename, str)
+        speed = gui.add_slider(
+            "Speed (%)",
+            round(100.0 * SLOWEST),
+            100,
+            1,
+            100,
+            hint="On the way to it, as a share of the speed on the Move tab",
+        )
+        self._speed = self._field(speed, lambda percent: model.set_speed(percent / 100.0), round)
+        passes = gui.add_checkbox(
+            "Pass through",
+            False,
+            hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
+        )
+        self._pass = self._field(passes, model.set_passes, bool)
+        pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
+        self._pause = self._field(pause, model.set_pause, lambda s: round(s, 1))
+        jaw = gui.add_dropdown("Gripper", tuple(_JAW))
+        self._jaw = self._field(jaw, lambda name: model.set_aperture(_JAW[name]), str)
+        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
+        self._opening = self._field(
+            opening, lambda percent: model.set_aperture(percent / 100.0), round
+        )
+        self._of_waypoint = (
+            self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
+        )  # fmt: skip
+
+    def _add_rounds(self, gui: viser.GuiApi) -> None:
         model = self.model
         self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_ROUNDS, step=1)
         self._rounds = self._field(self._rounds_box, lambda n: model.set_rounds(int(n)), int)
@@ -136,6 +132,9 @@ class ProgramPart(Part):
             lambda on: model.set_rounds(None if on else int(self._rounds_box.value)),
             bool,
         )
+
+    def _add_run(self, gui: viser.GuiApi) -> None:
+        model = self.model
         self._history = gui.add_button_group("Edits", ("undo", "redo"))
         self._on_choice(self._history, {"undo": model.undo, "redo": model.redo})
         self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
@@ -179,6 +178,12 @@ class ProgramPart(Part):
     def _on_choice(self, group: Any, commands: dict[str, Callable[[], None]]) -> None:
         self._context.on_choice(group, lambda name: commands[name]())
 
+    def _pick(self, number: str) -> None:
+        """Choose a waypoint; picked once more, the target goes there again."""
+        if number.isdigit():
+            self.model.choose(int(number) - 1)
+        put(self._picked, "")
+
     def _reorder(self, told: str) -> None:
         """Move a waypoint: the browser tells a count, from where, and to where."""
         places = [int(word) for word in told.split()[1:] if word.isdigit()]
@@ -214,12 +219,11 @@ class ProgramPart(Part):
             rows,
             chosen=screen.chosen,
             active=active,
-            press=uuid_of(self._list),
+            press=uuid_of(self._picked),
             move=uuid_of(self._dragged),
-            values=_labels(program),
         )
         self._show_waypoint(screen)
-        self._rounds.show(program.rounds)
+        self._rounds.offer(program.rounds)
         self._endless.show(program.rounds is None)
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
@@ -230,7 +234,7 @@ class ProgramPart(Part):
         self._called.show(screen.name)
         if self._saved.options != (screen.saved or (_NONE,)):
             self._saved.options = screen.saved or (_NONE,)
-        self._use.visible = bool(screen.saved)
+        grey(self._use, not screen.saved)
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
         timeline = screen.timeline
@@ -245,35 +249,22 @@ class ProgramPart(Part):
     def _show_waypoint(self, screen: ProgramScreen) -> None:
         waypoints = screen.program.waypoints
         index = screen.chosen if screen.can_edit else None
-        self._order.visible = index is not None
+        grey(self._order, index is None)
         if index is None:
             for field in self._of_waypoint:
-                field.show(None)
+                field.offer(None)
             return
-        labels = _labels(screen.program)
-        if self._list.options != labels:
-            self._list.options = labels
         chosen = waypoints[index]
         stops, aperture = not chosen.passes, chosen.aperture
-        self._chosen.show(labels[index])
-        self._name.show(chosen.name)
-        self._speed.show(100.0 * chosen.speed)
-        self._pass.show(chosen.passes)
-        self._pause.show(chosen.pause if stops else None)
+        self._name.offer(chosen.name)
+        self._speed.offer(100.0 * chosen.speed)
+        self._pass.offer(chosen.passes)
+        self._pause.offer(chosen.pause if stops else None)
         jaw = next((name for name, value in _JAW.items() if value == aperture), _PART_WAY)
-        self._jaw.show(jaw)
-        self._opening.show(100.0 * aperture if aperture is not None and jaw == _PART_WAY else None)
+        self._jaw.offer(jaw)
+        self._opening.offer(100.0 * aperture if aperture is not None else None)
 
 
 def _apart(q: Array, other: Array) -> bool:
     """Whether two arms at these joint angles would not flicker in each other."""
     return not np.allclose(q, other, atol=to_rad(0.5))
-
-
-def _labels(program: Program) -> tuple[str, ...]:
-    return tuple(f"{k}  {each.name}" for k, each in enumerate(program.waypoints, 1))
-
-
-def _index(label: str) -> int:
-    """The waypoint of a line in the list, which begins with its number."""
-    return int(label.split()[0]) - 1

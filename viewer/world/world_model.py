@@ -1,7 +1,7 @@
 """State and edits of the World tab, without viser.
 
-Each edit makes a new ``Scene``; the one before goes on the list for Undo. A drag counts as one
-edit. The scene for planning is updated when a drag ends and a few times a second during it
+Each edit makes a new ``Scene``; those before and after can be gone back and forth to. A drag counts
+as one edit. The scene for planning is updated when a drag ends and a few times a second during it
 (``due``), because each change makes planners start anew. One thread owns a ``WorldModel``; it
 moves no arm.
 """
@@ -31,6 +31,7 @@ from so101_motion.planning.collision.shape_files import read_shape
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.viam.conversion.world_state_json import world_state_json
 
+from ..page.history import History
 from ..page.screen_state import Sentence, Tone
 from ..page.texts import capital
 from ..scene import scene_edits
@@ -39,8 +40,6 @@ from .dropped_files import VOXEL, read_dropped, thinned
 
 DRAG_PERIOD = 0.2
 """How often a scene that is being dragged is handed to whoever plans [s]; chosen."""
-
-_MOST_PAST = 50
 
 INVITATION = Sentence(text="Add an object, or click one to change it.")
 
@@ -65,7 +64,7 @@ class WorldModel:
         self.sentence = INVITATION
         self.dragging = False
         self.voxel = VOXEL
-        self._past: list[Scene] = []
+        self._history = History(scene)
         self._given, self._given_at = scene, float("-inf")
 
     # Looking
@@ -85,7 +84,12 @@ class WorldModel:
     @property
     def can_undo(self) -> bool:
         """Whether there is an edit to undo."""
-        return bool(self._past)
+        return self._history.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether one was undone."""
+        return self._history.can_redo
 
     def due(self, t: float) -> Scene | None:
         """The scene to plan with from ``t`` [s] on, once for each; None when none is due."""
@@ -190,10 +194,13 @@ class WorldModel:
 
     def undo(self) -> None:
         """Undo the last edit."""
-        if self._past:
-            self.scene = self._past.pop()
-            self.select(self.selected)
-            self.sentence = Sentence(text="Undone.")
+        if self.can_undo:
+            self._return_to(self._history.undo(), "Undone.")
+
+    def redo(self) -> None:
+        """Redo what was undone last."""
+        if self.can_redo:
+            self._return_to(self._history.redo(), "Redone.")
 
     # Files
 
@@ -270,9 +277,13 @@ class WorldModel:
         """Replace the selected thing by ``changed``."""
         self._change(scene_edits.with_thing(self.scene, changed), text)
 
+    def _return_to(self, scene: Scene, text: str) -> None:
+        self.scene = scene
+        self.select(self.selected)
+        self.sentence = Sentence(text=text)
+
     def _change(self, scene: Scene, text: str) -> None:
-        if not self.dragging:
-            self._past = [*self._past[1 - _MOST_PAST :], self.scene]
+        (self._history.amend if self.dragging else self._history.add)(scene)
         self.scene = scene
         self.sentence = Sentence(text=text)
 

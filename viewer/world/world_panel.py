@@ -36,7 +36,7 @@ from ..page import markup, texts
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.screen_state import Tone
-from ..page.shared_fields import SharedField, tenth, tenths
+from ..page.shared_fields import SharedField, grey, tenth, tenths
 from ..scene.scene_edits import NEW_SHAPES, Thing, pose_of
 from ..scene.scene_view import SceneView
 from .dropped_files import ENDINGS
@@ -50,6 +50,9 @@ _MOVED = 1e-4
 _TURNED = 0.01
 """A joint that turned less than this touches what it touched before [rad]; chosen: a real arm at
 rest flickers by a tick or two."""
+
+_LOOSE, _HELD = ("attach", "delete"), ("detach", "delete")
+"""What can be done to a thing; a keep-out zone says why it cannot be attached."""
 
 _SAME = 1e-5
 
@@ -104,11 +107,15 @@ class WorldPart(Part):
         context.on_choice(kinds, world.add)
         self._list = gui.add_dropdown("Selected", (_nothing(()),))
         self._selected = self._field(self._list, self._choose, shown=str)
-        self._add_thing(gui)
         self._acts = gui.add_button_group(
-            "Change", ("undo",), hint="attach: the gripper holds it from now on", visible=False
+            "Change", _LOOSE, hint="attach: the gripper holds it from now on"
         )
         context.on_choice(self._acts, self._act)
+        self._edits = gui.add_button_group("Edits", ("undo", "redo"))
+        context.on_choice(
+            self._edits, lambda name: world.undo() if name == "undo" else world.redo()
+        )
+        self._add_thing(gui)  # what comes and goes stands below what is pressed
         gui.add_divider()
         self._floor = self._field(
             gui.add_checkbox("Floor", initial_value=True),
@@ -184,8 +191,6 @@ class WorldPart(Part):
             world.let_go(self._arm.T_base())
         elif name == "delete":
             world.remove()
-        else:
-            world.undo()
 
     def _keep(self, name: str) -> None:
         if name == "save":
@@ -262,7 +267,7 @@ class WorldPart(Part):
         floor_z = world.scene.floor_z
         self._floor.show(floor_z is not None)
         self._floor_z = self._floor_z if floor_z is None else floor_z
-        self._floor_z_mm.show(None if floor_z is None else to_mm(floor_z))
+        self._floor_z_mm.offer(None if floor_z is None else to_mm(floor_z))
         self._for_viam.visible = self._told_viam is world.scene
         self._tell_of_handles()
         self._show_thing(world.thing)
@@ -295,27 +300,17 @@ class WorldPart(Part):
         self._voxel.show(to_mm(self.world.voxel if cloud is None else cloud.resolution))
         self._mass.show(1000.0 * thing.mass if isinstance(thing, Attached) else None)
         self._zone.show(thing.keep_out if isinstance(thing, Obstacle) else None)
-        acts = _acts(thing, can_undo=self.world.can_undo)
-        self._acts.visible = bool(acts)
-        if acts and acts != self._acts.options:
+        acts = _HELD if is_held else _LOOSE
+        if acts != self._acts.options:
             self._acts.options = acts
+        grey(self._acts, thing is None)
+        grey(self._edits, not (self.world.can_undo or self.world.can_redo))
         self._gizmo.visible, self._gizmo.disable_rotations = pose is not None, not turns
         if pose is not None and not self.world.dragging:
             pose = self._T_tool @ pose if is_held else pose
             if not _same(pose, self._gizmo_at):
                 self._gizmo_at = pose
                 self._gizmo.wxyz, self._gizmo.position = pose.quaternion_wxyz(), pose.p
-
-
-def _acts(thing: Thing | None, *, can_undo: bool) -> tuple[str, ...]:
-    """The actions beside the figures."""
-    if thing is None:
-        return ("undo",) if can_undo else ()
-    if isinstance(thing, Attached):
-        first: tuple[str, ...] = ("detach", "delete")
-    else:
-        first = ("delete",) if thing.keep_out else ("attach", "delete")
-    return (*first, "undo") if can_undo else first
 
 
 def _same(pose: SE3, other: SE3) -> bool:

@@ -22,7 +22,7 @@ def run(tmp_path, monkeypatch):
 def test_nothing_moves_before_somebody_agrees(run):
     result = run("--sim", input="n\n")
     assert result.exit_code == 7
-    assert "6° to and fro" in result.output
+    assert "6° back and forth" in result.output
     assert "Is everything out of the way?" in result.output
     assert "nothing moved" in result.output
     assert "0 %  shoulder_pan" not in result.output

@@ -53,7 +53,7 @@ def test_an_outline_moves_nothing_and_says_what_will(rig, clock):
     np.testing.assert_array_equal(rig.arm.state.q, before)
     assert [swing.joint for swing in outline.swings] == [*ARM_JOINTS, GRIPPER_JOINT]
     assert outline.obstacles == ()
-    assert "6° to and fro" in outline.sentence
+    assert "6° back and forth" in outline.sentence
     assert 10.0 < outline.duration < 60.0
 
 

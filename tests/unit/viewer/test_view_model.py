@@ -560,3 +560,13 @@ def test_after_a_motion_it_is_told_how_well_the_arm_followed(
     assert tracking is not None
     np.testing.assert_allclose(tracking.worst, 0.01)
     assert tracking.lag == pytest.approx(0.05)
+    ran = page.ran
+    assert ran is not None
+    assert ran[1] is tracking
+    for k in range(5):
+        arm.be(np.full(5, 0.02 * k), t=2.0 + 0.1 * k, mode=Mode.MOVING)
+        page.refresh()
+    arm.be(np.full(5, 0.08), t=3.0)
+    page.refresh()
+    assert page.screen().tracked == "another motion"
+    assert page.ran is ran  # what somebody else moved is no run of the plan

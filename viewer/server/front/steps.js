@@ -1,4 +1,4 @@
-// Waypoints are put into another order by dragging their rows.
+// Waypoints are put into another order by dragging their rows; the chosen one is kept in sight.
 (() => {
   const link = window.so101;
   const FAR = 6;  // px until it is a drag, and no click
@@ -35,10 +35,25 @@
     if (row && over) {
       const list = row.parentElement ?? over.parentElement;
       addEventListener('click', (event) => event.stopPropagation(), { capture: true, once: true });
-      const [from, to] = [Number(row.dataset.value.split(' ')[0]) - 1, place(over)];
+      const [from, to] = [Number(row.dataset.value) - 1, place(over)];
       if (from !== to && list) link.send(list.dataset.move, `${++count} ${from} ${to}`);
     }
     end();
   }, true);
   addEventListener('pointercancel', end, true);
+
+  let shown = '';  // the row that was chosen last
+  function follow() {
+    const chosen = document.querySelector('.so101-steps .chosen');
+    const now = chosen ? chosen.dataset.value : '';
+    if (now === shown) return;
+    shown = now;
+    const list = chosen?.parentElement.parentElement;  // not scrollIntoView: the panel stays
+    if (!list) return;
+    const [top, bottom] = [chosen.offsetTop, chosen.offsetTop + chosen.offsetHeight];
+    list.scrollTop = Math.min(Math.max(list.scrollTop, bottom - list.clientHeight), top);
+  }
+  addEventListener('DOMContentLoaded', () => {
+    new MutationObserver(follow).observe(document.body, { childList: true, subtree: true });
+  });
 })();

@@ -4,7 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from so101_viewer.page.alarms import LATE_MANY, LateCycles, servo_alarms, state_alarms
+from so101_viewer.page.alarms import (
+    LATE_MANY,
+    LateCycles,
+    not_said_yet,
+    servo_alarms,
+    state_alarms,
+)
 from so101_viewer.page.screen_state import Tone
 
 from so101_motion.common.modes import Mode
@@ -49,6 +55,15 @@ def test_one_supply_is_one_alarm_for_all_its_servos() -> None:
     (alarm,) = servo_alarms(replace(WELL, joint=joint, volts=5.1) for joint in joints)
     assert alarm.joints == joints
     assert "Also: shoulder_lift and elbow_flex" in alarm.sentence.text
+
+
+def test_a_servo_that_falls_silent_is_said_once() -> None:
+    alarms = servo_alarms(
+        [replace(WELL, is_silent=True), replace(WELL, joint="gripper", temperature_c=67)]
+    )
+    assert not_said_yet(alarms, STILL) == alarms
+    (hot,) = not_said_yet(alarms, replace(STILL, mode=Mode.FAULT, fault="no reply from servo 3"))
+    assert hot.joints == ("gripper",)
 
 
 def test_joints_without_calibration_or_outside_their_range_are_named() -> None:

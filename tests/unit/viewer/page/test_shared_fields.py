@@ -52,6 +52,14 @@ def test_a_field_shows_what_the_page_says_once() -> None:
     assert widget.written == [5, 7]
 
 
+def test_a_field_without_a_value_stays_in_its_place_and_is_grey() -> None:
+    widget, field, _, _ = make()
+    for value, disabled in ((5, False), (None, True), (6, False)):
+        field.offer(value)
+        assert vars(widget)["disabled"] is disabled
+    assert widget.written == [5, 6]
+
+
 async def test_a_picture_drawn_while_somebody_types_does_not_put_the_old_value_back() -> None:
     widget, field, commands, done = make()
     field.show(5)

@@ -119,6 +119,24 @@ def test_a_target_keeps_the_direction_of_the_gripper(
     assert editor.target.direction == Direction(tilt=np.radians(tilt_deg), roll=np.radians(40.0))
 
 
+@pytest.mark.parametrize(
+    ("p_base", "tilt_deg"), [((0.2, 0.08, 0.0), -90.0), ((0.36, 0.1, 0.0), -70.0)]
+)
+def test_a_click_on_the_table_is_gone_to_from_above(
+    editor: Editor, p_base: tuple[float, ...], tilt_deg: float
+) -> None:
+    editor.set_target_above(np.array(p_base))
+    assert editor.target.problem is None
+    np.testing.assert_allclose(editor.target.p_base, (*p_base[:2], 0.02))
+    assert editor.target.direction == Direction(tilt=np.radians(tilt_deg))
+    editor.set_target_above(np.array([0.9, 0.0, 0.0]))
+    assert editor.target.direction is None  # out of reach whatever it does
+    editor.set_direction("tilt")
+    editor.set_tilt(0.0)
+    editor.set_target_above(np.array([0.2, 0.08, 0.1]))
+    assert editor.target.direction == Direction(tilt=0.0)  # as was chosen
+
+
 def test_turned_handles_turn_the_gripper_and_the_wrong_way_is_said(editor: Editor) -> None:
     editor.set_target_point(np.array([0.2, 0.08, 0.12]))
     editor.set_direction("tilt and roll")

@@ -38,6 +38,10 @@ def test_what_is_added_is_selected_and_can_be_taken_back(world):
     assert world.scene == Scene()
     assert not world.can_undo
     world.undo()
+    world.redo()
+    world.redo()
+    assert world.names == ("box 1", "sphere 1")
+    assert not world.can_redo
 
 
 def test_numbers_change_the_selected_thing(world):

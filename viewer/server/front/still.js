@@ -1,0 +1,24 @@
+// A second click hits what the first one was meant for, or nothing: a page that changes between
+// the two must not bring another button under the pointer.
+(() => {
+  const SOON = 600;  // ms, as long as a slow double click takes
+  const NEAR = 12;  // px
+  let last = null;
+
+  const name = (button) => button.dataset.value ?? button.textContent;
+
+  addEventListener('click', (event) => {
+    const button = event.target.closest?.('button');
+    if (!event.isTrusted || event.detail === 0) return;  // a key, or a program
+    if (button?.closest('#so101-bar')) return;  // Stop never waits; the ways home ask by themselves
+    const { clientX: x, clientY: y, timeStamp: t } = event;
+    const soon = last && t - last.t < SOON && Math.hypot(x - last.x, y - last.y) < NEAR;
+    const same = soon && (button === last.button || (button && name(button) === last.name));
+    if (button && soon && !same) {
+      event.preventDefault();
+      event.stopImmediatePropagation();
+      return;
+    }
+    last = { x, y, t, button, name: button ? name(button) : null };
+  }, true);
+})();
