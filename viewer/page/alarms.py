@@ -52,7 +52,8 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
             faults=servo.faults,
         ):
             tone = Tone.BAD if trouble.level == "stop" else Tone.WARM
-            found.setdefault(trouble.kind, []).append((servo.joint, str(trouble), tone))
+            text = str(trouble).replace(" degC", " °C")
+            found.setdefault(trouble.kind, []).append((servo.joint, text, tone))
     return tuple(_alarm(cause, cases) for cause, cases in found.items())
 
 

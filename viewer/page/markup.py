@@ -73,8 +73,13 @@ def headline(title: str, subtitle: str) -> str:
     )
 
 
-def facts(rows: Iterable[tuple[str, ...]]) -> str:
-    """Names and values in columns; all rows are as long as the first."""
+def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
+    """Names and values in columns; all rows are as long as the first.
+
+    Args:
+        rows: What there is to say.
+        lines: For how many lines there is always room, so that what stands below stays there.
+    """
     table = [*rows]
     columns = len(table[0]) - 1 if table else 1
     cells = "".join(
@@ -84,7 +89,8 @@ def facts(rows: Iterable[tuple[str, ...]]) -> str:
     )
     return (
         f'<div style="display:grid;grid-template-columns:max-content repeat({columns},1fr);'
-        f'gap:.1em 1em;padding:.2em .7em .4em;font-size:.82em">{cells}</div>'
+        f"gap:.1em 1em;padding:.2em .7em .4em;font-size:.82em;min-height:{lines}lh;"
+        f'align-content:start">{cells}</div>'
     )
 
 

@@ -23,6 +23,9 @@ from .target_controls import TargetControls
 _PLOT_SIZE = (390, 305)  # between the panels of the narrowest window that has both
 _MARGIN = 12
 
+_LINES = 9
+"""Of the figures of two plans side by side: seven, and two for a clearance with long names."""
+
 SELECTS, AIMS, MEASURES = "selects", "sets the target", "measures"
 CLICKS = (SELECTS, AIMS, MEASURES)
 """What a click in the picture does."""
@@ -62,7 +65,7 @@ class PlanPanel:
             self._target.add_target()
             self._plan.add_buttons()
             self._plan.add_timeline()
-            self._facts = gui.add_html(markup.facts(texts.NO_FACTS))
+            self._facts = gui.add_html(markup.facts(texts.NO_FACTS, lines=_LINES))
             self._comparison = Comparison(context)
             self._plan.add_caps()
             gui.add_divider()
@@ -100,7 +103,7 @@ class PlanPanel:
         has_plan = screen.plan_is_current
         self._plots.name(screen.plan, is_current=has_plan)
         self._comparison.show(screen.plan if has_plan else None)
-        self._facts.content = markup.facts(self._comparison.rows())
+        self._facts.content = markup.facts(self._comparison.rows(), lines=_LINES)
         self._plan.show(screen, self._plots.uuids)
 
     def _show_plan(self, view: PlanView, bounds: tuple[Array, Array]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import viser
@@ -32,7 +32,7 @@ _PART_WAY = "part way"
 _JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
 """What the gripper does at a waypoint, as an aperture."""
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
-_QUIET: Final = "gray"
+_LINES = 3  # of the figures
 
 
 class ProgramPart(Part):
@@ -154,7 +154,7 @@ class ProgramPart(Part):
             hint="Only the ghost moves, pauses last 2 s; press again to pause",
         )
         self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
-        self._facts = gui.add_html(markup.facts(words.NO_FACTS))
+        self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
 
     def _add_files(self, gui: viser.GuiApi) -> None:
         model = self.model
@@ -241,7 +241,7 @@ class ProgramPart(Part):
         self._slider.disabled = timeline is None
         grey(self._play, timeline is None)
         facts = words.NO_FACTS if timeline is None else words.facts(timeline.rehearsal)
-        self._facts.content = markup.facts(facts)
+        self._facts.content = markup.facts(facts, lines=_LINES)
         if timeline is not None:
             self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
         self._t.show(screen.t if timeline is not None else 0.0)

@@ -88,11 +88,13 @@ def judge(
     reported = frozenset(faults)
     found = []
     if "overheated" in reported or celsius >= WARM_C:
+        too_hot = "overheated" in reported or celsius >= HOT_C
         found.append(
             ServoTrouble(
                 kind="temperature",
-                level="stop" if "overheated" in reported or celsius >= HOT_C else "note",
-                sentence=f"its servo is too hot ({celsius} degC, it switches off at 70)",
+                level="stop" if too_hot else "note",
+                sentence=f"its servo is {'too hot' if too_hot else 'hot'} ({celsius} degC, it"
+                " switches off at 70)",
                 fix=f"let it cool below {WARM_C} degC, and do not let it press or hold up a load"
                 " for long",
             )

@@ -31,7 +31,7 @@ STILL = JointState(
 @pytest.mark.parametrize(
     ("trouble", "tone", "words"),
     [
-        ({"temperature_c": 57}, Tone.WARM, "elbow_flex: its servo is too hot (57 degC"),
+        ({"temperature_c": 57}, Tone.WARM, "elbow_flex: its servo is hot (57 °C"),
         ({"temperature_c": 67}, Tone.BAD, "let it cool"),
         ({"volts": 5.8}, Tone.WARM, "use a stronger supply"),
         ({"volts": 4.9}, Tone.BAD, "switch the arm's power supply on"),
