@@ -37,7 +37,7 @@ from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 
 if TYPE_CHECKING:
-    from so101_motion.arm.cell import Place
+    from so101_motion.arm.place import Place
 
 PLANS = 3
 """So often a motion is planned that other arms get in the way of before it begins; chosen."""

@@ -120,6 +120,7 @@ class Gripper:
         closed: As given; changes with the calibration.
         opened: Likewise.
         limits: As given; for motions that start from now on.
+        feels: Whether the jaw is stopped by what is between; a simulated one closes through it.
     """
 
     def __init__(
@@ -136,6 +137,7 @@ class Gripper:
         self._latest: Motion | None = None
         self._grabs = False  # whether the latest motion is a grab
         self._force = 1.0
+        self.feels = True
 
     @property
     def q_jaw(self) -> float:

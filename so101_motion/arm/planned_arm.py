@@ -25,7 +25,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength
 
 if TYPE_CHECKING:
-    from so101_motion.arm.cell import Place
+    from so101_motion.arm.place import Place
     from so101_motion.planning.kinematics.model import RobotModel
 
 

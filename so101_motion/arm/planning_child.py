@@ -24,7 +24,7 @@ from so101_motion.common.realtime import restore_normal_priority
 from so101_motion.planning.checkpoint import Abandoned
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamRequest
+    from so101_motion.planning.cell.together import TeamTask
     from so101_motion.planning.planner import Planner
     from so101_motion.planning.request import PlanRequest
 
@@ -99,13 +99,13 @@ class Child:
         planner.warm_up()
         return planner
 
-    def _answer(self, planner: Planner, request: PlanRequest | TeamRequest) -> object:
-        from so101_motion.planning.cell.together import TeamRequest, plan_together
+    def _answer(self, planner: Planner, request: PlanRequest | TeamTask[object]) -> object:
+        from so101_motion.planning.request import PlanRequest
 
         try:
-            if isinstance(request, TeamRequest):
-                return plan_together(planner, request.team)
-            return planner.plan(request)
+            if isinstance(request, PlanRequest):
+                return planner.plan(request)
+            return request.made_by(planner)
         except Abandoned:
             return None
         except So101Error as error:

@@ -21,7 +21,7 @@ from so101_motion.common.child_process import spawn
 from so101_motion.common.errors import So101Error, WorkerError
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamRequest
+    from so101_motion.planning.cell.together import TeamTask
     from so101_motion.planning.request import PlanRequest
 
 HANG_TIMEOUT = 3.0
@@ -81,7 +81,9 @@ class PlanningProcess:
         if isinstance(answer, So101Error):
             raise answer
 
-    def ask(self, request: PlanRequest | TeamRequest, is_unwanted: Callable[[], bool]) -> object:
+    def ask(
+        self, request: PlanRequest | TeamTask[object], is_unwanted: Callable[[], bool]
+    ) -> object:
         """Have a plan made.
 
         Args:

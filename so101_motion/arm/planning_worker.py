@@ -22,16 +22,18 @@ import logging
 import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from so101_motion.arm.planning_process import HANG_TIMEOUT, ChildDied, PlanningProcess
 from so101_motion.common.errors import ConfigError, So101Error, WorkerError
 
 if TYPE_CHECKING:
-    from so101_motion.planning.cell.together import TeamRequest
+    from so101_motion.planning.cell.together import TeamTask
     from so101_motion.planning.request import Plan, PlanRequest
 
 _log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 _ATTEMPTS = 2
 """So many children are asked the same before it is taken as at fault itself. Chosen."""
@@ -106,9 +108,9 @@ class PlanningWorker:
         answer.add_done_callback(self._take_notice)
         return answer
 
-    def plan_together(self, request: TeamRequest) -> Future[dict[str, Plan]]:
-        """Like ``plan``, for several arms at once; each one's plan by its name."""
-        answer: Future[dict[str, Plan]] = self._ask(request)
+    def plan_for_team(self, task: TeamTask[T]) -> Future[T]:
+        """Like ``plan``, for several arms at once."""
+        answer: Future[T] = self._ask(task)
         answer.add_done_callback(self._take_notice)
         return answer
 
@@ -131,7 +133,7 @@ class PlanningWorker:
         for each in self._seats:
             each.close()
 
-    def _ask(self, request: PlanRequest | TeamRequest | None) -> Future[Any]:
+    def _ask(self, request: PlanRequest | TeamTask[Any] | None) -> Future[Any]:
         """A plan, or only a child that is ready; None if nothing is to be planned."""
         answer: Future[Any] = Future()
         with self._lock:
@@ -150,7 +152,7 @@ class PlanningWorker:
 
     # The threads that talk to the children
 
-    def _serve(self, answer: Future[Any], request: PlanRequest | TeamRequest | None) -> None:
+    def _serve(self, answer: Future[Any], request: PlanRequest | TeamTask[Any] | None) -> None:
         if answer.cancelled():
             return
         seat = self._idle.pop()  # there are as many as threads; the one used last is warm
@@ -206,7 +208,7 @@ class _Seat:
         if process is not None:
             process.close()
 
-    def outcome(self, answer: Future[Any], request: PlanRequest | TeamRequest | None) -> object:
+    def outcome(self, answer: Future[Any], request: PlanRequest | TeamTask[Any] | None) -> object:
         """The plan, or None where none was asked for or it was given up."""
         for attempt in range(1, _ATTEMPTS + 1):
             process, is_new = self._living()

@@ -7,11 +7,12 @@ arm that comes to rest has the plan made. Who stops one of them ends the motions
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, InvalidStateError
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import count
+from typing import TYPE_CHECKING, NamedTuple
 
 from so101_motion.common.errors import Interrupted, MotionError
 
@@ -63,12 +64,6 @@ class TeamPlanning:
                 self._planning.add_done_callback(self._hand_out)
         return self._parts[name]
 
-    def watch(self, motions: Mapping[str, Motion]) -> None:
-        """End all motions as soon as one ends early."""
-        for name, motion in motions.items():
-            others = [each for key, each in motions.items() if key != name]
-            motion.future.add_done_callback(partial(_end_others, name, others))
-
     def _hand_out(self, done: Future[dict[str, Plan]]) -> None:
         if done.cancelled():
             return
@@ -92,6 +87,73 @@ class TeamPlanning:
         for part in self._parts.values():
             with suppress(InvalidStateError):
                 part.set_exception(error)
+
+
+class TeamStep(NamedTuple):
+    """One of several common motions.
+
+    Attributes:
+        plan: Gives the plan of each arm by its name; called when all of them rest.
+        then: What an arm does when it has arrived, by its name.
+    """
+
+    plan: Callable[[], Future[dict[str, Plan]]]
+    then: Mapping[str, Callable[[Motion], None]]
+
+
+class TeamSeries:
+    """Several common motions, one after the other. Any thread may call.
+
+    Args:
+        names: The arms.
+        steps: The motions; each is taken when the first arm is done with the one before.
+        made: As for ``TeamPlanning``.
+    """
+
+    def __init__(
+        self,
+        names: Iterable[str],
+        steps: Iterator[TeamStep],
+        made: Callable[[Mapping[str, Plan]], None],
+    ) -> None:
+        self._names, self._steps, self._made = tuple(names), steps, made
+        self._lock = threading.Lock()
+        self._newest: tuple[int, TeamStep, TeamPlanning] | None = None
+
+    def of(self, name: str) -> Iterator[Plan | Callable[[Motion], None]]:
+        """The part of one arm, for ``Arm.start_series``."""
+        for number in count():
+            found = self._step(number)
+            if found is None:
+                return
+            step, planning = found
+            made: list[Plan] = []
+            yield partial(_wait_for_part, planning, name, made)
+            yield from made
+            if name in step.then:
+                yield step.then[name]
+
+    def _step(self, number: int) -> tuple[TeamStep, TeamPlanning] | None:
+        """A step and its planning; no arm is ever more than one step ahead of another."""
+        with self._lock:
+            if self._newest is None or self._newest[0] < number:
+                step = next(self._steps, None)
+                if step is None:
+                    return None
+                planning = TeamPlanning(self._names, step.plan, self._made)
+                self._newest = number, step, planning
+            return self._newest[1:]
+
+
+def _wait_for_part(planning: TeamPlanning, name: str, made: list[Plan], motion: Motion) -> None:
+    made.append(motion.wait_for(planning.part(name)))
+
+
+def end_together(motions: Mapping[str, Motion]) -> None:
+    """End the motions of several arms as soon as one of them ends early."""
+    for name, motion in motions.items():
+        others = [each for key, each in motions.items() if key != name]
+        motion.future.add_done_callback(partial(_end_others, name, others))
 
 
 def _end_others(name: str, others: list[Motion], done: Future[None]) -> None:

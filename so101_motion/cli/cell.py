@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING
 import click
 
 from so101_motion.cli.param_types import IN_FILE, Numbers
-from so101_motion.cli.shared import Verbs, have_agreed, json_option, print_json, quietly
+from so101_motion.cli.shared import (
+    Verbs,
+    busy_message,
+    have_agreed,
+    json_option,
+    print_json,
+    quietly,
+)
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from so101_motion.arm.cell import Cell
+    from so101_motion.arm.motion_handle import Motion
     from so101_motion.common.geometry import Array
     from so101_motion.rig.rig import Rig
     from so101_motion.setup.base_fit import BaseFit
@@ -127,13 +138,7 @@ def move(
         click.echo(f"{' and '.join(plans)}: one motion of {duration:.2f} s", err=True)
         if not yes:
             have_agreed("Move all of them?")
-        motions = opened.cell.start_together(goals)
-        try:
-            for motion in motions.values():
-                motion.result()
-        except KeyboardInterrupt:
-            opened.cell.stop()
-            raise
+        _see_through(opened.cell, opened.cell.start_together(goals))
         q = {name: opened.rigs[name].arm.state.q for name in plans}
     reached = {
         name: [round(float(each), 1) for each in to_deg(values)] for name, values in q.items()
@@ -142,6 +147,65 @@ def move(
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
     for name, values in reached.items():
         click.echo(f"{name}: {values} deg", err=True)
+
+
+@cell.command()
+@click.argument("file", type=IN_FILE)
+@click.argument("giver")
+@click.argument("taker")
+@click.argument("thing", required=False)
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@json_option
+def handover(
+    file: Path, giver: str, taker: str, thing: str | None, yes: bool, as_json: bool
+) -> None:
+    """Pass what GIVER holds into the hand of TAKER, two arms of FILE.
+
+    THING is its name among what FILE says that GIVER holds ("attached"); it may be left out if
+    that is one thing. Where the hands meet and how it is taken is found.
+
+    \b
+    so101 cell handover cell.json left right stick
+    """  # noqa: D301
+    from so101_motion.files.cell_file import read_cell
+    from so101_motion.files.scene_file import attached_to
+    from so101_motion.rig.cell_rigs import open_cell
+
+    known = read_cell(file)
+    if thing is None:
+        held = [each.name for arm in known.arms if arm.name == giver for each in arm.attached]
+        if len(held) != 1:
+            names = ", ".join(held) or "nothing"
+            raise click.UsageError(f"which thing? {file} says that {giver} holds: {names}")
+        thing = held[0]
+    with quietly(), open_cell(known) as opened:
+        with busy_message("looking where the hands can meet ..."):
+            plan = opened.cell.plan_handover(giver, taker, thing)
+        click.echo(f"{thing} from {giver} to {taker}: {plan.duration:.1f} s of motion", err=True)
+        if not yes:
+            have_agreed(f"Is {thing} in the hand of {giver}, and may all arms move?")
+        _see_through(opened.cell, opened.cell.start_handover(plan))
+    if as_json:
+        facts = {"duration_s": plan.duration, "taken": attached_to([plan.taken])[0]}
+        print_json("cell-handover", facts)
+    click.echo(f"{taker} holds {thing} now; {file} still says {giver}", err=True)
+
+
+def _see_through(cell: Cell, motions: Mapping[str, Motion]) -> None:
+    """Wait until all arms have arrived; Ctrl-C stops all of them."""
+    from so101_motion.common.errors import Interrupted, So101Error
+
+    problems = []
+    for motion in motions.values():
+        try:
+            motion.result()
+        except So101Error as error:
+            problems.append(error)
+        except KeyboardInterrupt:
+            cell.stop()
+            raise
+    if problems:  # one ends all; that one says why
+        raise next((each for each in problems if not isinstance(each, Interrupted)), problems[0])
 
 
 def _touch(

@@ -14,7 +14,11 @@ Millimetres and degrees, with the unit in every name, in the frame of the cell::
     }
 
 ``port`` may be left out for arms that are only simulated; the scene may be left out, too. Its
-obstacles stand in the cell's frame; what an arm holds is no part of it.
+obstacles stand in the cell's frame. What an arm holds, in its tool frame, is an entry of the arm::
+
+    {"name": "left", "attached": [
+      {"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140], "mass_kg": 0.05}
+    ]}
 """
 
 from __future__ import annotations
@@ -31,8 +35,8 @@ from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.common.units import to_deg, to_m, to_mm, to_rad
 from so101_motion.files import atomic
-from so101_motion.files.scene_file import scene_from, scene_to
-from so101_motion.planning.collision.scene import LARGEST, Scene
+from so101_motion.files.scene_file import attached_from, attached_to, scene_from, scene_to
+from so101_motion.planning.collision.scene import LARGEST, Attached, Scene
 
 UPRIGHT = 1e-6
 """How far a base may lean for the floor to be the same height all over [rad]; rounding."""
@@ -47,12 +51,14 @@ class CellArm:
         T_cell_base: Where its base stands.
         port: Its serial port; empty for one that is only simulated.
         calibration_id: What LeRobot calls it; empty to use what the servos remember.
+        attached: What it holds.
     """
 
     name: str
     T_cell_base: SE3
     port: str = ""
     calibration_id: str = ""
+    attached: tuple[Attached, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +74,7 @@ class CellFile:
     scene: Scene
 
     def scene_of(self, arm: CellArm) -> Scene:
-        """The scene in the base frame of an arm.
+        """The scene in the base frame of an arm, with what it holds.
 
         Raises:
             ConfigError: There is a floor, and the arm does not stand upright on it.
@@ -83,7 +89,7 @@ class CellFile:
             replace(each, T_base_obstacle=T_base_cell @ each.T_base_obstacle)
             for each in self.scene.obstacles
         )
-        return replace(self.scene, obstacles=obstacles, floor_z=floor_z)
+        return replace(self.scene, obstacles=obstacles, floor_z=floor_z, attached=arm.attached)
 
     def with_bases(self, bases: Mapping[str, SE3]) -> CellFile:
         """The same with some arms elsewhere, by their names."""
@@ -129,7 +135,7 @@ def read_cell(path: Path) -> CellFile:
     if not isinstance(content, Mapping):
         raise ConfigError("cell", content, 'must be an object such as {"arms": [...]}')
     given = Attributes(content, ("arms", "scene"), kind="key of a cell")
-    arms = tuple(_arm(entry) for entry in given.objects("arms"))
+    arms = tuple(_arm(entry, path.parent) for entry in given.objects("arms"))
     if not arms:
         raise ConfigError("arms", content.get("arms"), "must name at least one arm")
     _refuse_twice("name", [each.name for each in arms])
@@ -153,8 +159,8 @@ def write_cell(cell: CellFile, path: Path) -> None:
         raise ConfigError("cell", str(path), f"cannot be written: {error.strerror}") from error
 
 
-def _arm(entry: Mapping[str, object]) -> CellArm:
-    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg")
+def _arm(entry: Mapping[str, object], folder: Path) -> CellArm:
+    known = ("name", "port", "calibration_id", "position_mm", "rpy_deg", "attached")
     given = Attributes(entry, known, kind="key of an arm")
     name = given.text("name", "")
     if not name:
@@ -166,6 +172,7 @@ def _arm(entry: Mapping[str, object]) -> CellArm:
         T_cell_base=T,
         port=given.text("port", ""),
         calibration_id=given.text("calibration_id", ""),
+        attached=attached_from(entry.get("attached", []), folder=folder),
     )
 
 
@@ -191,4 +198,6 @@ def _entry(arm: CellArm) -> dict[str, object]:
             entry[key] = getattr(arm, key)
     entry["position_mm"] = [round(float(each), 3) for each in to_mm(arm.T_cell_base.p)]
     entry["rpy_deg"] = [round(float(each), 4) for each in to_deg(arm.T_cell_base.rpy)]
+    if arm.attached:
+        entry["attached"] = attached_to(arm.attached)
     return entry

@@ -27,7 +27,7 @@ a message names the entry it is about.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -135,9 +135,7 @@ def scene_from(content: object, *, folder: Path | None = Path()) -> Scene:
         floor_z=floor_z,
         margin=_margin(given),
         obstacles=obstacles_from(content.get("obstacles", []), folder=folder),
-        attached=tuple(
-            _attached(entry, folder) for entry in _entries("attached", content.get("attached", []))
-        ),
+        attached=attached_from(content.get("attached", []), folder=folder),
         may_touch=frozenset(frozenset(pair) for pair in pairs),
     )
 
@@ -162,6 +160,27 @@ def obstacles_from(value: object, *, folder: Path | None = Path()) -> tuple[Obst
     return tuple(_obstacle(entry, folder) for entry in _entries("obstacles", value))
 
 
+def attached_from(value: object, *, folder: Path | None = Path()) -> tuple[Attached, ...]:
+    """Make what a gripper holds from a parsed JSON list; arguments as for ``obstacles_from``.
+
+    Raises:
+        ConfigError: An entry cannot be meant.
+    """
+    return tuple(_attached(entry, folder) for entry in _entries("attached", value))
+
+
+def attached_to(attached: Iterable[Attached]) -> list[dict[str, object]]:
+    """Turn what a gripper holds into JSON values; ``attached_from`` reads them back."""
+    return [
+        {
+            **_thing(each.name, read_shape(each.shape), each.T_tool_object),
+            "mass_kg": each.mass,
+            "may_touch": sorted(each.may_touch),
+        }
+        for each in attached
+    ]
+
+
 def scene_to(scene: Scene) -> dict[str, object]:
     """Turn a scene into JSON values; ``scene_from`` reads them back."""
     content: dict[str, object] = {
@@ -176,14 +195,7 @@ def scene_to(scene: Scene) -> dict[str, object]:
         ],
     }
     if scene.attached:
-        content["attached"] = [
-            {
-                **_thing(a.name, read_shape(a.shape), a.T_tool_object),
-                "mass_kg": a.mass,
-                "may_touch": sorted(a.may_touch),
-            }
-            for a in scene.attached
-        ]
+        content["attached"] = attached_to(scene.attached)
     if scene.may_touch:
         content["may_touch"] = sorted(sorted(pair) for pair in scene.may_touch)
     return content

@@ -23,14 +23,13 @@ from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
     ROOM,
-    ArmBodies,
     Meeting,
     bodies_of,
     first_meeting,
     stops_meeting,
 )
 from so101_motion.planning.collision.course import Course, OtherArm
-from so101_motion.planning.collision.scene import Scene, StandingArm
+from so101_motion.planning.collision.scene import Attached, Scene, StandingArm
 from so101_motion.planning.request import Plan, PlanRequest
 from so101_motion.planning.timing.trajectory import Trajectory
 
@@ -88,8 +87,8 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
     first = plan(known)
     if all(each.course.end <= 0.0 for each in request.others):
         return first
-    bodies = bodies_of(request.scene.attached)
-    met = crossing(bodies, Course.along(first.trajectory, request.q_jaw), request.others)
+    held = request.scene.attached
+    met = crossing(held, Course.along(first.trajectory, request.q_jaw), request.others)
     if met is None:
         return first
     wait = earliest_wait(first.trajectory, request)
@@ -103,15 +102,15 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
 
 def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:
     """The shortest wait [s] after which a motion crosses no other arm; None if none helps."""
-    bodies, last = bodies_of(request.scene.attached), max(e.course.end for e in request.others)
+    held, last = request.scene.attached, max(e.course.end for e in request.others)
     met: tuple[str, float] | None = None  # whom the motion met last, and how long after it began
 
     def is_enough(wait: float) -> bool:
         nonlocal met
         course = Course.along(trajectory, request.q_jaw, t=wait)
-        if met is not None and _still_meet(bodies, course, request.others, *met):
+        if met is not None and _still_meet(held, course, request.others, *met):
             return False
-        found = crossing(bodies, course, request.others)
+        found = crossing(held, course, request.others)
         met = None if found is None else (found[0], found[1].t - wait)
         return found is None
 
@@ -124,30 +123,47 @@ def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:
 
 
 def _still_meet(
-    bodies: ArmBodies, course: Course, others: Sequence[OtherArm], name: str, after: float
+    held: tuple[Attached, ...],
+    course: Course,
+    others: Sequence[OtherArm],
+    name: str,
+    after: float,
 ) -> bool:
     """Whether a course still meets another arm so long after its beginning [s]; a quick no."""
     [other] = [each for each in others if each.name == name]
     at = np.array([course.t + after])
     mine, theirs = (Course(t=0.0, dt=1.0, q=each.at(at)) for each in (course, other.course))
-    pair = (bodies, mine), (bodies_of(other.attached), theirs)
+    pair = (bodies_of(held, name), mine), (bodies_of(other.attached), theirs)
     return first_meeting(*pair, other.T_base_other, since=0.0, room=SURELY * ROOM) is not None
 
 
 def crossing(
-    bodies: ArmBodies, course: Course, others: Sequence[OtherArm], *, since: float = 0.0
+    held: tuple[Attached, ...],
+    course: Course,
+    others: Sequence[OtherArm],
+    *,
+    since: float = 0.0,
 ) -> tuple[str, Meeting] | None:
-    """The arm that a course comes too near to, and where; None if it keeps away from all."""
+    """The arm that a course comes too near to, and where; None if it keeps away from all.
+
+    Args:
+        held: What the arm holds.
+        course: What it is about to do.
+        others: The other arms.
+        since: From when on to look [s].
+    """
     for other in others:
-        meeting = _meeting(bodies, course, other, since)
+        meeting = _meeting(held, course, other, since)
         if meeting is not None:
             return other.name, meeting
     return None
 
 
-def _meeting(bodies: ArmBodies, course: Course, other: OtherArm, since: float) -> Meeting | None:
+def _meeting(
+    held: tuple[Attached, ...], course: Course, other: OtherArm, since: float
+) -> Meeting | None:
     mine, theirs, T = (
-        (bodies, course),
+        (bodies_of(held, other.name), course),
         (bodies_of(other.attached), other.course),
         other.T_base_other,
     )
@@ -172,7 +188,7 @@ def _around(
 
     Where a motion would meet another arm, that arm is taken to stand as well, and so on.
     """
-    bodies, others = bodies_of(request.scene.attached), {each.name: each for each in request.others}
+    held, others = request.scene.attached, {each.name: each for each in request.others}
     known = replace(request, others=(), time_budget=min(request.time_budget, TRIED))
     q_others: dict[str, list[Array]] = {name: [each.course.q[-1]] for name, each in others.items()}
     for _ in range(DETOURS):
@@ -186,7 +202,7 @@ def _around(
         if found.report.departure or (last is not None and found.duration >= last):
             return None
         course = Course.along(found.trajectory, request.q_jaw)
-        crossed = crossing(bodies, course, request.others)
+        crossed = crossing(held, course, request.others)
         if crossed is None:
             return replace(found, report=replace(found.report, waits_for=(*others,)))
         met = crossed

@@ -88,9 +88,14 @@ def _free_pose(file: CellFile) -> Array | None:
     checks = [CollisionModel(model, file.scene_of(arm)) for arm in simulated]
 
     def is_free(q: Array) -> bool:
-        standing = bodies_of(), Course.resting(q, JAW_CLOSED)
+        course = Course.resting(q, JAW_CLOSED)
         return all(each.first_contact(q, JAW_CLOSED) is None for each in checks) and all(
-            first_meeting(standing, standing, a.T_cell_base.inverse @ b.T_cell_base, since=0.0)
+            first_meeting(
+                (bodies_of(a.attached), course),
+                (bodies_of(b.attached), course),
+                a.T_cell_base.inverse @ b.T_cell_base,
+                since=0.0,
+            )
             is None
             for a, b in combinations(simulated, 2)
         )

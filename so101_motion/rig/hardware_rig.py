@@ -74,6 +74,7 @@ def open_simulated(
     clock = clock or MonotonicClock()
     driver = SimArm(clock, q=q_start, q_jaw=q_jaw_start)
     rig = Rig(driver, clock=clock, speed=speed, acceleration=acceleration, scene=scene or Scene())
+    rig.gripper.feels = False
     rig.warm_up()
     return rig
 

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, permutations
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing
 from so101_motion.planning.collision.apart import ROOM, are_apart, bodies_of, first_meeting
 from so101_motion.planning.collision.course import Course, OtherArm
+from so101_motion.planning.collision.scene import as_seen_by
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import joined
 from so101_motion.planning.paths.path import SPACING
@@ -48,6 +50,16 @@ SPARE = 0.005
 
 MOST_ORDERS = 6
 """In so many orders arms are planned for one after the other; chosen, all orders of three."""
+
+
+T_co = TypeVar("T_co", covariant=True)
+
+
+class TeamTask(Protocol[T_co]):
+    """Something that is planned for several arms."""
+
+    def made_by(self, planner: Planner) -> T_co:
+        """Plan it; raises what the planner raises."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +86,7 @@ class TeamMember:
             name=self.name,
             T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
             course=course,
-            attached=self.request.scene.attached,
+            attached=as_seen_by(other.name, self.request.scene.attached),
         )
 
 
@@ -87,6 +99,10 @@ class TeamRequest:
     """
 
     team: tuple[TeamMember, ...]
+
+    def made_by(self, planner: Planner) -> dict[str, Plan]:
+        """The plan of each arm; see ``plan_together``."""
+        return plan_together(planner, self.team)
 
 
 def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
@@ -217,7 +233,7 @@ def _keep_apart(team: Sequence[TeamMember], trajectories: Sequence[Trajectory]) 
     for (a, one), (b, other) in combinations(zip(team, trajectories, strict=True), 2):
         course = Course.along(one, a.request.q_jaw)
         seen = b.seen_from(a, Course.along(other, b.request.q_jaw))
-        if crossing(bodies_of(a.request.scene.attached), course, [seen]) is not None:
+        if crossing(a.request.scene.attached, course, [seen]) is not None:
             return False
     return True
 

@@ -2,7 +2,8 @@
 
 The compiled library does it (``native/apart.c``, which says how); without it the same is done here
 with coal, some hundred times slower. Bodies are those of ``bodies.py``: hulls that contain the real
-parts, and what an arm holds.
+parts, and what an arm holds. What is passed from hand to hand need not keep off the gripper and the
+jaw of the arm that takes it; everything else of both arms keeps apart as ever.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import pinocchio as pin
 
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.batch_check import BatchCheck, pointer
-from so101_motion.planning.collision.bodies import bodies_in
+from so101_motion.planning.collision.bodies import bodies_without
 from so101_motion.planning.collision.course import Course, stopping
-from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.collision.scene import HOLDERS, Attached, Scene
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.native.library import native
 
@@ -71,21 +72,32 @@ class ArmBodies:
     Args:
         model: The arm.
         attached: What it holds.
+        left_out: Names of bodies that are not looked at.
+        passed: Names of things that the other arm may touch with its hand.
 
     Attributes:
+        passed: The same.
         names: What messages call them.
         levers: How far from each joint's axis any point of each body can be, shape (n, 6), [m].
         handle: The compiled library's form of them; None without it.
     """
 
-    def __init__(self, model: RobotModel, attached: tuple[Attached, ...] = ()) -> None:
-        self.model = model.pin_model
-        bodies = bodies_in(self.model, Scene(attached=attached, floor_z=None))
+    def __init__(
+        self,
+        model: RobotModel,
+        attached: tuple[Attached, ...] = (),
+        left_out: frozenset[str] = frozenset(),
+        passed: frozenset[str] = frozenset(),
+    ) -> None:
+        self.model, self.passed = model.pin_model, passed
+        self._robot, self._attached = model, attached
+        bodies = bodies_without(self.model, attached, left_out)
         self.objects = list(bodies.geometry.geometryObjects)
         self.names = tuple(each.name for each in self.objects)
         offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
         self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
         self.levers_pointer = pointer(self.levers)
+        self._without = dict[frozenset[str], ArmBodies]()
         self._batch = None
         if native().library is not None:
             self._batch = BatchCheck(self.model, bodies, 0.0)
@@ -94,6 +106,12 @@ class ArmBodies:
     def handle(self) -> ctypes.c_void_p | None:
         """Where the compiled library has them."""
         return None if self._batch is None else self._batch.scene
+
+    def without(self, left_out: frozenset[str]) -> ArmBodies:
+        """The same but for some bodies."""
+        if left_out not in self._without:
+            self._without[left_out] = ArmBodies(self._robot, self._attached, left_out)
+        return self._without[left_out]
 
     def travel(self, q: Array) -> Array:
         """How far each body moves at most from one configuration (n, 6) to the next, (n-1, k)."""
@@ -113,14 +131,34 @@ def _model() -> RobotModel:
 
 
 @lru_cache(maxsize=32)
-def bodies_of(attached: tuple[Attached, ...] = ()) -> ArmBodies:
-    """The bodies of an SO-101 that holds ``attached``; made once for things that look alike."""
-    return _bodies_in(Scene(attached=attached, floor_z=None))
+def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> ArmBodies:
+    """The bodies of an SO-101 that holds ``attached``; made once for things that look alike.
+
+    Args:
+        attached: What it holds.
+        to: The arm that they are held against, which may touch what is passed to it; None for
+            whichever it is.
+    """
+    return _bodies_in(Scene(attached=attached, floor_z=None), to)
 
 
 @lru_cache(maxsize=32)
-def _bodies_in(scene: Scene) -> ArmBodies:
-    return ArmBodies(_model(), scene.attached)
+def _bodies_in(scene: Scene, to: str | None) -> ArmBodies:
+    passed = (e.name for e in scene.attached if e.passed_to and to in (None, e.passed_to))
+    return ArmBodies(_model(), scene.attached, passed=frozenset(passed))
+
+
+def _groups(a: ArmBodies, b: ArmBodies) -> Sequence[tuple[ArmBodies, ArmBodies]]:
+    """Which bodies of two arms must keep apart: all, if nothing is passed from hand to hand."""
+    passed = a.passed | b.passed
+    if not passed:
+        return ((a, b),)
+    hands, groups = passed | HOLDERS, [(a.without(passed), b.without(passed))]
+    if a.passed:
+        groups.append((a.without(frozenset(a.names) - a.passed), b.without(hands)))
+    if b.passed:
+        groups.append((a.without(hands), b.without(frozenset(b.names) - b.passed)))
+    return groups
 
 
 def first_meeting(
@@ -145,6 +183,21 @@ def first_meeting(
         early: How much one may be ahead of the other [s]: the faster both are, the further apart
             they must stay.
     """
+    met = (
+        _first_meeting((a, first[1]), (b, second[1]), T_first_second, since, room, early)
+        for a, b in _groups(first[0], second[0])
+    )
+    return min(filter(None, met), default=None)
+
+
+def _first_meeting(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    since: float,
+    room: float,
+    early: float,
+) -> Meeting | None:
     a, b = first[0], second[0]
     if a.handle is not None and b.handle is not None:
         return _told(
@@ -231,17 +284,21 @@ def stops_meeting(
         room: How far they must stay apart [m].
         early: As in ``first_meeting`` [s].
     """
-    a, b = first[0], second[0]
-    end, since = min(first[1].end, second[1].end), max(since, first[1].t, second[1].t)
+    (a, one), (b, other) = first, second
+    end, since = min(one.end, other.end), max(since, one.t, other.t)
     if a.handle is None or b.handle is None:
         for t in np.arange(since, end, every):
-            stops = (a, stopping(first[1], t)), (b, stopping(second[1], t))
+            stops = (a, stopping(one, t)), (b, stopping(other, t))
             met = first_meeting(*stops, T_first_second, since=float(t), room=room, early=early)
             if met is not None:
                 return met
         return None
     figures = since, end, every, STEP, room, early
-    return _told("so101_stops_apart", first, second, T_first_second, figures)
+    told = (
+        _told("so101_stops_apart", (mine, one), (theirs, other), T_first_second, figures)
+        for mine, theirs in _groups(a, b)
+    )
+    return min(filter(None, told), default=None)
 
 
 def _told(

@@ -21,6 +21,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import coal
@@ -159,7 +160,24 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
     allowed |= {
         frozenset((held.name, other)) for held in scene.attached for other in held.may_touch
     }
+    for arm in scene.arms:
+        allowed |= _passed(scene.attached, arm)
     return gathered.bodies(allowed, scene.margin)
+
+
+def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
+    """The bodies of an arm and of what it holds, but for some; no pair of them is checked."""
+    movers = [*_held(model, attached), *reversed(list(_links(model)))]
+    kept = [each for each in movers if each.name not in left_out]
+    return _Gathered(model, kept).bodies(set(), 0.0)
+
+
+def _passed(attached: tuple[Attached, ...], other: StandingArm) -> set[frozenset[str]]:
+    """The pairs that may touch because an arm and one that stands pass something on."""
+    given = {each.name for each in attached if each.passed_to == other.name}
+    taken = {each.name for each in other.attached if each.passed_to}
+    pairs = (*product(given, HOLDERS), *product(HOLDERS | given, taken))
+    return {frozenset((mine, other.called(theirs))) for mine, theirs in pairs}
 
 
 def around_base(model: Any, scene: Scene) -> str | None:
@@ -346,6 +364,11 @@ def _hulls() -> dict[str, tuple[str, Any]]:
     }
 
 
+def hull_of(link: str) -> Any:
+    """The hull of a link by its name in the URDF, in its frame; coal's."""
+    return _hulls()[link][1]
+
+
 @lru_cache(maxsize=64)
 def _widened(link: str, radius: float) -> Any:
     """The hull of a link, widened all around by a radius [m]."""
@@ -373,5 +396,8 @@ def _levers(model: Any, movers: list[_Mover]) -> MotionBounds:
     offsets = [model.jointPlacements[joint] for joint in joints]
     return MotionBounds(
         [SE3(each.rotation, each.translation) for each in offsets],
-        [np.concatenate([each.points for each in movers if each.joint == j]) for j in joints],
+        [
+            np.concatenate([np.zeros((1, 3)), *(e.points for e in movers if e.joint == j)])
+            for j in joints
+        ],
     )

@@ -139,7 +139,7 @@ class OtherArm:
         name: What messages call it.
         T_base_other: Where its base is in that of the arm that is planned for.
         course: What it is about to do; 0 is when the planned motion may begin at the earliest.
-        attached: What it holds.
+        attached: What it holds; what is passed to anybody is passed to the arm that is planned for.
     """
 
     name: str

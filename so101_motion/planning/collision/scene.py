@@ -215,6 +215,8 @@ class Attached:
         mass: [kg].
         may_touch: Names of bodies (links by their human names, obstacles, ``"floor"``) it may be
             in contact with, beside the gripper and the jaw that hold it.
+        passed_to: The name of another arm whose gripper and jaw may touch it as well, for it is
+            passed from hand to hand; empty for none.
     """
 
     name: str
@@ -222,12 +224,22 @@ class Attached:
     T_tool_object: SE3
     mass: float = 0.0
     may_touch: frozenset[str] = frozenset()
+    passed_to: str = ""
 
     def __post_init__(self) -> None:
         _named(self.name)
         _placed(self.name, self.T_tool_object)
         if not 0.0 <= self.mass < LARGEST:
             raise ConfigError("mass", self.mass, f'of "{self.name}" must be 0 to {LARGEST:g} kg')
+
+
+def as_seen_by(name: str, attached: tuple[Attached, ...]) -> tuple[Attached, ...]:
+    """What an arm holds, as the arm of that name has to know it: what others take is not for it."""
+    if all(each.passed_to in ("", name) for each in attached):
+        return attached
+    return tuple(
+        each if each.passed_to == name else replace(each, passed_to="") for each in attached
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -238,7 +250,7 @@ class StandingArm:
         name: What messages call it; different for each in a scene.
         T_base_arm: Where its base is.
         q: Its five joints and its jaw, shape (n, 6), n >= 1, [rad].
-        attached: What it holds.
+        attached: What it holds; what is passed to anybody is passed to the arm of this scene.
         room: How far it must be stayed away from, beyond the scene's margin [m].
     """
 
@@ -390,7 +402,7 @@ def _digest(scene: Scene) -> bytes:
         add_shape(each.shape)
 
     def add_held(held: Attached) -> None:
-        add("held", held.name, held.mass, sorted(held.may_touch))
+        add("held", held.name, held.mass, sorted(held.may_touch), held.passed_to)
         add(held.T_tool_object.R, held.T_tool_object.p)
         add_shape(held.shape)
 

@@ -100,8 +100,10 @@ def program_from(content: Mapping[str, object]) -> Program:
     if not isinstance(given, list):
         raise ConfigError("waypoints", given, "must be a list of waypoints")
     return Program(
-        waypoints=tuple(_waypoint(number, each) for number, each in enumerate(given, 1)),
-        rounds=_rounds(content.get("rounds", 1)),
+        waypoints=tuple(
+            waypoint_from(f"waypoint {number}", each) for number, each in enumerate(given, 1)
+        ),
+        rounds=rounds_from(content.get("rounds", 1)),
     )
 
 
@@ -116,9 +118,8 @@ def write(program: Program, path: Path) -> None:
 
 def program_to(program: Program) -> dict[str, object]:
     """A program as JSON values; ``program_from`` reads them back."""
-    rounds = _ENDLESS if program.rounds is None else program.rounds
-    waypoints = [_written(waypoint) for waypoint in program.waypoints]
-    return {"rounds": rounds, "waypoints": waypoints}
+    waypoints = [waypoint_to(waypoint) for waypoint in program.waypoints]
+    return {"rounds": rounds_to(program.rounds), "waypoints": waypoints}
 
 
 def delete(name: str) -> None:
@@ -134,7 +135,13 @@ def delete(name: str) -> None:
         raise ConfigError("program", name, f"cannot be removed: {error.strerror}") from error
 
 
-def _rounds(given: object) -> int | None:
+def rounds_to(rounds: int | None) -> int | str:
+    """A number of rounds as a JSON value."""
+    return _ENDLESS if rounds is None else rounds
+
+
+def rounds_from(given: object) -> int | None:
+    """A number of rounds from a JSON value; None for endless."""
     if given == _ENDLESS:
         return None
     if isinstance(given, bool) or not isinstance(given, int):
@@ -142,7 +149,8 @@ def _rounds(given: object) -> int | None:
     return given
 
 
-def _written(waypoint: Waypoint) -> dict[str, object]:
+def waypoint_to(waypoint: Waypoint) -> dict[str, object]:
+    """A waypoint as JSON values; ``waypoint_from`` reads them back."""
     content: dict[str, object] = {
         "name": waypoint.name,
         "q_deg": user_storage.joints_to_deg(waypoint.q),
@@ -158,8 +166,16 @@ def _written(waypoint: Waypoint) -> dict[str, object]:
     return content
 
 
-def _waypoint(number: int, content: object) -> Waypoint:
-    what = f"waypoint {number}"
+def waypoint_from(what: str, content: object) -> Waypoint:
+    """A waypoint from the parsed JSON of a file.
+
+    Args:
+        what: What messages call it, and its name if it has none.
+        content: As ``json`` reads it.
+
+    Raises:
+        ConfigError: Something in it cannot be meant.
+    """
     if not isinstance(content, Mapping):
         raise ConfigError(what, content, 'must be {"name": ..., "q_deg": [...]}')
     try:

@@ -23,6 +23,18 @@ MOST_ROUNDS = 10_000
 """How often a program may be run in a row unless it is endless. Chosen."""
 
 
+def check_rounds(rounds: int | None) -> None:
+    """Refuse a number of rounds that cannot be meant; None is endless.
+
+    Raises:
+        ConfigError: It is too large, too small, or no whole number.
+    """
+    if rounds is not None:
+        checked_number("rounds", rounds, lower=1, upper=MOST_ROUNDS, unit="times")
+        if rounds != int(rounds):
+            raise ConfigError("rounds", rounds, "must be a whole number")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Waypoint:
     """A place of the arm, the jaw's aperture there, and a pause; or a place it only passes.
@@ -78,10 +90,7 @@ class Program:
             raise ConfigError(
                 "waypoints", len(self.waypoints), f"are more than {MOST}; make two programs"
             )
-        if self.rounds is not None:
-            checked_number("rounds", self.rounds, lower=1, upper=MOST_ROUNDS, unit="times")
-            if self.rounds != int(self.rounds):
-                raise ConfigError("rounds", self.rounds, "must be a whole number")
+        check_rounds(self.rounds)
 
     def __len__(self) -> int:
         return len(self.waypoints)

@@ -35,11 +35,11 @@ from so101_motion.tasks.program.rehearsal import (
     stands_at,
 )
 
-_SAME_JAW = to_rad(5.0)
+SAME_JAW = to_rad(5.0)
 """A jaw that stands nearer than this to what a leg was planned with is as planned [rad]; chosen:
 3 mm between the tips, less than a plan keeps clear of things by."""
 
-_ARRIVED = to_rad(2.0)
+ARRIVED = to_rad(2.0)
 """An arm that stands nearer than this to its waypoint has arrived [rad], for not every arm keeps to
 the last digit where it was sent; beyond, somebody has moved it. Chosen."""
 
@@ -128,9 +128,9 @@ class ProgramRun:
     def _checked(self, leg: ProgramLeg, q: Array, q_jaw: float) -> ProgramLeg:
         """The planned leg, or a new plan if arm and jaw are elsewhere."""
         state = self._arm.state
-        if float(np.max(np.abs(q - state.q_ref))) > _ARRIVED:
+        if float(np.max(np.abs(q - state.q_ref))) > ARRIVED:
             raise MotionError("the arm has been moved meanwhile; plan the program again")
-        as_planned = stands_at(q, state.q_ref) and abs(state.q_jaw_ref - q_jaw) <= _SAME_JAW
+        as_planned = stands_at(q, state.q_ref) and abs(state.q_jaw_ref - q_jaw) <= SAME_JAW
         if leg.plan is None or as_planned:
             return leg
         try:

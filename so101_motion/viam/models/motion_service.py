@@ -57,10 +57,10 @@ from so101_motion.viam.models.dependencies import sources
 from so101_motion.viam.models.for_an_arm import ServiceForAnArm, arm_here
 from so101_motion.viam.requests.await_motion import TurnQueue
 from so101_motion.viam.requests.commands import Request, answer
-from so101_motion.viam.requests.together import move_together
+from so101_motion.viam.requests.together import hand_over, move_together, set_held
 from so101_motion.viam.surroundings.machine_cell import refuse_through
 
-_KEYS = ("plan", "preview", "execute", "move_together")
+_KEYS = ("plan", "preview", "execute", "move_together", "holds", "handover")
 _COMPONENT = "component"  # what the planner calls the frame of a component that is not the arm
 
 
@@ -147,12 +147,12 @@ class So101Motion(ServiceForAnArm, MotionService):
             return PoseInFrame(reference_frame=destination_frame or WORLD, pose=pose)
 
     async def do_command(self, command: Mapping[str, Any], **kwargs: Any) -> Mapping[str, Any]:
-        """Answer ``plan``, ``preview``, ``execute`` and ``move_together``.
+        """Answer ``plan``, ``preview``, ``execute``, and what several arms do together.
 
         ``{"plan": <MoveRequest as JSON>}`` gives the joint angles of the path [rad], as the builtin
         service does; ``preview`` the same with what is known of it; ``{"execute": <that>}``
-        moves along the angles, from where the arm stands. ``move_together``:
-        ``viam/requests/together.py``.
+        moves along the angles, from where the arm stands. ``move_together``, ``holds`` and
+        ``handover``: ``viam/requests/together.py``.
         """
         with grpc_statuses():
             return await answer(command, {}, self._by_key, _KEYS)
@@ -174,6 +174,12 @@ class So101Motion(ServiceForAnArm, MotionService):
         if given.given("move_together"):
             await move_together(request["move_together"], ArmResource.here, self._seen_through)
             result["move_together"] = True
+        if given.given("holds"):
+            await set_held(request["holds"], ArmResource.here)
+            result["holds"] = True
+        if given.given("handover"):
+            asked = request["handover"]
+            result["handover"] = await hand_over(asked, ArmResource.here, self._seen_through)
         return result
 
     async def _execute(self, steps: object) -> None:

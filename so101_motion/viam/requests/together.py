@@ -1,16 +1,23 @@
-"""``move_together`` of the motion service: several arms move to goals in one motion.
+"""What the motion service does with several arms of one cell at once.
 
 ``{"move_together": {"left": {"joints_deg": [0, -40, 40, 60, 0]}, "right": {"pose": {"x": 200,
-"z": 150, "o_z": 1}}}}``: joint angles [deg], or a pose of the tool in that arm's base frame [mm,
-deg] as for MoveToPosition. The arms share a cell (``viam/surroundings/machine_cell.py``);
-those that are not named hold still.
+"z": 150, "o_z": 1}}}}``: one motion to joint angles [deg], or poses of the tool in that arm's base
+frame [mm, deg] as for MoveToPosition. Arms that are not named hold still.
+
+``{"holds": {"left": [{"name": "stick", "box_mm": [20, 20, 140], "position_mm": [0, 0, 140],
+"mass_kg": 0.05}]}}`` says what an arm has in its hand from now on, in its tool frame;
+``[]`` for nothing. ``{"handover": {"from": "left", "to": "right", "object": "stick"}}`` passes it
+on.
+
+The arms share a cell (``viam/surroundings/machine_cell.py``).
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from viam.proto.common import Pose
 
@@ -18,19 +25,22 @@ from so101_motion.arm.motion_handle import Motion
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.state import ARM_JOINTS
+from so101_motion.files.scene_file import attached_from, attached_to
 from so101_motion.planning.goals import Goal, JointGoal
 from so101_motion.viam.conversion import convert
 
 if TYPE_CHECKING:
+    from so101_motion.arm.cell import Cell
+    from so101_motion.planning.collision.scene import Scene
     from so101_motion.viam.models.arm_resource import ArmResource
+
+SeenThrough = Callable[["ArmResource", Motion], Awaitable[None]]
 
 _POSE = ("x", "y", "z", "o_x", "o_y", "o_z", "theta")
 
 
 async def move_together(
-    asked: object,
-    arms: Mapping[str, ArmResource],
-    seen_through: Callable[[ArmResource, Motion], Awaitable[None]],
+    asked: object, arms: Mapping[str, ArmResource], seen_through: SeenThrough
 ) -> None:
     """Move several arms to goals in one motion; returns when all have arrived.
 
@@ -44,22 +54,91 @@ async def move_together(
         So101Error: What one of the motions raises.
     """
     goals = _goals(asked, arms)
-    for name in goals:
+    cell, scenes = await _cell_of("move_together", list(goals), arms)
+    await _all_seen_through(cell.start_together(goals, scenes=scenes), arms, seen_through)
+
+
+async def hand_over(
+    asked: object, arms: Mapping[str, ArmResource], seen_through: SeenThrough
+) -> Any:
+    """Pass a thing from one hand to another; returns when it has been passed.
+
+    Args:
+        asked: Who gives what to whom, as in the request.
+        arms: The arms of this process.
+        seen_through: As for ``move_together``.
+
+    Returns:
+        The thing in the hand of the arm that has taken it, as an entry of ``holds``.
+
+    Raises:
+        ConfigError: It cannot be meant, or the arms do not know each other.
+        So101Error: What one of the motions raises.
+    """
+    if not isinstance(asked, Mapping):
+        raise ConfigError("handover", asked, 'must be {"from": ..., "to": ..., "object": ...}')
+    given = Attributes(asked, ("from", "to", "object"), kind="key of a handover")
+    giver, taker = (_known(given.text(key, ""), arms, "handover") for key in ("from", "to"))
+    cell, scenes = await _cell_of("handover", [giver, taker], arms)
+    plan = await asyncio.to_thread(
+        cell.plan_handover, giver, taker, given.text("object", ""), scenes=scenes
+    )
+    await _all_seen_through(cell.start_handover(plan), arms, seen_through)
+    return attached_to([plan.taken])[0]
+
+
+async def set_held(asked: object, arms: Mapping[str, ArmResource]) -> None:
+    """Say what arms have in their hands.
+
+    Args:
+        asked: The things by arm, as in the request.
+        arms: The arms of this process.
+
+    Raises:
+        ConfigError: Something cannot be meant; nothing has changed.
+    """
+    if not isinstance(asked, Mapping):
+        raise ConfigError("holds", asked, 'must be things by arm: {"left": [...]}')
+    scenes = {}
+    for name, entries in asked.items():
+        arm = arms[_known(str(name), arms, "holds")].rig.arm
+        held = await asyncio.to_thread(attached_from, entries, folder=None)
+        scenes[name] = replace(arm.scene, attached=held)
+    for name, scene in scenes.items():
+        arms[name].rig.arm.scene = scene
+
+
+def _known(name: str, arms: Mapping[str, ArmResource], key: str) -> str:
+    if name not in arms:
+        raise ConfigError(key, name, suggest(name, arms))
+    return name
+
+
+async def _cell_of(
+    key: str, names: Sequence[str], arms: Mapping[str, ArmResource]
+) -> tuple[Cell, dict[str, Scene]]:
+    """The cell that arms share, and what is around each of its arms."""
+    for name in names:
         await arms[name].ready()
-    first = arms[next(iter(goals))]
+    first = arms[names[0]]
     scenes = {first.short_name: await first.surroundings.around(first.rig.arm.scene)}
     place = first.rig.arm.place
-    if place is None or not set(goals) <= place.cell.places.keys():
+    if place is None or not set(names) <= place.cell.places.keys():
         raise ConfigError(
-            "move_together",
-            sorted(goals),
+            key,
+            sorted(names),
             "are arms that do not know each other; each needs a frame in the machine's"
             ' configuration, and time must pass for all alike ("simulate_time")',
         )
     for name in place.cell.places.keys() - scenes.keys():
         arm = arms[name]
         scenes[name] = await arm.surroundings.around(arm.rig.arm.scene)
-    motions = place.cell.start_together(goals, scenes=scenes)
+    return place.cell, scenes
+
+
+async def _all_seen_through(
+    motions: Mapping[str, Motion], arms: Mapping[str, ArmResource], seen_through: SeenThrough
+) -> None:
     waiting = [asyncio.ensure_future(seen_through(arms[each], m)) for each, m in motions.items()]
     try:
         await asyncio.gather(*waiting)
@@ -74,8 +153,7 @@ def _goals(asked: object, arms: Mapping[str, ArmResource]) -> dict[str, Goal]:
         raise ConfigError("move_together", asked, 'must be goals by arm: {"left": {...}, ...}')
     goals = {}
     for name, value in asked.items():
-        if name not in arms:
-            raise ConfigError("move_together", name, suggest(str(name), arms))
+        _known(str(name), arms, "move_together")
         if not isinstance(value, Mapping):
             raise ConfigError(name, value, 'must be {"joints_deg": [...]} or {"pose": {...}}')
         given = Attributes(value, ("joints_deg", "pose"), kind="key")

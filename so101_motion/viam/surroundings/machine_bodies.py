@@ -24,7 +24,7 @@ from viam.errors import ResourceNotFoundError
 from viam.proto.common import Geometry, Pose, PoseInFrame, ResourceName
 from viam.proto.robot import FrameSystemConfig
 
-from so101_motion.arm.cell import ALL
+from so101_motion.arm.place import ALL
 from so101_motion.common.errors import ConfigError, SurroundingsUnknown, clipped
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision.scene import Attached, Shape, ShapeFile

@@ -15,7 +15,8 @@ from typing import Protocol
 
 from viam.proto.service.motion import Constraints
 
-from so101_motion.arm.cell import Cell, Place, RigWithExecutor
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.place import Place, RigWithExecutor
 from so101_motion.common.clock import Clock, MonotonicClock
 from so101_motion.common.errors import ConfigError, So101Error
 from so101_motion.common.geometry import SE3

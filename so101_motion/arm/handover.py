@@ -1,0 +1,147 @@
+"""Carry a planned handover out: each arm's part, and when it waits for the other.
+
+Each arm has one motion from the beginning to the end, so who stops one of them ends it for all.
+What the arms hold changes in their scenes: before the taker goes to the thing, its hand may touch
+it; when its jaw has closed, both hold it; when the giver has left, the taker alone does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from so101_motion.arm.gripper import set_jaw
+from so101_motion.common.errors import MotionError
+
+if TYPE_CHECKING:
+    from so101_motion.arm.gripper import Gripper
+    from so101_motion.arm.motion_handle import Motion
+    from so101_motion.arm.place import Place
+    from so101_motion.planning.cell.handover import Handover
+    from so101_motion.planning.collision.scene import Attached
+    from so101_motion.planning.request import Plan
+
+
+class HandoverRun:
+    """What the arms of a cell do in a handover.
+
+    Args:
+        places: The arms.
+        plan: What was planned.
+    """
+
+    def __init__(self, places: Mapping[str, Place], plan: Handover) -> None:
+        self._plan, self._giver, self._taker = plan, places[plan.giver], places[plan.taker]
+        self._offered, self._taken, self._left = Future[None](), Future[None](), Future[None]()
+
+    def steps(
+        self, place: Place, approach: Callable[[str], Future[Plan]]
+    ) -> Iterator[Plan | Callable[[Motion], None]]:
+        """What one arm does; see ``Arm.start_series``.
+
+        Args:
+            place: The arm.
+            approach: Says that an arm is ready, and completes with its first motion when all are.
+        """
+        if place is self._giver:
+            yield self._hold
+        elif place is self._taker:
+            yield partial(_open, place.gripper, self._plan.q_jaw_open)
+        ready: list[Plan] = []
+        yield lambda motion: ready.append(motion.wait_for(approach(place.name)))
+        yield from ready
+        if place is self._giver:
+            yield from self._giving()
+        elif place is self._taker:
+            yield from self._taking()
+
+    def _giving(self) -> Iterator[Plan | Callable[[Motion], None]]:
+        plan, place = self._plan, self._giver
+        _take_up(place, replace(plan.thing, passed_to=plan.taker))
+        self._offered.set_result(None)
+        yield lambda motion: motion.wait_for(_shared(self._taken))
+        yield partial(_open, place.gripper, plan.q_jaw_free)
+        _put_down(place, plan.thing)
+        yield plan.leave
+        _take_up(self._taker, plan.taken)
+        self._left.set_result(None)
+
+    def _taking(self) -> Iterator[Plan | Callable[[Motion], None]]:
+        plan, place = self._plan, self._taker
+        yield lambda motion: motion.wait_for(_shared(self._offered))
+        yield plan.take
+        yield self._close
+        _take_up(place, replace(plan.taken, passed_to=plan.giver))
+        self._taken.set_result(None)
+        yield lambda motion: motion.wait_for(_shared(self._left))
+
+    def _hold(self, motion: Motion) -> None:
+        """Have the giver press on the thing, if it does not yet.
+
+        Raises:
+            MotionError: There is nothing in its hand.
+        """
+        gripper = self._giver.gripper
+        if not gripper.feels or gripper.is_holding:
+            return
+        set_jaw(gripper, 0.0, motion)
+        self._refuse_empty(self._giver)
+
+    def _close(self, motion: Motion) -> None:
+        """Close the taker's jaw on the thing.
+
+        Raises:
+            MotionError: There was nothing.
+        """
+        gripper = self._taker.gripper
+        if not gripper.feels:
+            set_jaw(gripper, _aperture(gripper, self._plan.q_jaw_closed), motion)
+            return
+        set_jaw(gripper, 0.0, motion)
+        self._refuse_empty(self._taker)
+
+    def _refuse_empty(self, place: Place) -> None:
+        if not place.gripper.is_holding:
+            plan = self._plan
+            still = "" if place is self._giver else f"; {plan.giver} still holds it"
+            raise MotionError(
+                f"{place.name} has closed its jaw and holds nothing, so '{plan.thing.name}' cannot"
+                f" be passed from {plan.giver} to {plan.taker}{still}"
+            )
+
+
+def _open(gripper: Gripper, q_jaw: float, motion: Motion) -> None:
+    set_jaw(gripper, _aperture(gripper, q_jaw), motion)
+
+
+def _aperture(gripper: Gripper, q_jaw: float) -> float:
+    share = (q_jaw - gripper.closed) / (gripper.opened - gripper.closed)
+    return min(max(share, 0.0), 1.0)
+
+
+def _take_up(place: Place, thing: Attached) -> None:
+    """Have an arm hold a thing from now on, in place of what it held by that name."""
+    scene = place.arm.scene
+    others = tuple(each for each in scene.attached if each.name != thing.name)
+    place.arm.scene = replace(scene, attached=(*others, thing))
+
+
+def _put_down(place: Place, thing: Attached) -> None:
+    scene = place.arm.scene
+    others = tuple(each for each in scene.attached if each.name != thing.name)
+    place.arm.scene = replace(scene, attached=others)
+
+
+def _shared(awaited: Future[None]) -> Future[None]:
+    """What completes with ``awaited`` and may be given up alone."""
+    own: Future[None] = Future()
+
+    def pass_on(_: Future[None]) -> None:
+        if own.set_running_or_notify_cancel():
+            own.set_result(None)
+
+    awaited.add_done_callback(pass_on)
+    return own

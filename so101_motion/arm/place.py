@@ -1,0 +1,288 @@
+"""What one arm of a cell knows of the others, in every control cycle and when it plans.
+
+How arms keep apart is told in ``cell.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+import numpy as np
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.modes import Mode
+from so101_motion.planning.among import crosses, crossing, delayed
+from so101_motion.planning.collision.apart import (
+    EARLY,
+    GUARDED,
+    GUARDED_EARLY,
+    ArmBodies,
+    Meeting,
+    bodies_of,
+    first_meeting,
+)
+from so101_motion.planning.collision.course import Course, OtherArm, stop_along
+from so101_motion.planning.collision.scene import Attached, as_seen_by
+
+if TYPE_CHECKING:
+    from so101_motion.arm.arm import Arm
+    from so101_motion.arm.cell import Cell
+    from so101_motion.arm.gripper import Gripper
+    from so101_motion.arm.planning_worker import PlanningWorker
+    from so101_motion.common.clock import Clock
+    from so101_motion.control.executor import Executor
+    from so101_motion.planning.timing.trajectory import Trajectory
+
+ALL = "*"
+"""The name that stands for all arms."""
+
+LATER, LATEST = 0.1, 2.0
+"""By how much a motion may begin later than it was planned [s], and at the most; chosen."""
+
+PARTING, TENTH = 5e-4, 1e-4
+"""Arms that are too near already may come so much nearer [m], because parts that slide along each
+other do; distances are known to the second. Chosen."""
+
+PUSHED = 0.7
+"""Arms that are nearer than this share of what they have gained were moved by others; chosen, a
+proof leaves three quarters of it."""
+
+PROMPT = 0.5 * EARLY
+"""So late at most a motion begins that was proven together with others' [s]: the proof allows for
+twice as much."""
+
+GOES_ON = 0.2
+"""For how long an arm that a hand moves is taken to go on as it does [s]; chosen."""
+
+
+class RigWithExecutor(Protocol):
+    """An arm with the control loop that moves it, such as a ``Rig``."""
+
+    arm: Arm
+    executor: Executor
+    clock: Clock
+    planner: PlanningWorker
+    gripper: Gripper
+
+
+class Stand(NamedTuple):
+    """Where an arm stands.
+
+    Attributes:
+        q: Its joints, shape (5,), [rad].
+        q_jaw: Its jaw [rad].
+    """
+
+    q: Array
+    q_jaw: float
+
+
+class Place:
+    """What one arm knows of the others of its cell, and they of it. ``Cell.add`` makes it.
+
+    Attributes:
+        cell: Whose place it is.
+        name: What messages call the arm.
+        arm: The arm.
+        T_cell_base: Where its base stands.
+        gripper: Its jaw.
+        clock: What time it is for the arm.
+        worker: Who plans for it.
+        against: What stood against the setpoint that was not admitted last, in words.
+        held: What arms hold beside what their scenes say, by the arm's name, as this one knows it.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        name: str,
+        rig: RigWithExecutor,
+        T_cell_base: SE3,
+        ignores: frozenset[str] = frozenset(),
+    ) -> None:
+        self.name, self.arm, self.T_cell_base, self.against = name, rig.arm, T_cell_base, ""
+        self.gripper, self.clock, self.worker = rig.gripper, rig.clock, rig.planner
+        self.held = dict[str, tuple[Attached, ...]]()
+        self.cell, self._now, self._ignores = cell, rig.clock.now, ignores
+        self._expected: Trajectory | None = None  # that was proven together with others'
+        self._course: Course | None = None
+        self._planned: Course | None = None
+        self._gained: dict[str, float] = {}  # of arms that are too near, by name
+        bodies_of()  # made before the control loop needs it
+
+    @property
+    def minded(self) -> frozenset[str]:
+        """The names of the arms that it keeps off."""
+        return frozenset(each.name for each in self._neighbours())
+
+    # Planned motions
+
+    @property
+    def stand(self) -> Stand:
+        """Where the arm is wanted."""
+        state = self.arm.state
+        return Stand(state.q_ref, state.q_jaw_ref)
+
+    def others(self) -> tuple[OtherArm, ...]:
+        """The other arms as a plan that is made now has to know them."""
+        now = self._now()
+        return tuple(
+            each.seen_from(self, each.plan_at(now).since(now)) for each in self._neighbours()
+        )
+
+    @contextmanager
+    def entered(self, trajectory: Trajectory) -> Iterator[Trajectory]:
+        """Say that a planned motion begins now; it is over when the block ends.
+
+        Yields:
+            The motion, possibly after a wait.
+
+        Raises:
+            InCollision: It crosses another arm's motion, also when it begins later.
+        """
+        with self.cell.entry:
+            planned, expected, wait = self._planned, self._expected, 0.0
+            self._expected = None
+            if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
+                wait = self._wait_for(trajectory)
+                self._planned = self.along(trajectory, self._now() + wait)
+        try:
+            yield delayed(trajectory, wait)
+        finally:
+            self._planned = None
+
+    def expect(self, trajectory: Trajectory) -> None:
+        """A motion begins at once that has been proven together with those of others."""
+        self._planned, self._expected = self.along(trajectory, self._now()), trajectory
+
+    def _wait_for(self, trajectory: Trajectory) -> float:
+        met = None
+        for wait in np.arange(0.0, LATEST, LATER):
+            now = self._now()
+            others = [each.seen_from(self, each.plan_at(now)) for each in self._neighbours()]
+            course = self.along(trajectory, now + float(wait))
+            met = crossing(self.attached_to(self), course, others, since=now)
+            if met is None:
+                return float(wait)
+        assert met is not None
+        raise crosses(*met)
+
+    def along(self, trajectory: Trajectory, t: float) -> Course:
+        """The course of a motion that begins at ``t`` [s]."""
+        return Course.along(trajectory, self._q_jaw, t=t)
+
+    def plan_at(self, now: float) -> Course:
+        """All that the arm is known to do."""
+        planned = self._planned
+        return planned if planned is not None and now < planned.end else self.course_at(now)
+
+    # Every tick
+
+    def admits(self, q: Array, dt: float) -> bool:
+        """Whether the arm may go on so that it could stop along ``q``; see ``Neighbours``."""
+        now = self._now()
+        course = self._stop(q, dt, now)
+        with self.cell.lock:
+            for other in self._neighbours():
+                meeting = self._meeting(course, other, now)
+                if meeting is not None:
+                    self.against = f"the {meeting.first} close to {other.name}'s {meeting.second}"
+                    return False
+            self._course = course
+        return True
+
+    def commit(self, q: Array, dt: float) -> None:
+        """The arm stops along ``q``, whatever is there; see ``Neighbours``."""
+        with self.cell.lock:
+            self._course = self._stop(q, dt, self._now())
+
+    def course_at(self, now: float) -> Course:
+        """How the arm would stop."""
+        state, course = self.arm.state, self._course
+        if state.mode in (Mode.GUIDING, Mode.LIMP):
+            onward = np.array([state.q, state.q + GOES_ON * state.qd])
+            return self._stop(*stop_along(onward, GOES_ON), now)
+        if course is not None and (now < course.end or state.arm_moving):
+            return course
+        return Course.resting(state.q_ref, self._q_jaw)
+
+    def seen_from(self, other: Place, course: Course) -> OtherArm:
+        """This arm as another has to know it."""
+        return OtherArm(
+            name=self.name,
+            T_base_other=other.T_cell_base.inverse @ self.T_cell_base,
+            course=course,
+            attached=as_seen_by(other.name, other.attached_to(self)),
+        )
+
+    def attached_to(self, place: Place) -> tuple[Attached, ...]:
+        """What an arm holds as far as this one knows, itself included."""
+        return (*place.arm.scene.attached, *self.held.get(place.name, ()))
+
+    def _meeting(self, course: Course, other: Place, now: float) -> Meeting | None:
+        """Where a course would come too near to another arm's.
+
+        Arms that are too near already may part.
+        """
+        seen = other.seen_from(self, other.course_at(now))
+        bodies = bodies_of(self.attached_to(self), other.name)
+        mine, theirs = (bodies, course), (bodies_of(seen.attached), seen.course)
+        T = seen.T_base_other
+        meeting = first_meeting(mine, theirs, T, since=now, room=GUARDED, early=GUARDED_EARLY)
+        if meeting is None:
+            return None
+        room = self._kept(other.name, mine, theirs, T, now)
+        if room is None:
+            return meeting
+        return first_meeting(mine, theirs, T, since=now, room=room, early=0.0)
+
+    def _kept(
+        self,
+        name: str,
+        mine: tuple[ArmBodies, Course],
+        theirs: tuple[ArmBodies, Course],
+        T: SE3,
+        now: float,
+    ) -> float | None:
+        """What must stay free of what there is between two arms that are too near already [m].
+
+        What they have gained they keep. None if they are not, or so near that nobody can tell.
+        """
+        at = np.array([now])
+        here, there = ((each, Course(t=now, dt=1.0, q=c.at(at))) for each, c in (mine, theirs))
+        nearest, nearer = GUARDED, first_meeting(here, there, T, since=now, room=GUARDED)
+        if nearer is None:
+            self._gained.pop(name, None)
+            return None
+        while nearer is not None and nearest > PARTING:
+            nearest = min(nearer.distance, nearest - TENTH)
+            nearer = first_meeting(here, there, T, since=now, room=nearest)
+        if nearest <= PARTING:
+            return None
+        gained = self._gained.get(name, 0.0)
+        if nearest < PUSHED * gained:
+            gained = 0.0  # the other was moved towards this one
+        self._gained[name] = max(gained, nearest - PARTING)
+        return self._gained[name]
+
+    @property
+    def bodies(self) -> ArmBodies:
+        """The arm's bodies, with what it holds."""
+        return bodies_of(self.attached_to(self))
+
+    @property
+    def _q_jaw(self) -> float:
+        """The wider of where the jaw is and where it is wanted [rad]."""
+        state = self.arm.state
+        return max(state.q_jaw, state.q_jaw_ref)
+
+    def _stop(self, q: Array, dt: float, now: float) -> Course:
+        return Course(t=now, dt=dt, q=np.column_stack([q, np.full(len(q), self._q_jaw)]))
+
+    def _neighbours(self) -> list[Place]:
+        if ALL in self._ignores:
+            return []
+        unminded = {self.name, *self._ignores}
+        return [each for key, each in self.cell.places.items() if key not in unminded]

@@ -1,0 +1,404 @@
+"""Plan to pass a thing from one arm's hand to another's.
+
+Three motions, all of them planned and proven before anything moves. *Approach*: all arms in one
+motion, the giver to where the thing can be taken, the taker to a place before it. *Take*: the taker
+goes straight to the thing with its jaw open. It closes, the giver opens, and *leave*: the giver
+goes straight back. Where the arms meet is found (``meetings.py``), and so is how the thing is taken
+if nobody says that (``grasps.py``).
+
+The thing may be touched by the taker's gripper and jaw from the last straight line on, and by the
+giver's until it has left. Nothing else is excepted: the arms themselves keep apart all the time, as
+far as ever, and the thing keeps off everything else. It is held by the giver, then by both, each
+counting all of its weight, then by the taker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import islice
+
+import numpy as np
+
+from so101_motion.common.errors import ConfigError, NoPath, PlanningError, So101Error
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.common.units import to_rad
+from so101_motion.planning.cell.grasps import Grasp, grasps_of
+from so101_motion.planning.cell.meetings import Meeting, Meetings
+from so101_motion.planning.cell.together import TeamMember, plan_together
+from so101_motion.planning.collision.apart import ROOM, bodies_of, first_meeting
+from so101_motion.planning.collision.course import Course
+from so101_motion.planning.collision.hands import Hand
+from so101_motion.planning.collision.scene import Attached
+from so101_motion.planning.goals import GoalMetric, JointGoal, LineGoal, PoseGoal
+from so101_motion.planning.kinematics.jaw import JawGeometry
+from so101_motion.planning.planner import Planner
+from so101_motion.planning.request import Plan
+
+BEFORE = 0.06
+"""How far before the thing the taker begins its straight line, and how far back the giver goes [m].
+Chosen: twice what the jaws reach over the thing, and ``ROOM``."""
+
+WIDER = to_rad(15.0)
+"""How much wider than the thing a jaw is open while it is around it and does not hold it [rad];
+chosen, 20 mm."""
+
+BESIDE = 0.002
+"""How far the pad of the fixed jaw is off the thing when the taker has arrived [m]; chosen, so that
+it does not push the thing out of the other hand."""
+
+MOST = 12
+"""So many meetings are planned for before it is given up; chosen."""
+
+AT_A_TIME = 5
+"""So many meetings are found before the first is planned for; chosen."""
+
+SEEDS = 6
+"""So often meetings are looked for, among other random configurations each time; chosen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HandoverRequest:
+    """What is to be passed, and by whom to whom.
+
+    Attributes:
+        team: All arms of the cell from where they are; their goals are not looked at.
+        giver: The name of the arm that holds the thing.
+        taker: The name of the arm that shall take it.
+        thing: Its name among what the giver holds.
+        grasps: How it may be taken; found by the box around it if there are none.
+    """
+
+    team: tuple[TeamMember, ...]
+    giver: str
+    taker: str
+    thing: str
+    grasps: tuple[Grasp, ...] = ()
+
+    def made_by(self, planner: Planner) -> Handover:
+        """The plan; see ``plan_handover``."""
+        return plan_handover(planner, self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Handover:
+    """A plan to pass a thing on.
+
+    Attributes:
+        giver: The name of the arm that holds it.
+        taker: The name of the arm that takes it.
+        thing: What it is, in the giver's hand.
+        taken: The same in the taker's hand.
+        approach: The motion of each arm by its name, begun and ended together.
+        take: The straight motion of the taker to the thing.
+        leave: The straight motion of the giver away from it.
+        q_jaw_open: How far the taker's jaw is open on its way [rad].
+        q_jaw_closed: Where it stands when it has closed on the thing [rad].
+        q_jaw_free: How far the giver's jaw is open on its way back [rad].
+    """
+
+    giver: str
+    taker: str
+    thing: Attached
+    taken: Attached
+    approach: Mapping[str, Plan]
+    take: Plan
+    leave: Plan
+    q_jaw_open: float
+    q_jaw_closed: float
+    q_jaw_free: float
+
+    @property
+    def duration(self) -> float:
+        """How long the arms move [s]; what the jaws need comes on top."""
+        approach = max(each.duration for each in self.approach.values())
+        return approach + self.take.duration + self.leave.duration
+
+
+def plan_handover(planner: Planner, request: HandoverRequest) -> Handover:
+    """Plan to pass a thing from hand to hand.
+
+    Raises:
+        ConfigError: There is no such arm or thing, or giver and taker are the same.
+        PlanningError: It cannot be taken, the arms cannot meet for it, or no motion was found.
+    """
+    return _Planning(planner, request).run()
+
+
+class _Planning:
+    """The arms with the thing in the hand of either, and what is planned for them."""
+
+    def __init__(self, planner: Planner, request: HandoverRequest) -> None:
+        team = {each.name: each for each in request.team}
+        for name in (request.giver, request.taker):
+            if name not in team:
+                known = ", ".join(sorted(team))
+                raise ConfigError("handover", name, f"is no arm of this cell; there are: {known}")
+        if request.giver == request.taker:
+            raise ConfigError("handover", request.giver, "cannot pass anything to itself")
+        self._planner, self._request, self._team = planner, request, team
+        self._giver, self._taker = team[request.giver], team[request.taker]
+        held = {each.name: each for each in self._giver.request.scene.attached}
+        if request.thing not in held:
+            known = ", ".join(sorted(held)) or "nothing"
+            reason = f"is not in the hand of {request.giver}, which holds: {known}"
+            raise ConfigError("thing", request.thing, reason)
+        self._thing = held[request.thing]
+        self._at_giver = planner.context(self._giver.request)
+        self._at_taker = planner.context(self._taker.request)
+        self._of_giver, self._of_taker = self._at_giver.model, self._at_taker.model
+        self._jaw = JawGeometry(self._of_giver)
+        self._q_jaw_free = min(self._giver.request.q_jaw + WIDER, self._jaw.opened)
+
+    def run(self) -> Handover:
+        """The first meeting for which everything can be planned."""
+        grasps = self._free_grasps()
+        problem: So101Error | None = None
+        tried = 0
+        for meeting in self._meetings(grasps):
+            grasp = grasps[meeting.which]
+            ready = self._ready(meeting, grasp)
+            if ready is None:
+                continue
+            try:
+                return self._planned(meeting, grasp, ready)
+            except PlanningError as error:
+                problem, tried = error, tried + 1
+                if tried == MOST:
+                    break
+        if problem is not None:
+            raise problem
+        raise NoPath(
+            f"{self._giver.name} and {self._taker.name} cannot meet so that"
+            f" '{self._thing.name}' is passed on; hold it nearer to one end, or put the arms"
+            f" {ROOM * 1e3:.0f} mm or more nearer to each other",
+            where="goal",
+            blockers=(self._thing.name,),
+        )
+
+    def _free_grasps(self) -> list[Grasp]:
+        """The ways to take the thing that keep off the hand that holds it.
+
+        Raises:
+            NoPath: There is none.
+        """
+        grasps = self._request.grasps or tuple(grasps_of(self._thing.shape))
+        free, best = [], -np.inf
+        giver = Hand(self._of_giver, self._q_jaw_free)
+        hand = cache(lambda q_jaw: Hand(self._of_taker, q_jaw))
+        for grasp in grasps:
+            clearance = giver.clearance(hand(self._q_jaw_open(grasp)), self._way(grasp))
+            best = max(best, clearance)
+            if clearance >= ROOM:
+                free.append(grasp)
+        if not free:
+            what = "is too thick to be taken"
+            if grasps:
+                what = (
+                    f"is too small to be passed on: the hands would come within"
+                    f" {max(best, 0.0) * 1e3:.0f} mm ({ROOM * 1e3:.0f} mm must stay free)"
+                )
+            raise NoPath(f"'{self._thing.name}' {what}", where="goal", blockers=(self._thing.name,))
+        return free
+
+    def _q_jaw_open(self, grasp: Grasp) -> float:
+        return min(self._jaw.angle_for(grasp.thickness) + WIDER, self._jaw.opened)
+
+    def _way(self, grasp: Grasp) -> SE3:
+        """Where the taker's tool has to be in the frame of the giver's."""
+        T_tool_grip = self._jaw.T_tool_grip(grasp.thickness + 2.0 * BESIDE)
+        return self._thing.T_tool_object @ grasp.T_object_grip @ T_tool_grip.inverse
+
+    def _meetings(self, grasps: Sequence[Grasp]) -> Iterator[Meeting]:
+        """Meetings, of some at a time those first for which both arms have to turn least."""
+        T_giver_taker = self._giver.T_cell_base.inverse @ self._taker.T_cell_base
+        meetings = Meetings(self._of_giver, self._of_taker, T_giver_taker)
+        ways = [self._way(each) for each in grasps]
+        q_giver, q_taker = self._giver.request.q_start, self._taker.request.q_start
+
+        def turned(each: Meeting) -> float:
+            return float(
+                max(np.abs(each.q_giver - q_giver).max(), np.abs(each.q_taker - q_taker).max())
+            )
+
+        for round_ in range(SEEDS):
+            seed = self._giver.request.seed + 2 * round_
+            found = meetings.find(ways, seed)
+            while some := list(islice(found, AT_A_TIME)):
+                yield from sorted(some, key=turned)
+
+    def _ready(self, meeting: Meeting, grasp: Grasp) -> Array | None:
+        """Where the taker stands before it takes the thing; None if the meeting is of no use."""
+        q_jaw = self._q_jaw_open(grasp)
+        giver, taker = self._giver, _with(self._taker, q_jaw=q_jaw)
+        at_giver, at_taker = self._at_giver, self._at_taker
+        around_taker = at_taker.moves.collision
+        if not at_giver.is_free(meeting.q_giver):
+            return None
+        if not around_taker.is_free(meeting.q_taker, q_jaw):
+            return None
+        T_base_tool = self._of_taker.frame(meeting.q_taker)
+        try:
+            before = at_taker.ik.solve(_exactly(_back(T_base_tool)), meeting.q_taker).q
+            at_giver.ik.solve(
+                _exactly(_back(self._of_giver.frame(meeting.q_giver))), meeting.q_giver
+            )
+        except PlanningError:
+            return None
+        if not around_taker.is_free(before, q_jaw):
+            return None
+        passing = self._holding(giver)
+        # The giver's jaw opens there, the taker's is open.
+        jaws = np.array([[giver.request.q_jaw], [self._q_jaw_free]])
+        opening = Course(t=0.0, dt=1.0, q=np.hstack([np.tile(meeting.q_giver, (2, 1)), jaws]))
+        pairs = (
+            (passing, opening, taker.resting(meeting.q_taker), taker.name),
+            (giver, giver.resting(meeting.q_giver), taker.resting(before), None),
+        )
+        for mine, course, theirs, name in pairs:
+            bodies = bodies_of(mine.request.scene.attached, name or "")
+            T = mine.T_cell_base.inverse @ taker.T_cell_base
+            empty = bodies_of(taker.request.scene.attached)
+            if (
+                first_meeting((bodies, course), (empty, theirs), T, since=0.0, early=0.0)
+                is not None
+            ):
+                return None
+        return np.asarray(before)
+
+    def _planned(self, meeting: Meeting, grasp: Grasp, q_before: Array) -> Handover:
+        """Plan all motions of one meeting.
+
+        Raises:
+            PlanningError: One of them cannot be.
+        """
+        planner, giver = self._planner, self._giver
+        taker = _with(self._taker, q_jaw=self._q_jaw_open(grasp))
+        goals = {giver.name: meeting.q_giver, taker.name: q_before}
+        team = [
+            _with(each, q_goal=goals.get(each.name, each.request.q_start))
+            for each in (self._team | {taker.name: taker}).values()
+        ]
+        # The short motions first: they are what fails.
+        T_base_tool = self._of_taker.frame(meeting.q_taker)
+        taker = _with(taker, q_start=q_before)
+        giving = self._holding(_with(giver, q_start=meeting.q_giver))
+        still = [
+            _with(each, q_start=each.request.q_start)
+            for each in self._team.values()
+            if each.name not in goals
+        ]
+        take = self._alone(taker, _line(T_base_tool), [giving, *still])
+        T_tools = self._T_between(meeting.q_giver, take.q_goal)
+        taken = replace(
+            self._thing,
+            T_tool_object=T_tools.inverse @ self._thing.T_tool_object,
+            passed_to=giver.name,
+        )
+        holding = _with(taker, q_start=take.q_goal, q_jaw=self._q_jaw_closed(grasp))
+        holding = _holding(holding, (*taker.request.scene.attached, taken))
+        self._alone(holding, JointGoal(q=take.q_goal), [giving, *still])  # bears it
+        free = _without(giving, self._thing.name)
+        free = _with(free, q_jaw=self._q_jaw_free)
+        back = _back(self._of_giver.frame(meeting.q_giver))
+        leave = self._alone(free, _line(back), [holding, *still])
+        self._check_left(_with(free, q_start=leave.q_goal), holding)
+        approach = plan_together(planner, team)
+        return Handover(
+            giver=giver.name,
+            taker=taker.name,
+            thing=self._thing,
+            taken=replace(taken, passed_to=""),
+            approach=approach,
+            take=take,
+            leave=leave,
+            q_jaw_open=taker.request.q_jaw,
+            q_jaw_closed=self._q_jaw_closed(grasp),
+            q_jaw_free=self._q_jaw_free,
+        )
+
+    def _q_jaw_closed(self, grasp: Grasp) -> float:
+        return self._jaw.angle_for(grasp.thickness)
+
+    def _T_between(self, q_giver: Array, q_taker: Array) -> SE3:
+        """Where the taker's tool is in the frame of the giver's."""
+        giver = self._giver.T_cell_base @ self._of_giver.frame(q_giver)
+        return giver.inverse @ self._taker.T_cell_base @ self._of_taker.frame(q_taker)
+
+    def _holding(self, giver: TeamMember) -> TeamMember:
+        """The giver with the thing that the taker may touch."""
+        held = tuple(
+            replace(each, passed_to=self._taker.name) if each.name == self._thing.name else each
+            for each in giver.request.scene.attached
+        )
+        return _holding(giver, held)
+
+    def _alone(
+        self, mover: TeamMember, goal: JointGoal | LineGoal, others: Sequence[TeamMember]
+    ) -> Plan:
+        """A motion of one arm while the others stand where they start."""
+        seen = tuple(each.seen_from(mover, each.resting(each.request.q_start)) for each in others)
+        return self._planner.plan(replace(mover.request, goal=goal, others=seen))
+
+    def _check_left(self, giver: TeamMember, taker: TeamMember) -> None:
+        """Refuse a place at which the giver still stands at the thing.
+
+        Raises:
+            NoPath: It does.
+        """
+        first, second = (
+            (bodies_of(each.request.scene.attached, ""), each.resting(each.request.q_start))
+            for each in (giver, taker)
+        )
+        T = giver.T_cell_base.inverse @ taker.T_cell_base
+        met = first_meeting(first, second, T, since=0.0, early=0.0)
+        if met is not None:
+            raise NoPath(
+                f"{giver.name}'s {met.first} would stay {met.distance * 1e3:.0f} mm from"
+                f" {taker.name}'s {met.second} after it has let go of it",
+                where="goal",
+                blockers=(met.second,),
+            )
+
+
+def _with(
+    member: TeamMember,
+    *,
+    q_start: Array | None = None,
+    q_goal: Array | None = None,
+    q_jaw: float | None = None,
+) -> TeamMember:
+    request = member.request
+    q_start = request.q_start if q_start is None else q_start
+    request = replace(
+        request,
+        q_start=q_start,
+        goal=JointGoal(q=q_start if q_goal is None else q_goal),
+        q_jaw=request.q_jaw if q_jaw is None else q_jaw,
+        others=(),
+    )
+    return replace(member, request=request)
+
+
+def _holding(member: TeamMember, attached: tuple[Attached, ...]) -> TeamMember:
+    scene = replace(member.request.scene, attached=attached)
+    return replace(member, request=replace(member.request, scene=scene))
+
+
+def _without(member: TeamMember, name: str) -> TeamMember:
+    return _holding(
+        member, tuple(each for each in member.request.scene.attached if each.name != name)
+    )
+
+
+def _back(T_base_tool: SE3) -> SE3:
+    return T_base_tool @ SE3.from_translation((0.0, 0.0, -BEFORE))
+
+
+def _exactly(T_base_tool: SE3) -> PoseGoal:
+    return PoseGoal(T_base_tool=T_base_tool, metric=GoalMetric.FULL_POSE)
+
+
+def _line(T_base_tool: SE3) -> LineGoal:
+    return LineGoal(T_base_tool=T_base_tool, metric=GoalMetric.FULL_POSE)

@@ -1,0 +1,101 @@
+"""Programs for several arms that share a space, and their files.
+
+Each step says which arm goes where; arms that are named in the same step go there side by side, in
+one motion that they begin and end together. Then their jaws move and they pause, and the next step
+begins when all are done. A file looks like this::
+
+    {
+     "schema": "so101/cell-program/1",
+     "rounds": 3,
+     "steps": [
+      {"left": {"name": "over the mug", "q_deg": [10, -40, 35, 60, 0], "aperture_percent": 80}},
+      {"left": {"q_deg": [10, -20, 30, 70, 0], "aperture_percent": 0, "pause_s": 0.5},
+       "right": {"q_deg": [40, -40, 35, 60, 0], "speed_percent": 40}}
+     ]
+    }
+
+What an arm does there is as in a program for one arm (``files.py``), but it stops at each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from so101_motion.common.attributes import Attributes
+from so101_motion.common.errors import ConfigError
+from so101_motion.files import user_storage
+from so101_motion.tasks.program.files import rounds_from, rounds_to, waypoint_from, waypoint_to
+from so101_motion.tasks.program.program import MOST, Waypoint, check_rounds
+
+SCHEMA = "so101/cell-program/1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellProgram:
+    """Steps of several arms in order, and how often they are repeated.
+
+    Attributes:
+        steps: At most ``MOST``; in each a waypoint for each arm that has something to do, by its
+            name.
+        rounds: How often; None for until it is stopped.
+
+    Raises:
+        ConfigError: There are too many, one is empty, or one shall be passed.
+    """
+
+    steps: tuple[Mapping[str, Waypoint], ...]
+    rounds: int | None = 1
+
+    def __post_init__(self) -> None:
+        if not 0 < len(self.steps) <= MOST:
+            raise ConfigError("steps", len(self.steps), f"must be 1 to {MOST}")
+        check_rounds(self.rounds)
+        for number, step in enumerate(self.steps, 1):
+            if not step:
+                raise ConfigError(f"step {number}", {}, "names no arm")
+            for name, waypoint in step.items():
+                if waypoint.passes:
+                    reason = "cannot be passed; arms of a cell stop at each step"
+                    raise ConfigError(f"step {number}: {name}", waypoint.name, reason)
+
+    def called(self, index: int) -> str:
+        """What messages call a step: its number, and where each arm goes."""
+        goals = ", ".join(f"{name} to {each.name}" for name, each in self.steps[index].items())
+        return f"step {index + 1} ({goals})"
+
+
+def read_cell_program(path: Path) -> CellProgram:
+    """Read the program in a file.
+
+    Raises:
+        ConfigError: It cannot be read, or something in it cannot be meant; the message names it.
+    """
+    content = user_storage.read(path, schema=SCHEMA)
+    Attributes(content, ("schema", "rounds", "steps"), kind="entry of a program")
+    given = content.get("steps")
+    if not isinstance(given, list):
+        raise ConfigError("steps", given, "must be a list of steps")
+    return CellProgram(
+        steps=tuple(_step(number, each) for number, each in enumerate(given, 1)),
+        rounds=rounds_from(content.get("rounds", 1)),
+    )
+
+
+def write_cell_program(program: CellProgram, path: Path) -> None:
+    """Save a program; makes its folder if need be.
+
+    Raises:
+        ConfigError: It cannot be written; what was there is as it was.
+    """
+    steps = [{name: waypoint_to(each) for name, each in step.items()} for step in program.steps]
+    content = {"rounds": rounds_to(program.rounds), "steps": steps}
+    user_storage.write(path, content, schema=SCHEMA)
+
+
+def _step(number: int, content: object) -> dict[str, Waypoint]:
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"step {number}", content, 'must be {"left": {"q_deg": [...]}, ...}')
+    what = f"step {number}"
+    return {str(name): waypoint_from(f"{what}: {name}", each) for name, each in content.items()}

@@ -1,0 +1,200 @@
+"""Plan a program of several arms as a whole, and run it.
+
+Each step is one motion of all arms, planned from where the step before ends; the arms that it does
+not name stand still. What moves is what was planned. Only where a jaw has gripped something, and so
+stands elsewhere than was thought, the step is planned anew when all arms are there.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
+from itertools import count
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from so101_motion.arm.cell import Cell
+from so101_motion.arm.gripper import set_jaw
+from so101_motion.arm.place import Stand
+from so101_motion.arm.team_motion import TeamStep
+from so101_motion.common.errors import Interrupted, MotionError, PlanningError, So101Error
+from so101_motion.planning.goals import Goal, JointGoal
+from so101_motion.tasks.program.cell_program import CellProgram
+from so101_motion.tasks.program.rehearsal import error_about
+from so101_motion.tasks.program.run import ARRIVED, SAME_JAW
+
+if TYPE_CHECKING:
+    from so101_motion.arm.motion_handle import Motion
+    from so101_motion.planning.request import Plan
+    from so101_motion.planning.timing.limits import MotionLimits
+    from so101_motion.tasks.program.program import Waypoint
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CellRehearsal:
+    """A planned program of several arms.
+
+    Attributes:
+        program: What was planned.
+        steps: The plan of each arm by its name, for each step of the first round.
+        back: The same for the first step of further rounds; None if there are none.
+        stands: Where each arm stands before each step, by its name; at last, where all end.
+    """
+
+    program: CellProgram
+    steps: tuple[Mapping[str, Plan], ...]
+    back: Mapping[str, Plan] | None
+    stands: tuple[Mapping[str, Stand], ...]
+
+    @property
+    def duration(self) -> float:
+        """How long the arms move and pause in the first round [s]; the jaws' time comes on top."""
+        moving = sum(max(each.duration for each in plans.values()) for plans in self.steps)
+        return moving + sum(
+            max(each.pause for each in step.values()) for step in self.program.steps
+        )
+
+
+def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
+    """Plan all of a program of several arms; moves nothing.
+
+    Raises:
+        PlanningError: A step cannot be done, and which.
+        ConfigError: An arm is not there.
+    """
+    stands = [cell.stands()]
+    steps = []
+    for index in range(len(program.steps)):
+        steps.append(_planned(cell, program, index, stands[-1]))
+        stands.append(_after(cell, program.steps[index], stands[-1]))
+    back = None if program.rounds == 1 else _planned(cell, program, 0, stands[-1])
+    return CellRehearsal(program=program, steps=tuple(steps), back=back, stands=tuple(stands))
+
+
+def _planned(
+    cell: Cell, program: CellProgram, index: int, stands: Mapping[str, Stand]
+) -> dict[str, Plan]:
+    goals, limits = _asked(cell, program.steps[index])
+    try:
+        return cell.start_plan(goals, limits=limits, stands=stands).result()
+    except PlanningError as error:
+        raise error_about(error, program.called(index)) from None
+
+
+def _asked(
+    cell: Cell, step: Mapping[str, Waypoint]
+) -> tuple[dict[str, Goal], dict[str, MotionLimits]]:
+    goals: dict[str, Goal] = {name: JointGoal(q=each.q) for name, each in step.items()}
+    places = cell.places
+    eased = {
+        name: places[name].arm.limits.eased(each.speed)
+        for name, each in step.items()
+        if name in places
+    }
+    return goals, eased
+
+
+def _after(
+    cell: Cell, step: Mapping[str, Waypoint], stands: Mapping[str, Stand]
+) -> dict[str, Stand]:
+    """Where the arms stand after a step."""
+    after = dict(stands)
+    for name, waypoint in step.items():
+        q_jaw = stands[name].q_jaw
+        if waypoint.aperture is not None:
+            q_jaw = cell.places[name].gripper.angle_of(waypoint.aperture)
+        after[name] = Stand(waypoint.q, q_jaw)
+    return after
+
+
+class CellProgramRun:
+    """A running program of several arms; made by ``start_cell_program``.
+
+    Attributes:
+        program: What is run.
+        future: Completes after the last round, or raises what ended it; its message then begins
+            with the step.
+        where: Which round it is, and which step, from 0.
+    """
+
+    def __init__(self, cell: Cell, rehearsal: CellRehearsal) -> None:
+        self.program = rehearsal.program
+        self.future: Future[None] = Future()
+        self.where = (0, 0)
+        self._cell, self._rehearsal, self._lock = cell, rehearsal, threading.Lock()
+        self._motions = cell.start_series(self._steps())
+        self._left = len(self._motions)
+        for motion in self._motions.values():
+            motion.future.add_done_callback(self._ended)
+
+    def stop(self) -> None:
+        """End the run early; all arms slow to rest. Returns at once."""
+        for motion in self._motions.values():
+            motion.interrupt("stop")
+
+    def _steps(self) -> Iterator[TeamStep]:
+        rehearsal, program = self._rehearsal, self.program
+        last = rehearsal.stands[-1]
+        for lap in count() if program.rounds is None else range(program.rounds):
+            for index, step in enumerate(program.steps):
+                plans, stands = rehearsal.steps[index], rehearsal.stands[index]
+                if lap > 0 and index == 0:
+                    assert rehearsal.back is not None
+                    plans, stands = rehearsal.back, last
+                then = {name: partial(self._stay, name, each) for name, each in step.items()}
+                yield TeamStep(partial(self._ready, (lap, index), plans, stands), then)
+
+    def _ready(
+        self, where: tuple[int, int], plans: Mapping[str, Plan], stands: Mapping[str, Stand]
+    ) -> Future[dict[str, Plan]]:
+        """What all arms do next, once all of them rest."""
+        self.where = where
+        cell, as_planned = self._cell, True
+        for name, place in cell.places.items():
+            state, stand = place.arm.state, stands[name]
+            if float(np.max(np.abs(stand.q - state.q_ref))) > ARRIVED:
+                raise MotionError(f"{name} has been moved meanwhile; plan the program again")
+            as_planned = as_planned and abs(state.q_jaw_ref - stand.q_jaw) <= SAME_JAW
+        if as_planned:
+            return cell.proven(plans)
+        goals, limits = _asked(cell, self.program.steps[where[1]])
+        return cell.start_plan(goals, limits=limits)
+
+    def _stay(self, name: str, waypoint: Waypoint, motion: Motion) -> None:
+        place = self._cell.places[name]
+        if waypoint.aperture is not None:
+            set_jaw(place.gripper, waypoint.aperture, motion)
+        if waypoint.pause > 0.0:
+            motion.pause(place.clock, waypoint.pause)
+
+    def _ended(self, _: Future[None]) -> None:
+        with self._lock:
+            self._left -= 1
+            if self._left > 0:
+                return
+        errors = [each.future.exception() for each in self._motions.values()]
+        problems = [each for each in errors if each is not None]
+        if not problems:
+            self.where = (self.where[0], len(self.program.steps))
+            self.future.set_result(None)
+            return
+        cause = next((e for e in problems if not isinstance(e, Interrupted)), problems[0])
+        if isinstance(cause, So101Error) and not isinstance(cause, Interrupted):
+            cause = error_about(cause, self.program.called(self.where[1]))
+        self.future.set_exception(cause)
+
+
+def start_cell_program(cell: Cell, rehearsal: CellRehearsal) -> CellProgramRun:
+    """Run a rehearsed program of several arms; supersedes what is under way.
+
+    Who stops one of the arms ends it for all, at any point, in a pause too.
+
+    Args:
+        cell: As it was rehearsed with; its arms must stand where the rehearsal begins.
+        rehearsal: What is run.
+    """
+    return CellProgramRun(cell, rehearsal)
