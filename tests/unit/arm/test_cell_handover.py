@@ -38,7 +38,13 @@ class Bench:
             ("right", T_LEFT_RIGHT, ()),
         ):
             rig = stack.enter_context(
-                open_simulated(clock=self.clock, q_start=ASIDE, scene=Scene(attached=things))
+                open_simulated(
+                    clock=self.clock,
+                    q_start=ASIDE,
+                    scene=Scene(attached=things),
+                    speed=np.pi,
+                    acceleration=9.0,
+                )
             )
             self.cell.add(name, rig, T)
             self.arms[name] = rig.arm

@@ -41,3 +41,16 @@ def test_arms_are_moved_together(tmp_path):
     refused = CliRunner().invoke(main, [*asked, "--joints", "middle", "3,0,0,0,0"])
     assert "left, right" in refused.output
     assert CliRunner().invoke(main, asked).exit_code == 2
+
+
+def test_a_handover_needs_a_thing_in_the_hand(tmp_path):
+    path = tmp_path / "cell.json"
+    right = {"name": "right", "position_mm": [350, 0, 0], "rpy_deg": [0, 0, 180]}
+    ball = {"name": "ball", "sphere_radius_mm": 12, "position_mm": [0, 0, 100]}
+    asked = ["cell", "handover", str(path), "left", "right", "--yes"]
+    path.write_text(json.dumps({"arms": [{"name": "left"}, right]}))
+    assert "left holds: nothing" in CliRunner().invoke(main, asked).output
+    path.write_text(json.dumps({"arms": [{"name": "left", "attached": [ball]}, right]}))
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code != 0
+    assert "'ball' is too small" in result.output

@@ -1,0 +1,85 @@
+"""What the motion service does with several arms at once: who gives what to whom."""
+
+import asyncio
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from harness.facing_arms import T_LEFT_RIGHT
+
+from so101_motion.arm.cell import Cell
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.geometry import SE3
+from so101_motion.common.units import to_rad
+from so101_motion.rig.hardware_rig import Rig, open_simulated
+from so101_motion.viam.requests.together import hand_over, set_held
+
+ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
+STICK = {"name": "stick", "box_mm": [20, 20, 160], "position_mm": [0, 0, 150], "mass_kg": 0.04}
+
+
+@dataclass
+class HereArm:
+    """An arm of this process with nothing around it."""
+
+    rig: Rig
+    short_name: str
+
+    async def ready(self):
+        pass
+
+    @property
+    def surroundings(self):
+        return self
+
+    async def around(self, scene):
+        return scene
+
+
+@pytest.fixture
+def arms():
+    with ExitStack() as stack:
+        clock, cell, made = ManualClock(), Cell(), {}
+        for name, T in (("left", SE3.identity()), ("right", T_LEFT_RIGHT)):
+            fast = {"speed": to_rad(180.0), "acceleration": to_rad(500.0)}
+            rig = stack.enter_context(open_simulated(clock=clock, q_start=ASIDE, **fast))
+            cell.add(name, rig, T)
+            made[name] = HereArm(rig, name)
+        yield made
+
+
+async def seen_through(_, motion):
+    await asyncio.wrap_future(motion.future)
+
+
+async def in_time(arms, asked):
+    """Ask for a handover while time passes."""
+    passing = asyncio.ensure_future(hand_over(asked, arms, seen_through))
+    while not passing.done():
+        await asyncio.sleep(0.001)
+        arms["left"].rig.clock.advance(0.01)
+    return passing.result()
+
+
+async def test_what_an_arm_holds_is_said_and_passed_on(arms):
+    await set_held({"left": [STICK]}, arms)
+    taken = await in_time(arms, {"from": "left", "to": "right", "object": "stick"})
+    assert (taken["name"], taken["mass_kg"]) == ("stick", 0.04)
+    assert arms["left"].rig.arm.scene.attached == ()
+    [held] = arms["right"].rig.arm.scene.attached
+    np.testing.assert_allclose(1e3 * held.T_tool_object.p, taken["position_mm"], atol=1e-3)
+    await set_held({"right": []}, arms)
+    assert arms["right"].rig.arm.scene.attached == ()
+
+
+async def test_a_handover_that_cannot_be_meant_is_refused(arms):
+    with pytest.raises(ConfigError, match="lft"):
+        await hand_over({"from": "lft", "to": "right", "object": "stick"}, arms, seen_through)
+    with pytest.raises(ConfigError, match="which holds: nothing"):
+        await hand_over({"from": "left", "to": "right", "object": "stick"}, arms, seen_through)
+    with pytest.raises(ConfigError, match="must be"):
+        await hand_over("left", arms, seen_through)
+    with pytest.raises(ConfigError, match="lft"):
+        await set_held({"lft": []}, arms)
