@@ -43,7 +43,7 @@ class Bench:
                     q_start=ASIDE,
                     scene=Scene(attached=things),
                     speed=np.pi,
-                    acceleration=9.0,
+                    acceleration=8.0,
                 )
             )
             self.cell.add(name, rig, T)
