@@ -130,11 +130,18 @@ def reach(
 
 
 @sweep.command()
-@click.option("--count", type=click.IntRange(1, 10**9), required=True, help="Number of problems.")
+@click.option("--count", type=click.IntRange(1, 10**9), help="Number of random problems.")
+@click.option(
+    "--problems", "problems_file", type=IN_FILE, help="A file of problems, instead of random ones."
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Random seed.")
 @click.option(
     "--scene", "scene_files", type=IN_FILE, multiple=True,
     help="What stands around the arm; several are taken in turn.",
+)  # fmt: skip
+@click.option(
+    "--scatter-mm", type=Finite(0.0, 1000.0), default=0.0, show_default=True,
+    help="By how much obstacles are moved at most, anew for each 100 problems.",
 )  # fmt: skip
 @click.option(
     "--fps", type=click.IntRange(1, 100), default=30, show_default=True,
@@ -145,32 +152,41 @@ def reach(
 @_run_options
 def plans(
     run: Callable[..., None],
-    count: int,
+    count: int | None,
+    problems_file: Path | None,
     seed: int,
     scene_files: tuple[Path, ...],
+    scatter_mm: float,
     fps: int,
     speed: float,
     acceleration: float,
     payload_g: float,
 ) -> None:
-    """Make a data set of random motions: planned, timed and verified.
+    """Make a data set of motions: planned, timed and verified.
 
-    Each goes from one random configuration to another, both free of contact and bearable. Names and
-    units are LeRobot's: degrees from the middle of a joint's travel.
+    Each goes from one random configuration to another, both free of contact and bearable, or as
+    --problems says. Names and units are LeRobot's: degrees from the middle of a joint's travel.
 
     \b
     so101 sweep plans --count 1000 --out motions
-    so101 sweep plans --count 100000 --scene examples/table.json --out at-the-table
+    so101 sweep plans --count 100000 --scene examples/table.json --scatter-mm 50 --out at-tables
+    so101 sweep plans --problems problems.json --out mine
     """  # noqa: D301
     from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import PlansSweep, plans_summary, scene_text
+    from so101_motion.tasks.sweeps.motion_problems import read_problems
 
+    if (count is None) == (problems_file is None):
+        raise click.UsageError("--count or --problems says which motions; one of them")
     scenes = [read_scene(each) for each in scene_files] or [Scene()]
+    problems = () if problems_file is None else read_problems(problems_file)
     work = PlansSweep(
-        count=count,
+        count=count or len(problems),
         seed=seed,
+        problems=problems,
         scenes=tuple(scene_text(each) for each in scenes),
+        scatter=to_m(scatter_mm),
         velocity=to_rad(speed),
         acceleration=to_rad(acceleration),
         fps=fps,

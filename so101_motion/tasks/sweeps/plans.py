@@ -1,6 +1,6 @@
-"""Random motions as a data set: problems drawn from a seed, planned, timed and verified.
+"""Motions as a data set: problems drawn from a seed, or given, planned, timed and verified.
 
-A problem is two random configurations that are free of contact and bearable. What comes of it
+A random problem is two configurations that are free of contact and bearable. What comes of it
 depends on the seed and the problem's number alone. So a search is not given up by the clock, which
 would make results depend on how busy a computer is, but after a number of looks; and each shard
 begins with a fresh planner, because the looks are counted in batches that go on from plan to plan.
@@ -37,6 +37,7 @@ from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.planning.timing.torque import Payload, Strength, carried, place_in_hand
 from so101_motion.tasks.sweeps.counted_patience import NEVER, CountedPatience
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.motion_problems import MOST_GIVEN, Problem, scene_of_shard
 from so101_motion.tasks.sweeps.packed import Columns
 from so101_motion.tasks.sweeps.reach import STEPS
 
@@ -63,7 +64,9 @@ class PlansSweep:
     Attributes:
         count: Number of problems.
         seed: Of all that is random.
+        problems: The problems; none for random ones.
         scenes: What is around the arm, each the JSON text of a scene; shards take them in turn.
+        scatter: By how much each obstacle is moved at most, anew in each shard [m].
         velocity: Cap of the joints [rad/s].
         acceleration: Likewise [rad/s^2].
         jerk: Likewise [rad/s^3].
@@ -74,7 +77,9 @@ class PlansSweep:
 
     count: int
     seed: int = 0
+    problems: tuple[Problem, ...] = ()
     scenes: tuple[str, ...] = ('{"obstacles": []}',)
+    scatter: float = 0.0
     velocity: float = 3.0
     acceleration: float = 10.0
     jerk: float = 500.0
@@ -85,7 +90,10 @@ class PlansSweep:
     def __post_init__(self) -> None:
         if not self.scenes:
             raise ConfigError("scenes", self.scenes, "must be one scene at least")
-        for key, least, most in (("count", 1, 10**9), ("fps", 1, 100), ("seed", 0, 2**63)):
+        if self.problems and self.count != len(self.problems):
+            raise ConfigError("count", self.count, f"must be {len(self.problems)}, as are given")
+        bounds = (("count", 1, MOST_GIVEN if self.problems else 10**9), ("fps", 1, 100))
+        for key, least, most in (*bounds, ("seed", 0, 2**63), ("scatter", 0, 1)):
             value = getattr(self, key)
             if not least <= value <= most:
                 raise ConfigError(key, value, f"must be {least} to {most}")
@@ -127,7 +135,7 @@ class _Source:
         if sweep.payload > 0.0:
             x, y, z = place_in_hand(self._model).tolist()
             self._payload = Payload(mass=sweep.payload, com=(x, y, z))
-        self._scenes = [scene_from(json.loads(each), folder=None) for each in sweep.scenes]
+        self._scenes = [json.loads(each) for each in sweep.scenes]
         self._patience = CountedPatience(_LOOKS)
 
     def shard(self, number: int) -> Columns:
@@ -139,17 +147,23 @@ class _Source:
         ``frames``, how many rows of ``action`` are its own. Of all motions, one after the other:
         ``action`` (m, 6), named as in ``NAMES``; ``velocity`` (m, 5) [deg/s]; ``timestamp`` [s].
         """
-        scene = self._scenes[number % len(self._scenes)]
+        sweep = self._sweep
+        scene = scene_from(
+            scene_of_shard(self._scenes, sweep.scatter, sweep.seed, number), folder=None
+        )
         planner = Planner(self._model, self._patience)
         collision = CollisionModel(self._model, scene)
         held = carried(self._payload, scene.attached)
         loaded = self._model if held is None else self._model.with_payload(held.mass, held.com)
         first = number * PROBLEMS
-        problems = range(first, min(first + PROBLEMS, self._sweep.count))
+        problems = range(first, min(first + PROBLEMS, sweep.count))
         made = []
         for problem in problems:
-            random = np.random.default_rng((self._sweep.seed, problem))
-            start, goal = (self._drawn(random, collision, loaded) for _ in range(2))
+            if sweep.problems:
+                start, goal = map(np.array, sweep.problems[problem])
+            else:
+                random = np.random.default_rng((sweep.seed, problem))
+                start, goal = (self._drawn(random, collision, loaded) for _ in range(2))
             made.append(self._planned(planner, collision, scene, problem, start, goal))
         return {
             "problem": np.arange(problems.start, problems.stop, dtype=np.int64),

@@ -7,7 +7,7 @@ ROS 2 messages, radians, one motion after the other on one time line that begins
 - ``/motion`` (``std_msgs/msg/String``), where each begins: JSON with the number of its problem, its
   ``duration_s``, ``room_mm`` and the number of its scene;
 - ``/scene``, where it changes: the scene file that was planned in, as JSON;
-- ``/sweep``, once: what the data set is, as its manifest says, without the scenes.
+- ``/sweep``, once: what the data set is, as its manifest says, without scenes and given problems.
 """
 
 from __future__ import annotations
@@ -26,12 +26,15 @@ from so101_motion.common.units import to_mm, to_rad
 from so101_motion.files import atomic
 from so101_motion.files.trajectory_export import JOINT_STATE, STRING, joint_state, mcap_writer
 from so101_motion.tasks.sweeps.folder import SweepFolder
+from so101_motion.tasks.sweeps.motion_problems import scene_of_shard
 from so101_motion.tasks.sweeps.plans import Episode, episodes
 
 PAUSE = 1.0
 """Between two motions, which do not begin where the one before ended [s]. Chosen."""
 
 _NAMES = (*ARM_JOINTS, GRIPPER_JOINT)
+
+_LONG = ("scenes", "problems")
 
 
 def write_mcap(
@@ -77,16 +80,17 @@ class _Lines:
         self._out, self._frames = out, 0
         self._states = out.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
         self._texts = out.register_msgdef("std_msgs/msg/String", STRING)
-        self._scenes = facts.get("scenes", [])
-        self._of_a_shard = facts.get("problems_of_a_shard", 1)
+        self._scenes, self._scatter = facts.get("scenes", []), facts.get("scatter", 0.0)
+        self._seed, self._of_a_shard = facts.get("seed", 0), facts.get("problems_of_a_shard", 1)
         self._scene: int | None = None
-        self._say("/sweep", {name: each for name, each in facts.items() if name != "scenes"})
+        self._say("/sweep", {name: each for name, each in facts.items() if name not in _LONG})
 
     def add(self, episode: Episode) -> None:
         """Write a motion."""
-        scene = episode.problem // self._of_a_shard % len(self._scenes)
+        shard = episode.problem // self._of_a_shard
+        scene = shard if self._scatter else shard % len(self._scenes)
         if scene != self._scene:
-            self._say("/scene", self._scenes[scene])
+            self._say("/scene", scene_of_shard(self._scenes, self._scatter, self._seed, shard))
             self._scene = scene
         duration = float(episode.timestamp[-1])
         self._say(

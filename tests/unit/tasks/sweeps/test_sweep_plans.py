@@ -23,6 +23,7 @@ from so101_motion.tasks.sweeps import (
     scene_text,
     write_mcap,
 )
+from so101_motion.tasks.sweeps.motion_problems import read_problems, scene_of_shard
 from so101_motion.tasks.sweeps.plans import PROBLEMS
 
 FEW = PlansSweep(count=5, fps=50)
@@ -128,3 +129,35 @@ def test_motions_are_free_in_their_own_scene_and_some_blocked_by_a_new_box(folde
     assert set(touching) <= set(blocked)
     assert 0 < figures["blocked"] == len(blocked)
     assert any("new box" in name for name in figures)
+
+
+REST, UP = [0.0, -60.0, 40.0, 50.0, 0.0], [30.0, 0.0, 0.0, 40.0, 0.0]
+
+
+def test_problems_from_a_file_are_planned_as_they_are(tmp_path):
+    problems = [{"start_deg": REST, "goal_deg": UP}, {"start_deg": UP, "goal_deg": [200.0] * 5}]
+    file = tmp_path / "problems.json"
+    file.write_text(json.dumps({"schema": "so101/problems/1", "problems": problems}))
+    given = read_problems(file)
+    shard = PlansSweep(count=2, problems=given).open()(0)
+    assert np.degrees(shard["start"]) == pytest.approx(np.array([REST, UP]))
+    assert shard["why"][0] == ""
+    assert shard["why"][1] != ""  # beyond the joint limits
+    with pytest.raises(ConfigError, match="count"):
+        PlansSweep(count=3, problems=given)
+    file.write_text(json.dumps({"schema": "so101/problems/1", "problems": [{"start_deg": REST}]}))
+    with pytest.raises(ConfigError, match="problem 0: goal_deg"):
+        read_problems(file)
+
+
+def test_scattered_obstacles_are_elsewhere_in_each_shard_and_the_same_in_the_same():
+    scene = {"obstacles": [{"name": "wall", "box_mm": [9, 9, 9], "position_mm": [200, 50, 40]}]}
+    places = [
+        np.array(scene_of_shard([scene], 0.05, 3, shard)["obstacles"][0]["position_mm"])
+        for shard in (0, 1, 0)
+    ]
+    assert np.all(places[0] == places[2])
+    assert np.any(places[0] != places[1])
+    at = np.array(scene["obstacles"][0]["position_mm"])
+    assert all(np.all(np.abs(each - at) <= [50.0, 50.0, 0.0]) for each in places)
+    assert scene_of_shard([scene], 0.0, 3, 7) is scene
