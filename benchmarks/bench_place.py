@@ -2,8 +2,8 @@
 
 The long way knows no bounds: it draws bases of the same fine lattice at random and plans from each,
 until it has used a hundred times the search's processor time: 45 minutes of one core for all three
-tasks. A run with ``--seconds`` ends earlier, the next one goes on, and the rows say how far it came;
-``--only "pick and place"`` looks at one task, so that two cores have something to do.
+tasks. A run with ``--seconds`` ends earlier, the next one goes on, and the rows say how far it
+came; ``--only "pick and place"`` looks at one task, so that two cores have something to do.
 """
 
 from __future__ import annotations
