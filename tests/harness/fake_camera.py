@@ -77,13 +77,15 @@ class FakeCamera(Camera):
 
 
 class FakeVision(Vision):
-    """Finds objects: ``(points or None, boxes)`` each, in the camera's frame."""
+    """Finds objects: ``(points or None, boxes)`` each, in the camera's frame; or raises one."""
 
     def __init__(self, name, objects):
         super().__init__(name)
         self.objects = objects
 
     async def get_object_point_clouds(self, camera_name, **kwargs):
+        if isinstance(self.objects, Exception):
+            raise self.objects
         return [
             PointCloudObject(
                 point_cloud=b"" if points is None else pcd(points),

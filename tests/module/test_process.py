@@ -229,7 +229,7 @@ async def test_frozen_time_does_not_hold_up_the_end_of_the_arm():
         arm = await module.add(ARM, SIMULATED, {"simulate_time": False}, "arm")
         move = await begin_sweep(arm, seconds=0.05)
         await module.remove(ARM, "arm")
-        with pytest.raises(GRPCError):
+        with pytest.raises(GRPCError, match="ended early by the removal of its arm"):
             await move
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0

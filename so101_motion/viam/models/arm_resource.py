@@ -300,6 +300,11 @@ class ArmResource(Configured, Arm):
         """End what is under way for something newer; returns when the arm is at rest."""
         await self._at_rest(self._arm.start_stop(by=SUPERSEDED))
 
+    async def removed(self) -> None:
+        """End what is under way, because the component goes; returns when the arm is at rest."""
+        with suppress(So101Error):  # also when nothing answers any more
+            await self._at_rest(self._arm.start_stop(by="the removal of its arm"))
+
     async def _at_rest(self, stop: Future[None]) -> None:
         """Wait until a stop is over, even if the client disconnects."""
         stopping = asyncio.wrap_future(stop)

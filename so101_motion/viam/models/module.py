@@ -20,7 +20,11 @@ from functools import partial
 from grpclib import GRPCError
 from viam.logging import getLogger
 from viam.module.module import Module
-from viam.proto.module import ValidateConfigRequest, ValidateConfigResponse
+from viam.proto.module import (
+    RemoveResourceRequest,
+    ValidateConfigRequest,
+    ValidateConfigResponse,
+)
 from viam.resource.registry import Registry, ResourceCreatorRegistration
 from viam.resource.types import API, Model
 from viam.rpc.server import Server
@@ -29,6 +33,7 @@ from so101_motion.common.realtime import reduce_jitter
 from so101_motion.files import user_storage
 from so101_motion.rig.hardware_rig import release_arms_at_end
 from so101_motion.viam.conversion.frames import set_machine
+from so101_motion.viam.models.arm_resource import ArmResource
 from so101_motion.viam.models.calibration import So101Calibration
 from so101_motion.viam.models.discovery import So101Discovery
 from so101_motion.viam.models.hardware_arm import HardwareArm
@@ -89,6 +94,17 @@ class So101Module(Module):
         except GRPCError as error:
             told = (error.message or "").removeprefix(f"{type(Exception)}: ")
             raise GRPCError(error.status, told) from error
+
+    async def remove_resource(self, request: RemoveResourceRequest) -> None:
+        """Remove a resource, also to build it anew; who waits for an arm's motion is told so.
+
+        The SDK would stop the arm, as if somebody had pressed Stop.
+        """
+        api, _, name = request.name.rpartition("/")
+        arm = ArmResource.here.get(name) if api == str(ArmResource.API) else None
+        if arm is not None:
+            await arm.removed()
+        await super().remove_resource(request)  # type: ignore[no-untyped-call]  # SDK's
 
 
 async def run() -> None:

@@ -83,7 +83,10 @@ class CameraView:
         except TimeoutError as error:
             raise self._unknown(f"has not looked within {self._patience:g} s") from error
         except GRPCError as error:
-            raise self._unknown(f"does not look: {error.message}") from error
+            reason = f"does not look: {error.message}"
+            if self._vision is not None:
+                reason = f'or the vision service "{self._vision}" {reason}'
+            raise self._unknown(reason) from error
         except ConfigError as error:
             raise self._unknown(f"sees something that is not valid: {error}") from error
 

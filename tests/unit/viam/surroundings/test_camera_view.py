@@ -148,6 +148,10 @@ async def test_a_camera_that_does_not_see_is_no_reason_to_take_the_space_for_emp
         bench.camera.look = lambda: GRPCError(Status.UNAVAILABLE, "unplugged")
         with pytest.raises(SurroundingsUnknown, match=r'"camera" does not look: unplugged; put'):
             await scene()
+    finder = FakeVision("finder", GRPCError(Status.UNKNOWN, "no header"))
+    async with bench.watching(finder) as scene:
+        with pytest.raises(SurroundingsUnknown, match='service "finder" does not look: no header'):
+            await scene()
     view = CameraView("camera", None)
     set_machine(lambda: bench.machine)
     with pytest.raises(SurroundingsUnknown, match="does not run"):
