@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 from contextlib import asynccontextmanager
 
 import numpy as np
@@ -15,6 +16,7 @@ from harness.fake_parent import (
     SIMULATED,
     SIMULATED_GRIPPER,
     running_module,
+    until,
 )
 from viam.components.arm import JointPositions, MoveOptions
 from viam.components.generic.service import GenericRPCService
@@ -212,5 +214,12 @@ async def test_what_is_ignored_by_name_is_gone_through_and_what_is_not_known_is_
     bench.manager.get_resource(Thing, Thing.get_resource_name("broken")).geometries = GRPCError(
         Status.UNAVAILABLE, "unplugged"
     )
-    with pytest.raises(GRPCError, match=r'"broken" does not.*"ignore_components": \["broken"\]'):
-        await bench.go(200, 100, 150)
+
+    async def is_named():
+        """A busy machine may have lost the connection, which the SDK sets up again."""
+        with pytest.raises(GRPCError) as refused:
+            await bench.go(200, 100, 150)
+        assert re.search('"broken" does not|cannot be reached', refused.value.message)
+        return '"ignore_components": ["broken"]' in refused.value.message
+
+    await until(is_named)

@@ -46,10 +46,10 @@ _ASK_AGAIN = 5.0
 """After how long those without geometries are asked again [s]; chosen."""
 
 _LOST = (OSError, StreamTerminatedError)
-"""What a call ends with when the connection is gone."""
+"""What a call ends with when there is no connection."""
 
 _STARTING = 0.05
-"""How often a component that is being configured is looked for [s]; chosen."""
+"""How often a component that is being configured, or a connection, is looked for [s]; chosen."""
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 """What modules in other languages say for UNIMPLEMENTED."""
@@ -133,11 +133,16 @@ class MachineBodies:
         """
         if not self.is_asked:
             return self._nothing()
+        reason = f"the machine has not said within {self._patience:g} s what its components are"
         try:
             async with asyncio.timeout(self._patience), self._one_at_a_time:
-                return await self._read()
+                while True:
+                    try:
+                        return await self._read()
+                    except _LOST as error:  # the SDK connects again
+                        reason = f"the machine cannot be reached: {error}"
+                    await asyncio.sleep(_STARTING)
         except TimeoutError as error:
-            reason = f"the machine has not said within {self._patience:g} s what its components are"
             raise SurroundingsUnknown(reason) from error
         except ConfigError as error:
             component = str(error.value) if error.key == "frame" else ""
@@ -165,8 +170,6 @@ class MachineBodies:
                 return self._nothing()
             reason = f"the machine does not tell its frame system: {_words(error)}"
             raise SurroundingsUnknown(reason) from error
-        except _LOST as error:
-            raise SurroundingsUnknown(f"the machine cannot be reached: {error}") from error
         if configs != self._configs:
             tree = await asyncio.to_thread(FrameTree, configs, self._left_out)
             self._configs, self._tree = configs, tree
@@ -258,7 +261,7 @@ class MachineBodies:
         query = PoseInFrame(reference_frame=name, pose=Pose(o_z=1.0))
         try:
             seen = await machine.transform_pose(query, f"{name}_origin")
-        except (GRPCError, *_LOST) as error:
+        except GRPCError as error:
             reason = f'the machine does not tell where "{name}" is: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
         T = convert.from_pose(seen.pose)
@@ -317,8 +320,8 @@ class MachineBodies:
             return list(await client.get_geometries(timeout=self._patience))
         except NotImplementedError:
             return []
-        except (GRPCError, *_LOST) as error:
-            if isinstance(error, GRPCError) and _has_none(error):
+        except GRPCError as error:
+            if _has_none(error):
                 return []
             reason = f'"{name}" does not tell its geometries: {_words(error)}'
             raise SurroundingsUnknown(reason, component=name) from error
@@ -416,5 +419,5 @@ def _has_none(error: GRPCError) -> bool:
     return error.status is Status.UNIMPLEMENTED or any(word in told for word in _HAS_NONE)
 
 
-def _words(error: Exception) -> str:
-    return str(error.message if isinstance(error, GRPCError) else error)
+def _words(error: GRPCError) -> str:
+    return error.message or ""
