@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import re
 from contextlib import asynccontextmanager
 
 import numpy as np
@@ -216,10 +215,10 @@ async def test_what_is_ignored_by_name_is_gone_through_and_what_is_not_known_is_
     )
 
     async def is_named():
-        """A busy machine may have lost the connection, which the SDK sets up again."""
+        """A busy machine may not answer in time before it does."""
         with pytest.raises(GRPCError) as refused:
             await bench.go(200, 100, 150)
-        assert re.search('"broken" does not|cannot be reached', refused.value.message)
-        return '"ignore_components": ["broken"]' in refused.value.message
+        told = refused.value.message
+        return '"broken" does not' in told and '"ignore_components": ["broken"]' in told
 
     await until(is_named)

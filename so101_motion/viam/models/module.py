@@ -104,7 +104,7 @@ class So101Module(Module):
         arm = ArmResource.here.get(name) if api == str(ArmResource.API) else None
         if arm is not None:
             await arm.removed()
-        await super().remove_resource(request)  # type: ignore[no-untyped-call]  # SDK's
+        await super().remove_resource(request)
 
 
 async def run() -> None:
