@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import wait
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,27 +55,23 @@ def calibrate(file: Path, touches: int, yes: bool, as_json: bool) -> None:
     """  # noqa: D301
     from so101_motion.files.cell_file import read_cell, write_cell
     from so101_motion.rig.cell_rigs import open_cell
-    from so101_motion.setup.base_fit import fit_base
+    from so101_motion.setup.base_fit import measure_bases
 
     known = read_cell(file)
     first, *others = known.arms
     if not others:
         raise click.UsageError(f"{file} names one arm; there is nothing to find out")
-    fits: dict[str, BaseFit] = {}
+
+    def touch(one: str, other: str, number: int) -> None:
+        text = f"touch {number} of {touches}: let {one} and {other} meet, then press Enter"
+        click.echo(text, err=True)
+        click.getchar()
+
     with quietly(), open_cell(known) as opened:
         if not yes:
             have_agreed("All arms go soft now. Are you holding each of them?")
-        rigs = opened.rigs
-        try:
-            for rig in rigs.values():
-                rig.arm.set_manual(True)
-            for other in others:
-                met = [_touch(rigs, first.name, other.name, k + 1, touches) for k in range(touches)]
-                p_first, p_second = zip(*met, strict=True)
-                fits[other.name] = fit_base(p_first, p_second)  # type: ignore[arg-type]
-        finally:
-            for rig in rigs.values():
-                rig.arm.set_manual(False)
+        arms = {name: rig.arm for name, rig in opened.rigs.items()}
+        fits = measure_bases(arms, touches, touch)
     bases = {name: first.T_cell_base @ fit.T_first_second for name, fit in fits.items()}
     write_cell(known.with_bases(bases), file)
     if as_json:
@@ -139,14 +137,58 @@ def move(
         if not yes:
             have_agreed("Move all of them?")
         _see_through(opened.cell, opened.cell.start_together(goals))
-        q = {name: opened.rigs[name].arm.state.q for name in plans}
-    reached = {
-        name: [round(float(each), 1) for each in to_deg(values)] for name, values in q.items()
-    }
+        reached = _joints_deg(opened.rigs)
     if as_json:
         print_json("cell-move", {"duration_s": duration, "joints_deg": reached})
     for name, values in reached.items():
         click.echo(f"{name}: {values} deg", err=True)
+
+
+@cell.command()
+@click.argument("file", type=IN_FILE)
+@click.argument("program", type=IN_FILE)
+@click.option(
+    "--rounds", type=click.IntRange(1, 10_000), help="Number of rounds; by default as saved."
+)
+@click.option("--yes", is_flag=True, help="Begin without asking.")
+@json_option
+def run(file: Path, program: Path, rounds: int | None, yes: bool, as_json: bool) -> None:
+    """Run PROGRAM, whose steps say which of the arms of FILE go where.
+
+    Arms that are named in the same step go side by side, in one motion. All of it is planned before
+    anything moves. Ctrl-C stops all arms.
+
+    \b
+    so101 cell run cell.json wave.json
+    """  # noqa: D301
+    from so101_motion.files.cell_file import read_cell
+    from so101_motion.rig.cell_rigs import open_cell
+    from so101_motion.tasks.program.cell_program import read_cell_program
+    from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
+
+    made = read_cell_program(program)
+    if rounds is not None:
+        made = replace(made, rounds=rounds)
+    with quietly(), open_cell(read_cell(file)) as opened:
+        with busy_message("planning all of it ..."):
+            rehearsal = rehearse_cell(opened.cell, made)
+        for index, step in enumerate(rehearsal.first):
+            duration = max(plan.duration for plan in step.plans.values())
+            click.echo(f"  {made.called(index)}  {duration:.2f} s", err=True)
+        if not yes:
+            have_agreed("Move the arms?")
+        running = start_cell_program(opened.cell, rehearsal)
+        try:
+            while not wait((running.future,), 0.1).done:
+                pass
+        except KeyboardInterrupt:
+            opened.cell.stop()
+            raise
+        running.future.result()
+        reached = _joints_deg(opened.rigs)
+    if as_json:
+        print_json("cell-run", {"rounds": made.rounds, "joints_deg": reached})
+    click.echo("done", err=True)
 
 
 @cell.command()
@@ -191,6 +233,11 @@ def handover(
     click.echo(f"{taker} holds {thing} now; {file} still says {giver}", err=True)
 
 
+def _joints_deg(rigs: Mapping[str, Rig]) -> dict[str, list[float]]:
+    q = {name: rig.arm.state.q for name, rig in rigs.items()}
+    return {name: [round(float(each), 1) for each in to_deg(values)] for name, values in q.items()}
+
+
 def _see_through(cell: Cell, motions: Mapping[str, Motion]) -> None:
     """Wait until all arms have arrived; Ctrl-C stops all of them."""
     from so101_motion.common.errors import Interrupted, So101Error
@@ -206,17 +253,6 @@ def _see_through(cell: Cell, motions: Mapping[str, Motion]) -> None:
             raise
     if problems:  # one ends all; that one says why
         raise next((each for each in problems if not isinstance(each, Interrupted)), problems[0])
-
-
-def _touch(
-    rigs: dict[str, Rig], first: str, second: str, k: int, count: int
-) -> tuple[Array, Array]:
-    """Where two tips meet, in the base frame of each."""
-    from so101_motion.setup.base_fit import tip_of
-
-    click.echo(f"touch {k} of {count}: let {first} and {second} meet, then press Enter", err=True)
-    click.getchar()
-    return tip_of(rigs[first].arm), tip_of(rigs[second].arm)
 
 
 def _facts(fit: BaseFit) -> dict[str, list[float]]:

@@ -10,6 +10,7 @@ Crystallographica A 1976.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -101,6 +102,44 @@ def fit_base(p_first: Array, p_second: Array) -> BaseFit:
             "repeat it; if another one is off then, calibrate both arms first",
         )
     return BaseFit(T_first_second=T, residuals=residuals)
+
+
+def measure_bases(
+    arms: Mapping[str, Arm], count: int, touch: Callable[[str, str, int], object]
+) -> dict[str, BaseFit]:
+    """Where the bases of arms are, from touches that a hand brings about.
+
+    All arms yield to hands meanwhile and are held again in the end.
+
+    Args:
+        arms: The arms by name; the first is the one whose base is known.
+        count: So many touches of each other arm with the first.
+        touch: Returns when a person has let the tips of two arms meet: the first arm's name, the
+            other's, and which touch it is, from 1.
+
+    Returns:
+        The fit for each arm but the first.
+
+    Raises:
+        CalibrationError: The touches of an arm are too few, near one line, or do not agree.
+        So101Error: An arm cannot be let go of.
+    """
+    first, *others = arms
+    fits = {}
+    try:
+        for arm in arms.values():
+            arm.set_manual(True)
+        for other in others:
+            met = []
+            for number in range(1, count + 1):
+                touch(first, other, number)
+                met.append((tip_of(arms[first]), tip_of(arms[other])))
+            p_first, p_second = (np.array(each) for each in zip(*met, strict=True))
+            fits[other] = fit_base(p_first, p_second)
+    finally:
+        for arm in arms.values():
+            arm.set_manual(False)
+    return fits
 
 
 def tip_of(arm: Arm) -> Array:

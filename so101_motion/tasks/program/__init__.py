@@ -1,12 +1,27 @@
 """Programs: named waypoints, visited in order, once, several times, or until stopped.
 
 ``program.py`` is the program as a value and how it is edited, ``files.py`` keeps it,
-``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. A path that a
-hand has shown is in ``guided``.
+``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. ``cell_program.py``
+and ``cell_run.py`` are the same for several arms. A path that a hand has shown is in ``guided``.
 """
 
+from so101_motion.tasks.program.cell_program import CellProgram, read_cell_program
+from so101_motion.tasks.program.cell_run import CellProgramRun, rehearse_cell, start_cell_program
 from so101_motion.tasks.program.program import Program, Waypoint
 from so101_motion.tasks.program.rehearsal import Rehearsal, rehearse
 from so101_motion.tasks.program.run import ProgramRun, Where, start_program
 
-__all__ = ["Program", "ProgramRun", "Rehearsal", "Waypoint", "Where", "rehearse", "start_program"]
+__all__ = [
+    "CellProgram",
+    "CellProgramRun",
+    "Program",
+    "ProgramRun",
+    "Rehearsal",
+    "Waypoint",
+    "Where",
+    "read_cell_program",
+    "rehearse",
+    "rehearse_cell",
+    "start_cell_program",
+    "start_program",
+]

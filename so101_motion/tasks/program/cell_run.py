@@ -13,7 +13,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -34,29 +34,31 @@ if TYPE_CHECKING:
     from so101_motion.tasks.program.program import Waypoint
 
 
+class PlannedStep(NamedTuple):
+    """A step of one round.
+
+    Attributes:
+        plans: The plan of each arm, by its name.
+        stands: Where each arm stands before it, by its name.
+    """
+
+    plans: Mapping[str, Plan]
+    stands: Mapping[str, Stand]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CellRehearsal:
     """A planned program of several arms.
 
     Attributes:
         program: What was planned.
-        steps: The plan of each arm by its name, for each step of the first round.
-        back: The same for the first step of further rounds; None if there are none.
-        stands: Where each arm stands before each step, by its name; at last, where all end.
+        first: The steps of the first round, from where the arms stand.
+        again: The steps of further rounds, from where the program ends; none if there is one round.
     """
 
     program: CellProgram
-    steps: tuple[Mapping[str, Plan], ...]
-    back: Mapping[str, Plan] | None
-    stands: tuple[Mapping[str, Stand], ...]
-
-    @property
-    def duration(self) -> float:
-        """How long the arms move and pause in the first round [s]; the jaws' time comes on top."""
-        moving = sum(max(each.duration for each in plans.values()) for plans in self.steps)
-        return moving + sum(
-            max(each.pause for each in step.values()) for step in self.program.steps
-        )
+    first: tuple[PlannedStep, ...]
+    again: tuple[PlannedStep, ...]
 
 
 def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
@@ -66,13 +68,16 @@ def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
         PlanningError: A step cannot be done, and which.
         ConfigError: An arm is not there.
     """
-    stands = [cell.stands()]
-    steps = []
-    for index in range(len(program.steps)):
-        steps.append(_planned(cell, program, index, stands[-1]))
-        stands.append(_after(cell, program.steps[index], stands[-1]))
-    back = None if program.rounds == 1 else _planned(cell, program, 0, stands[-1])
-    return CellRehearsal(program=program, steps=tuple(steps), back=back, stands=tuple(stands))
+    stands: Mapping[str, Stand] = cell.stands()
+    rounds: list[list[PlannedStep]] = [[]] if program.rounds == 1 else [[], []]
+    for steps in rounds:
+        for index, step in enumerate(program.steps):
+            steps.append(PlannedStep(_planned(cell, program, index, stands), stands))
+            stands = _after(cell, step, stands)
+    first, *further = rounds
+    return CellRehearsal(
+        program=program, first=tuple(first), again=tuple(further[0]) if further else ()
+    )
 
 
 def _planned(
@@ -138,29 +143,23 @@ class CellProgramRun:
 
     def _steps(self) -> Iterator[TeamStep]:
         rehearsal, program = self._rehearsal, self.program
-        last = rehearsal.stands[-1]
         for lap in count() if program.rounds is None else range(program.rounds):
-            for index, step in enumerate(program.steps):
-                plans, stands = rehearsal.steps[index], rehearsal.stands[index]
-                if lap > 0 and index == 0:
-                    assert rehearsal.back is not None
-                    plans, stands = rehearsal.back, last
+            planned = rehearsal.again if lap > 0 else rehearsal.first
+            for index, (step, known) in enumerate(zip(program.steps, planned, strict=True)):
                 then = {name: partial(self._stay, name, each) for name, each in step.items()}
-                yield TeamStep(partial(self._ready, (lap, index), plans, stands), then)
+                yield TeamStep(partial(self._ready, (lap, index), known), then)
 
-    def _ready(
-        self, where: tuple[int, int], plans: Mapping[str, Plan], stands: Mapping[str, Stand]
-    ) -> Future[dict[str, Plan]]:
+    def _ready(self, where: tuple[int, int], planned: PlannedStep) -> Future[dict[str, Plan]]:
         """What all arms do next, once all of them rest."""
         self.where = where
         cell, as_planned = self._cell, True
         for name, place in cell.places.items():
-            state, stand = place.arm.state, stands[name]
+            state, stand = place.arm.state, planned.stands[name]
             if float(np.max(np.abs(stand.q - state.q_ref))) > ARRIVED:
                 raise MotionError(f"{name} has been moved meanwhile; plan the program again")
             as_planned = as_planned and abs(state.q_jaw_ref - stand.q_jaw) <= SAME_JAW
         if as_planned:
-            return cell.proven(plans)
+            return cell.proven(planned.plans)
         goals, limits = _asked(cell, self.program.steps[where[1]])
         return cell.start_plan(goals, limits=limits)
 

@@ -23,6 +23,13 @@ ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
 STICK = Box(size=[0.02, 0.02, 0.16])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()):
+        yield
+
+
 class Bench:
     """Two simulated arms that face each other; the left one holds a stick at one end."""
 

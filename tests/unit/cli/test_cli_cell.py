@@ -54,3 +54,16 @@ def test_a_handover_needs_a_thing_in_the_hand(tmp_path):
     result = CliRunner().invoke(main, asked)
     assert result.exit_code != 0
     assert "'ball' is too small" in result.output
+
+
+def test_a_program_of_several_arms_is_run(tmp_path):
+    cell, program = tmp_path / "cell.json", tmp_path / "wave.json"
+    far = {"name": "right", "position_mm": [900, 0, 0], "rpy_deg": [0, 0, 180]}
+    cell.write_text(json.dumps({"arms": [{"name": "left"}, far]}))
+    steps = [{"left": {"q_deg": [2, 0, 0, 0, 0]}, "right": {"q_deg": [0, 0, 0, 2, 0]}}]
+    program.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
+    asked = ["cell", "run", str(cell), str(program), "--yes", "--json"]
+    result = CliRunner().invoke(main, asked)
+    assert result.exit_code == 0, result.output
+    reached = json.loads(result.stdout)["joints_deg"]
+    assert reached == {"left": [2, 0, 0, 0, 0], "right": [0, 0, 0, 2, 0]}

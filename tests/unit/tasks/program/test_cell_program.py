@@ -1,0 +1,148 @@
+"""Programs of several arms: files, what is refused, and runs on a clock the test drives."""
+
+import json
+from concurrent.futures import wait
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from harness.facing_arms import T_LEFT_RIGHT, Facing
+
+from so101_motion.arm.cell import Cell
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
+from so101_motion.common.geometry import SE3
+from so101_motion.rig.hardware_rig import open_simulated
+from so101_motion.tasks.program.cell_program import (
+    CellProgram,
+    read_cell_program,
+    write_cell_program,
+)
+from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
+from so101_motion.tasks.program.program import Waypoint
+
+ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
+A = np.radians([50.0, -20.0, 30.0, 30.0, 0.0])
+B = np.radians([60.0, -30.0, 20.0, 40.0, 20.0])
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()):
+        yield
+
+
+class Bench:
+    """Two simulated arms that face each other."""
+
+    def __init__(self, stack):
+        self.clock, self.cell, self.arms = ManualClock(), Cell(), {}
+        for name, T in (("left", SE3.identity()), ("right", T_LEFT_RIGHT)):
+            rig = stack.enter_context(
+                open_simulated(clock=self.clock, q_start=ASIDE, speed=np.pi, acceleration=8.0)
+            )
+            self.cell.add(name, rig, T)
+            self.arms[name] = rig.arm
+
+    def start(self, program):
+        return start_cell_program(self.cell, rehearse_cell(self.cell, program))
+
+    def run(self, run, until=lambda: False):
+        """Let time pass until the run is over; which arms moved at the same time, by the step."""
+        moved, q = {}, {name: arm.state.q_ref for name, arm in self.arms.items()}
+        for _ in range(4000):
+            if until() or run.future.done():
+                return moved
+            here = {name: arm.state.q_ref for name, arm in self.arms.items()}
+            changed = {name for name in q if np.abs(here[name] - q[name]).max() > 1e-9}
+            moved.setdefault(run.where, set()).update(changed)
+            q = here
+            if not changed:
+                wait([run.future], timeout=0.001)  # threads' turn
+            self.clock.advance(0.01)
+        raise AssertionError("it goes on and on")
+
+
+@pytest.fixture
+def bench():
+    with ExitStack() as stack:
+        yield Bench(stack)
+
+
+def at(q, name="there", **rest):
+    return Waypoint(name=name, q=q, **rest)
+
+
+def test_steps_move_the_arms_they_name_and_side_by_side_if_they_name_several(bench):
+    steps = ({"left": at(A, pause=0.1)}, {"left": at(B, aperture=0.3), "right": at(A)})
+    run = bench.start(CellProgram(steps=steps, rounds=2))
+    moved = bench.run(run)
+    run.future.result()
+    assert run.where == (1, 2)
+    assert moved[0, 0] == {"left"}
+    assert moved[0, 1] == {"left", "right"}
+    assert moved[1, 0] == {"left"}
+    np.testing.assert_allclose(bench.arms["left"].state.q_ref, B, atol=1e-6)
+    np.testing.assert_allclose(bench.arms["right"].state.q_ref, A, atol=1e-6)
+    assert bench.cell.places["left"].gripper.aperture == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_step_in_which_the_arms_would_meet_is_refused_before_anything_moves(bench):
+    facing = Facing(43)
+    goals = facing.near(), facing.near()
+    while facing.are_apart(*goals, 0.005):
+        goals = facing.near(), facing.near()
+    steps = ({"left": at(A)}, {"left": at(goals[0], "mug"), "right": at(goals[1])})
+    with pytest.raises(InCollision, match=r"step 2 \(left to mug, right to there\): .*right's"):
+        rehearse_cell(bench.cell, CellProgram(steps=steps))
+    with pytest.raises(ConfigError, match="left, right"):
+        rehearse_cell(bench.cell, CellProgram(steps=({"middle": at(A)},)))
+
+
+def test_a_stop_of_one_arm_ends_the_program_for_all(bench):
+    run = bench.start(CellProgram(steps=({"left": at(A), "right": at(B)},), rounds=None))
+    bench.run(run, until=lambda: bench.arms["right"].is_moving)
+    bench.arms["left"].start_stop()
+    bench.run(run)
+    with pytest.raises(Interrupted, match="stop"):
+        run.future.result()
+    assert not any(arm.is_moving for arm in bench.arms.values())
+
+
+def test_an_arm_that_was_moved_meanwhile_ends_the_program_and_is_named(bench):
+    rehearsal = rehearse_cell(bench.cell, CellProgram(steps=({"left": at(A)},)))
+    bench.run(bench.start(CellProgram(steps=({"right": at(A)},))))
+    run = start_cell_program(bench.cell, rehearsal)
+    bench.run(run)
+    with pytest.raises(MotionError, match=r"step 1 \(left to there\): right has been moved"):
+        run.future.result()
+
+
+def test_a_program_is_written_and_read_again(tmp_path):
+    path = tmp_path / "wave.json"
+    steps = ({"left": at(A, "mug", aperture=0.8, speed=0.4)}, {"left": at(B), "right": at(A)})
+    write_cell_program(CellProgram(steps=steps, rounds=None), path)
+    program = read_cell_program(path)
+    assert program.rounds is None
+    assert [list(step) for step in program.steps] == [["left"], ["left", "right"]]
+    mug = program.steps[0]["left"]
+    assert (mug.name, mug.aperture, mug.speed) == ("mug", 0.8, 0.4)
+    np.testing.assert_allclose(mug.q, A, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("steps", "said"),
+    [
+        ([], "must be 1 to 200"),
+        ([{}], "names no arm"),
+        ([["left"]], "step 1"),
+        ([{"left": {"q_deg": [1, 2]}}], "step 1: left: q_deg"),
+        ([{"left": {"q_deg": [0, 0, 0, 0, 0], "pass": True}}], "cannot be passed"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_with_its_place(tmp_path, steps, said):
+    path = tmp_path / "wave.json"
+    path.write_text(json.dumps({"schema": "so101/cell-program/1", "steps": steps}))
+    with pytest.raises(ConfigError, match=said):
+        read_cell_program(path)
