@@ -35,7 +35,7 @@ from so101_motion.viam.conversion.world_state import MOST_THINGS
 from so101_motion.viam.surroundings.frame_tree import FrameTree, Part
 from so101_motion.viam.surroundings.machine_cell import MachineCell, held_by
 from so101_motion.viam.surroundings.machine_view import Body, MachineView, link_hulls, nearly
-from so101_motion.viam.surroundings.missing_parts import missing_parts
+from so101_motion.viam.surroundings.missing_parts import lost_part, missing_parts
 
 Answer = TypeVar("Answer")
 
@@ -50,6 +50,9 @@ _LOST = (OSError, StreamTerminatedError)
 
 _STARTING = 0.05
 """How often a component that is being configured, or a connection, is looked for [s]; chosen."""
+
+_REMOTE = "_world"
+"""With which viam-server names the frame of a remote machine, which is no component."""
 
 _HAS_NONE = ("unimplemented", "not implemented", "unsupported")
 """What modules in other languages say for UNIMPLEMENTED."""
@@ -217,7 +220,16 @@ class MachineBodies:
                     reason = f'"{name}" does not run, so nobody knows where it is: {why}'
                     raise SurroundingsUnknown(reason, component=name)
             await asyncio.sleep(_STARTING)
-        return await machine.get_frame_system_config()
+        configs = await machine.get_frame_system_config()
+        there = {*self._left_out, *(each.frame.reference_frame for each in configs)}
+        before = self._tree.parts
+        remote = {n: p.parent for n, p in before.items() if p.parent.endswith(_REMOTE)}
+        gone = [name for name, world in remote.items() if world in before.keys() - there]
+        name = await lost_part(machine, gone)
+        if name is not None:
+            reason = f'the remote machine that has "{name}" is not connected'
+            raise SurroundingsUnknown(reason, component=remote[name])
+        return configs
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
         """Let the arms of this process that have frames know each other."""
@@ -309,6 +321,8 @@ class MachineBodies:
         if resource is None:
             await machine.refresh()
             resource = _component(machine.resource_names, name)
+        if resource is None and name.endswith(_REMOTE):
+            return []
         if resource is None:
             reason = f'"{name}" has a frame but does not run, so nobody knows what it is like'
             raise SurroundingsUnknown(reason, component=name)

@@ -1,6 +1,7 @@
 """Which components viam-server's frame system leaves out because they do not run.
 
-An arm or a gantry that failed, or is just being configured, is not in it, as if there were none.
+An arm or a gantry that failed, or is just being configured, is not in it, as if there were none;
+nor is what a remote machine has that is not connected.
 """
 
 from __future__ import annotations
@@ -32,18 +33,27 @@ async def missing_parts(machine: Machine, left_out: Collection[str]) -> Mapping[
     Raises:
         GRPCError: The machine does not say.
     """
-    try:
-        status = await machine.get_machine_status()
-    except GRPCError as error:
-        if error.status is Status.UNIMPLEMENTED:  # an older viam-server
-            return {}
-        raise
     return {
         each.name.name: clipped(each.error, 300)
-        for each in status.resources
-        if each.name.type == "component"
-        and each.name.subtype in _LEFT_OUT
+        for each in await _components(machine)
+        if each.name.subtype in _LEFT_OUT
         and not each.remote
         and each.name.name not in left_out
         and each.state not in _RUNS
     }
+
+
+async def lost_part(machine: Machine, gone: Collection[str]) -> str | None:
+    """The first of the parts that have gone from the frame system but are still components."""
+    listed = {each.name.name for each in await _components(machine)} if gone else set()
+    return next((name for name in gone if name in listed), None)
+
+
+async def _components(machine: Machine) -> list[ResourceStatus]:
+    try:
+        status = await machine.get_machine_status()
+    except GRPCError as error:
+        if error.status is Status.UNIMPLEMENTED:  # an older viam-server
+            return []
+        raise
+    return [each for each in status.resources if each.name.type == "component"]

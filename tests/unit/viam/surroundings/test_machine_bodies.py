@@ -301,6 +301,24 @@ async def test_what_hangs_from_nothing_that_is_there_can_be_left_out(around):
     assert [body.name for body in bodies] == ["crate"]
 
 
+async def test_what_a_remote_machine_has_hangs_from_its_world(around):
+    crate = hanging("rem-crate", "rem_world", x=50.0, geometry=a_box(10, 10, 10))
+    machine = FakeMachine(ARM, hanging("rem_world", x=250.0), crate, things=[Thing("rem-crate")])
+    machine.statuses = [status("generic", "rem-crate", "READY")]
+    reader = around(machine)
+    [body] = (await reader.read()).bodies
+    assert body.name == "rem-crate"
+    np.testing.assert_allclose(body.T.p, (0.2, 0.0, 0.0), atol=1e-9)
+
+    # viam-server leaves out what it has lost the connection to.
+    machine.configs = [ARM]
+    for _ in range(2):
+        with pytest.raises(SurroundingsUnknown, match=r'has "rem-crate" is not .*\["rem_world"\]'):
+            await reader.read()
+    machine.statuses = []  # now the remote is no longer configured
+    assert (await reader.read()).bodies == ()
+
+
 async def test_a_geometry_that_viam_server_shows_as_the_frames_counts_once(around):
     """It takes the first answer for that where the configuration names none."""
     tray = a_box(10, 10, 10, "pallet:tray")
