@@ -225,10 +225,10 @@ class MachineBodies:
         before = self._tree.parts
         remote = {n: p.parent for n, p in before.items() if p.parent.endswith(_REMOTE)}
         gone = [name for name, world in remote.items() if world in before.keys() - there]
-        name = await lost_part(machine, gone)
-        if name is not None:
-            reason = f'the remote machine that has "{name}" is not connected'
-            raise SurroundingsUnknown(reason, component=remote[name])
+        lost = await lost_part(machine, gone)
+        if lost is not None:
+            reason = f'the remote machine that has "{lost}" is not connected'
+            raise SurroundingsUnknown(reason, component=remote[lost])
         return configs
 
     async def _meet(self, ends: Mapping[str, SE3]) -> None:
