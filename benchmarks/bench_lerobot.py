@@ -53,7 +53,9 @@ LOWERED = np.array([0.0, -25.0, 25.0, 20.0, 0.0])  # keeps the reaches off the t
 
 SIDES = ("left", "right")
 RATE = 60.0  # of teleoperation [Hz]
-HELD, LED_FROM = 25.0, 30.0  # by a hand: the followers until they hold, the leaders before [s]
+ABOVE = np.array([0.0, -20.0, 0.0, -20.0, 0.0])  # keeps what is led for minutes off the table
+HELD, LED_FROM = 25.0, 30.0  # how long a hand keeps a leader still, and when it has led it off [s]
+SETTLED = 3.0  # of teleoperation after the way to where the leaders are [s]
 
 
 def recording(seed: int = 3) -> Array:
@@ -106,6 +108,7 @@ def replayed_as_stock(folder: Path, rows: Array) -> Array:
                 goals = {i: int(middles[i] + q[i - 1] * 4095.0 / 360.0) for i in range(1, 6)}
                 data = {i: goal.to_bytes(2, "little") for i, goal in goals.items()}
                 bus.sync_write(reg.GOAL_POSITION.address, data)
+                bus.read(1, reg.PRESENT_POSITION)  # answered after the goals were heard
             bench.advance(DT)
             seen.append(bench.q_deg[:5] - MIDDLES_DEG)
         bus.close()
@@ -128,7 +131,7 @@ def replayed_by_stock(folder: Path, rows: Array) -> Array:
         for k in range(len(rows)):
             if k == 0 or int(k * DT * FPS) != int((k - 1) * DT * FPS):
                 robot.send_action(_lerobot.action(*at_frame(rows, k), JAW))
-                robot.get_observation()  # answered after the goals were heard
+                robot.get_observation()  # likewise
             bench.advance(DT)
             seen.append(bench.q_deg[:5] - MIDDLES_DEG)
         robot.disconnect()
@@ -192,17 +195,12 @@ class _Warnings(logging.Handler):
 def leading_hand(seconds: float, seed: int) -> str:
     """A script of a hand that holds all joints, and then leads them for so long."""
     every = 0.05
-    rows = 0.5 * _pair.human_motion(seconds, seed, dt=every)[:, :5] + LOWERED + MIDDLES_DEG
+    rows = 0.5 * _pair.human_motion(seconds, seed, dt=every)[:, :5] + LOWERED + ABOVE + MIDDLES_DEG
     lines = [f"{t} {joint} start" for joint in _pair.JOINTS for t in (0, HELD)]
     lines += [f"{LED_FROM} gripper {JAW}"]
     for joint, column in zip(_pair.JOINTS, rows.T, strict=False):
         lines += [f"{LED_FROM + every * k:.2f} {joint} {q:.3f}" for k, q in enumerate(column)]
     return "\n".join(lines) + "\n"
-
-
-def holding_hand() -> str:
-    """A script of a hand that holds all joints until the follower does."""
-    return "".join(f"0 {joint} start\n{HELD} {joint} release\n" for joint in _pair.JOINTS)
 
 
 def two_arms(folder: Path, minutes: float) -> dict[str, Any]:
@@ -212,7 +210,7 @@ def two_arms(folder: Path, minutes: float) -> dict[str, Any]:
         ports = {}
         for seed, name in enumerate(("left", "right", "left_leader", "right_leader")):
             (folder / name).mkdir()
-            script = leading_hand(seconds + 60.0, seed) if seed >= 2 else holding_hand()
+            script = leading_hand(seconds + 60.0, seed) if seed >= 2 else None
             ports[name] = stack.enter_context(emulator(folder / name, script))
         arms = (_lerobot.SO101MotionArmConfig(port=ports[side]) for side in SIDES)
         config = _lerobot.BiSO101MotionConfig(*arms, id="two", calibration_dir=folder)
@@ -233,16 +231,21 @@ def two_arms(folder: Path, minutes: float) -> dict[str, Any]:
                 {f"{s}{k}": v for s, each in leaders.items() for k, v in each.get_action().items()}
             )
 
+        def loop(seconds: float) -> list[float]:
+            took, begin = [], time.perf_counter()
+            while (now := time.perf_counter()) - begin < seconds:
+                once()
+                took.append(time.perf_counter() - now)
+                time.sleep(max(1.0 / RATE - took[-1], 0.0))
+            return took
+
         once()  # the way to where the leaders are
+        loop(SETTLED)
         warnings = _Warnings()
         logging.getLogger().addHandler(warnings)
         stack.callback(logging.getLogger().removeHandler, warnings)
-        usage, took = resource.getrusage(resource.RUSAGE_SELF), []
-        begin = time.perf_counter()
-        while (now := time.perf_counter()) - begin < seconds:
-            once()
-            took.append(time.perf_counter() - now)
-            time.sleep(max(1.0 / RATE - took[-1], 0.0))
+        usage, begin = resource.getrusage(resource.RUSAGE_SELF), time.perf_counter()
+        took = loop(seconds)
         passed, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF)
     spent = after.ru_utime + after.ru_stime - usage.ru_utime - usage.ru_stime
     median, p99 = np.percentile(took, (50.0, 99.0))
@@ -272,6 +275,7 @@ def main() -> None:
     """Measure, print, write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--two-arms", type=float, metavar="MINUTES", help="nothing but that")
+    parser.add_argument("--only", action="append", help="which parts, by name")
     asked = parser.parse_args()
     if asked.two_arms:
         with tempfile.TemporaryDirectory() as folder:
@@ -291,6 +295,8 @@ def main() -> None:
     if has_lerobot():
         parts["stock"] = lambda folder: measured(rows, replayed_by_stock(folder, rows))
     for name, run in parts.items():
+        if asked.only and name not in asked.only:
+            continue
         with tempfile.TemporaryDirectory() as folder, _referee.refereed(breaks=rules):
             told[name] = run(Path(folder))
         print(name, told[name], flush=True)

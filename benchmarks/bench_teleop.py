@@ -325,11 +325,12 @@ def _note(tape: list[Any], state: JointState) -> None:
 
 
 @contextmanager
-def emulator(folder: Path, hand: str) -> Iterator[str]:
-    """Six servos in a process of their own, and a hand at their joints; the port's name."""
-    (folder / "hand").write_text(hand)
-    script = str(folder / "hand")
-    command = ["so101", "emulate", "--realtime", "--latency", "0.001", "--hand", script]
+def emulator(folder: Path, hand: str | None) -> Iterator[str]:
+    """Six servos in a process of their own, and a hand at their joints if any; the port's name."""
+    command = ["so101", "emulate", "--realtime", "--latency", "0.001"]
+    if hand is not None:
+        (folder / "hand").write_text(hand)
+        command += ["--hand", str(folder / "hand")]
     program = f"import sys; sys.argv = {command!r}; from so101_motion.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program],

@@ -41,6 +41,8 @@ class Failure(Exception):
 class Bench:
     """Emulated arms, and LeRobot's commands with a home of their own."""
 
+    patience = 1.0  # on a busy machine everything takes longer
+
     def __init__(self, folder, priority):
         self.folder, self.priority = folder, priority
         self.env = os.environ | {
@@ -84,7 +86,7 @@ class Bench:
 
     @staticmethod
     def until(is_so, what, within=30.0):
-        end = time.monotonic() + within
+        end = time.monotonic() + within * Bench.patience
         while not is_so():
             if time.monotonic() > end:
                 raise Failure(f"{what} did not come within {within:g} s")
@@ -147,7 +149,7 @@ class Command:
         """Wait for its end; how long that took [s]."""
         begin = time.monotonic()
         try:
-            ended = self._process.wait(within)
+            ended = self._process.wait(within * Bench.patience)
         except subprocess.TimeoutExpired:
             self._process.kill()
             raise Failure(f"it did not end within {within:g} s: {self.said[-600:]}") from None
@@ -444,7 +446,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", action="append", help="which, by name; calibrations come along")
     parser.add_argument("--results", type=Path, default=RESULTS)
+    parser.add_argument("--patience", type=float, default=1.0, help="wait so many times as long")
     asked = parser.parse_args()
+    Bench.patience = asked.patience
     # In the background of a script it is ignored, and the commands would not hear it either.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     chosen = [each for each in SCENARIOS if not asked.only or each.__name__ in asked.only]
