@@ -121,6 +121,7 @@ def replayed_by_stock(folder: Path, rows: Array) -> Array:
     start = (*np.radians(rows[0] + MIDDLES_DEG), 0.5)
     with _lerobot.lerobot_bench(folder, q_start=start) as bench:
         config = stock.SO101FollowerConfig(port=str(bench.port), id="arm", calibration_dir=folder)
+        config.num_read_retries = 1000  # its patience is 50 ms of the wall clock
         robot = stock.SO101Follower(config)
         robot.connect(calibrate=False)
         robot.bus.calibration = robot.bus.read_calibration()
