@@ -9,16 +9,15 @@
 
   addEventListener('click', (event) => {
     const button = event.target.closest?.('button');
-    if (!event.isTrusted || event.detail === 0) return;  // a key, or a program
+    if (event.detail === 0) return;  // a key, or a program
     if (button?.closest('#so101-bar')) return;  // Stop never waits; the ways home ask by themselves
     const { clientX: x, clientY: y, timeStamp: t } = event;
     const soon = last && t - last.t < SOON && Math.hypot(x - last.x, y - last.y) < NEAR;
-    const same = soon && (button === last.button || (button && name(button) === last.name));
-    if (button && soon && !same) {
+    if (button && soon && name(button) !== last.name) {  // one that has another name now is another
       event.preventDefault();
       event.stopImmediatePropagation();
       return;
     }
-    last = { x, y, t, button, name: button ? name(button) : null };
+    last = { x, y, t, name: button ? name(button) : null };
   }, true);
 })();
