@@ -210,8 +210,8 @@ def _press(page: Page, name: str) -> None:
 
 def _open_tab(page: Page, name: str) -> None:
     tab = page.get_by_role("tab", name=name, exact=True)
-    tab.wait_for(timeout=PATIENCE)
-    tab.evaluate("tab => tab.click()")
+    tab.click(timeout=PATIENCE)  # a program's click does not turn it
+    expect(tab).to_have_attribute("aria-selected", "true", timeout=PATIENCE)
 
 
 def _take(page: Page, file: Path) -> None:

@@ -84,11 +84,12 @@ def facts(rows: Iterable[tuple[str, ...]], *, lines: int = 0) -> str:
     columns = len(table[0]) - 1 if table else 1
     cells = "".join(
         f'<span style="color:var(--so101-dim)">{escape(name)}</span>'
-        + "".join(f"<span>{escape(value)}</span>" for value in values)
+        + "".join(f'<span style="overflow-wrap:anywhere">{escape(v)}</span>' for v in values)
         for name, *values in table
     )
     return (
-        f'<div style="display:grid;grid-template-columns:max-content repeat({columns},1fr);'
+        '<div style="display:grid;'
+        f"grid-template-columns:max-content repeat({columns},minmax(0,1fr));"
         f"gap:.1em 1em;padding:.2em .7em .4em;font-size:.82em;min-height:{lines}lh;"
         f'align-content:start">{cells}</div>'
     )

@@ -60,6 +60,11 @@ def mode(state: JointState, *, lost: bool = False) -> str:
     return "Arm disconnected" if lost else _MODES[state.mode]
 
 
+def fault(state: JointState) -> str:
+    """Why the arm is in a fault, without the file that was kept, which the Health tab names."""
+    return (state.fault or "no reason given").partition(". The second before is in ")[0].rstrip(".")
+
+
 def blocked(state: JointState) -> Sentence | None:
     """Why the arm cannot be moved at all, or None when it can."""
     reasons = {

@@ -47,7 +47,7 @@ def notice(connection: ArmConnection, state: JointState, since: datetime) -> Sen
         )
         return Sentence(text=text, tone=Tone.BAD)
     if state.mode is Mode.FAULT:
-        text = f"Fault: {capital(state.fault or 'no reason given')} Fix this, then press Hold."
+        text = f"Fault: {texts.fault(state)}. Fix this, then press Hold."
         return Sentence(text=text, tone=Tone.BAD)
     if state.mode is Mode.LIMP:
         return Sentence(text="The arm is limp. Press Hold to keep it where it is.", tone=Tone.WARM)

@@ -23,8 +23,8 @@ from .target_controls import TargetControls
 _PLOT_SIZE = (390, 305)  # between the panels of the narrowest window that has both
 _MARGIN = 12
 
-_LINES = 9
-"""Of the figures of two plans side by side: seven, and two for a clearance with long names."""
+_LINES = 8
+"""Of the figures of two plans side by side: seven, and one for a clearance with long names."""
 
 SELECTS, AIMS, MEASURES = "selects", "sets the target", "measures"
 CLICKS = (SELECTS, AIMS, MEASURES)

@@ -44,7 +44,7 @@ _LOOKING = (
 )
 
 _NONE = "none"
-_SWAPPED = "No, this is the motor asked for: the cable was moved too early"
+_SWAPPED = "No, this is already the next motor"
 _START_OVER, _SURE = "Start over with the gripper", "Press again to start over"
 _NOBODY = "no servo answers"
 _SILENT = (

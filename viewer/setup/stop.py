@@ -26,7 +26,8 @@ class SetupStop(Part):
 
     def refresh(self) -> bool:
         """Show the torque."""
-        self._bar.state = self._setup.torque.shown.text
+        is_open = self._setup.target is not None
+        self._bar.state = self._setup.torque.shown.text if is_open else "Not connected yet"
         return False
 
     def _stop(self) -> None:

@@ -34,7 +34,7 @@ def torque(target: SetupTarget | None) -> TorqueText:
     if not now.is_connected:
         return TorqueText(text="Torque: not known, there is no connection")
     if now.holds is None:
-        return TorqueText(text="Torque: no motor answers")
+        return TorqueText(text="Torque: not known yet")
     if now.holds:
         return TorqueText(text="Torque on: the joints are held", is_on=True)
     return TorqueText(text="Torque off: the joints are limp", is_on=False)

@@ -120,6 +120,14 @@ def test_an_arm_that_is_there_but_not_held_can_be_held(mode: Mode) -> None:
     assert "press Hold" in said.text.lower().replace("hold", "Hold")
 
 
+def test_a_fault_is_said_without_the_file_that_was_kept() -> None:
+    kept = "no reply from servo 4; check its cable. The second before is in /home/a.json"
+    said = notice(ArmConnection(to="arm"), state(Mode.FAULT, kept), AT)
+    assert said is not None
+    end = "Fix this, then press Hold."
+    assert said.text == f"Fault: no reply from servo 4; check its cable. {end}"
+
+
 @pytest.mark.parametrize("mode", [Mode.HOLDING, Mode.MOVING, Mode.STOPPING, Mode.CALIBRATING])
 def test_of_an_arm_that_is_well_nothing_is_said(mode: Mode) -> None:
     assert notice(ArmConnection(to="arm"), state(mode), AT) is None
