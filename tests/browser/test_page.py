@@ -168,17 +168,6 @@ def test_a_click_on_stop_is_not_lost_between_other_clicks(guest: Guest, rig: Rig
     )
     guest.until(lambda: at_rest(rig))
     assert stands_on_the_way(rig)
-    # The second click in one place at once is nothing where another button has come there.
-    guest.page.evaluate(
-        """() => ['home', 'rest'].forEach((name) =>
-            [...document.querySelectorAll('button')]
-                .find((button) => button.innerText.trim() === name)
-                .dispatchEvent(new MouseEvent('click', {bubbles: true, detail: 1})))"""
-    )
-    home_mm = to_mm(rig.arm.model.frame(HOME, "jaw_tip").p)
-    guest.until(lambda: np.allclose(guest.target_mm(), home_mm, atol=0.1))
-    guest.page.wait_for_timeout(200)
-    assert np.allclose(guest.target_mm(), home_mm, atol=0.1)
 
 
 def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:

@@ -9,7 +9,7 @@
 
   addEventListener('click', (event) => {
     const button = event.target.closest?.('button');
-    if (event.detail === 0) return;  // a key, or a program
+    if (!event.isTrusted || event.detail === 0) return;  // a key, or a program
     if (button?.closest('#so101-bar')) return;  // Stop never waits; the ways home ask by themselves
     const { clientX: x, clientY: y, timeStamp: t } = event;
     const soon = last && t - last.t < SOON && Math.hypot(x - last.x, y - last.y) < NEAR;
