@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
+from benchmarks.direct_ports import direct_ports
 from so101_motion.common.errors import FollowingError
 from so101_motion.common.state import ARM_JOINTS
 
@@ -43,6 +44,7 @@ def contacts(seed: int, speed: float) -> list[float]:
     load = LOADS_KG[seed % len(LOADS_KG)]
     with (
         _referee.refereed(("motion",)),
+        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
             Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=load
@@ -85,6 +87,7 @@ def undisturbed(seed: int, seconds: float) -> tuple[float, int, int]:
     load = LOADS_KG[seed % len(LOADS_KG)]
     with (
         _referee.refereed(("motion",)),
+        direct_ports(),
         tempfile.TemporaryDirectory() as folder,
         _harness.hardware_bench(
             Path(folder), reply_timeout=2.0, spread=0.2, seed=seed, held_kg=load

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import _common
+from benchmarks.direct_ports import direct_ports
 from so101_motion.calib.record import servo_file, store
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.emulator.hardware import SO101
@@ -109,7 +110,11 @@ def one_arm(seed: int, plans: int) -> dict[str, Any]:
     """What became of one arm."""
     load = LOADS_KG[seed % len(LOADS_KG)]
     options = {"reply_timeout": 2.0, "spread": 0.2, "seed": seed}
-    with _referee.refereed(("motion",)), tempfile.TemporaryDirectory() as folder:
+    with (
+        _referee.refereed(("motion",)),
+        direct_ports(),
+        tempfile.TemporaryDirectory() as folder,
+    ):
         file = Path(folder) / "arm.json"
         with _harness.hardware_bench(Path(folder), **options) as bench:
             empty, took = identified(bench, file, is_empty=True)

@@ -134,11 +134,13 @@ class Shaft:
         return (stiffness * depth + _STOP_DAMPING * outwards) / TICKS_PER_RAD
 
     def _follow(self, output: float, side: float) -> float:
-        """Where the output goes: to the loaded side of the play, else dragged by its edges."""
+        """Where the output goes: to the loaded side of the play, else dragged by its edges.
+
+        A loaded output moves as seen from the rotor; one that is pressed on keeps up with it.
+        """
         low, high = self.rotor - self._half_play, self.rotor + self._half_play
         if side:
-            reach = _PLAY_SPEED * side
-            output += reach
+            output += self.velocity * DT + _PLAY_SPEED * side
         return min(max(output, low), high)
 
 

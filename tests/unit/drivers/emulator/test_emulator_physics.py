@@ -141,6 +141,14 @@ def test_play_leaves_an_unloaded_output_loose(bench):
     assert shaft.output > 2048.0
 
 
+def test_an_output_that_is_pressed_on_keeps_up_with_a_fast_motor(bench):
+    shaft = bench.world.servo(1).drive.shaft
+    for _ in range(150):
+        shaft.step(11.0, bridge=True, load=1.2)
+    assert shaft.velocity > 2500.0  # [tick/s], 220 deg/s
+    assert shaft.output > shaft.rotor
+
+
 def test_load_register_shows_the_duty_and_its_direction(make_bench, constant_load):
     bench = make_bench(gravity=constant_load(j2=-0.6, j3=0.6))
     for servo_id in (2, 3):
