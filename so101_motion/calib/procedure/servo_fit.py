@@ -11,15 +11,18 @@ All of it is one least-squares problem with a prior: figures are near their type
 motions say nothing else. How sure a figure is comes from the same equations.
 
 Play has no part in steady motion. It is what lets a joint without load stand still when it turns
-round, and is found by emulating the joint on its record with one play after another.
+round, or when its load changes sides, and is found by emulating the joint on its record with one
+play after another and looking at those moments alone.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from so101_motion.calib.procedure.servo_twin import JointRecord, predicted, replayed, setpoints
 from so101_motion.common.geometry import Array
@@ -50,8 +53,17 @@ where it is expected [kg m]. Chosen: what is wider than arms are likely to diffe
 KNOWN = 0.08
 """Share of that for figures of an earlier identification. Chosen: torque is known to 1.2 %."""
 
-PLAYS = tuple(to_rad(each) for each in (0.0, 0.4, 0.8, 1.2, 1.6))
-"""What play is tried with [rad]."""
+PLAY_STEP = to_rad(0.2)
+"""Multiples of it are tried [rad]."""
+
+MOST_PLAY = 8
+"""So many at most, and one more beside the best."""
+
+AROUND = (0.2, 0.5)
+"""For how long before and after such a moment play is looked for [s]; chosen."""
+
+WEIGHTLESS = 0.01
+"""A smaller load is on neither side [N m]; chosen."""
 
 PLAY_SEEN = 0.02
 """The error of the best play must be smaller than that without play by this share of it. Chosen."""
@@ -262,17 +274,36 @@ def play(record: JointRecord, figures: ServoFigures, weight: Array) -> float | N
         figures: Its servo's figures.
         weight: The torque that holds it at each sample, shape (k,), [N m].
     """
-    errors = []
-    for each in PLAYS:
-        found = predicted(record, figures, weight, each)
-        errors.append(float(np.mean(np.abs(found - record.ticks))))
-    best = int(np.argmin(errors))
-    if errors[best] > (1.0 - PLAY_SEEN) * errors[0]:
+    shown = _shows_play(record, weight)
+    if not shown.any():
         return None
-    if not 0 < best < len(PLAYS) - 1:
-        return PLAYS[best]
-    curve = np.polyfit(PLAYS[best - 1 : best + 2], errors[best - 1 : best + 2], 2)
-    return float(-curve[1] / (2.0 * curve[0]))
+
+    @functools.cache
+    def error(k: int) -> float:
+        found = predicted(record, figures, weight, k * PLAY_STEP)
+        return float(np.mean(np.abs(found - record.ticks)[shown]))
+
+    best = min(range(0, MOST_PLAY + 1, 2), key=error)
+    if error(best) > (1.0 - PLAY_SEEN) * error(0):
+        return None
+    best = min((max(best - 1, 0), best, best + 1), key=error)
+    if best == 0:
+        return 0.0
+    # The error grows in proportion to what a play is off.
+    less, here, more = error(best - 1), error(best), error(best + 1)
+    return PLAY_STEP * (best + 0.5 * (less - more) / max(max(less, more) - here, 1e-9))
+
+
+def _shows_play(record: JointRecord, weight: Array) -> NDArray[np.bool_]:
+    """Which samples are near a moment when the joint turns round or its load changes sides."""
+    seen = np.zeros(len(record.t), dtype=np.bool_)
+    before, after = AROUND
+    load = np.where(np.abs(weight) < WEIGHTLESS, 0.0, weight)
+    for sides in (np.sign(record.qd_ref), np.sign(load)):
+        at = np.flatnonzero(sides)
+        for k in at[1:][sides[at[1:]] != sides[at[:-1]]]:
+            seen |= (record.t >= record.t[k] - before) & (record.t <= record.t[k] + after)
+    return seen
 
 
 def _load(found: Array, hand: Array, deviation: float) -> Load:
