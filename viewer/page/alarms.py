@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from so101_motion.common.modes import Mode
@@ -57,15 +57,15 @@ def servo_alarms(servos: Iterable[JointHealth]) -> tuple[Alarm, ...]:
     return tuple(_alarm(cause, cases) for cause, cases in found.items())
 
 
-def state_alarms(state: JointState, sources: Mapping[str, str]) -> tuple[Alarm, ...]:
+def state_alarms(state: JointState, guessed: Iterable[str]) -> tuple[Alarm, ...]:
     """What is wrong with the joints' places and calibration.
 
     Args:
         state: The arm.
-        sources: Where the calibration of each joint is from, as ``JointSetup.source``.
+        guessed: The joints that were never calibrated.
     """
     found = []
-    plain = tuple(joint for joint, source in sources.items() if source == "defaults")
+    plain = tuple(guessed)
     if plain:
         text = (
             f"No calibration: {_listed(plain)} may not be where the picture shows it. Calibrate on"

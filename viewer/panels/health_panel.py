@@ -72,10 +72,10 @@ class HealthPart(Part):
         found: tuple[Alarm, ...] = ()
         if rig.connection.problem is None:
             setups = rig.servos.setups if isinstance(rig, HardwareRig) else {}
-            sources = {joint: setup.source for joint, setup in setups.items()}
+            guessed = [joint for joint, setup in setups.items() if setup.is_guessed(joint)]
             found = (
                 *servo_alarms(health.servos),
-                *state_alarms(state, sources),
+                *state_alarms(state, guessed),
                 *self._late.alarm(time.monotonic(), health.late_ticks),
             )
         self._tell(not_said_yet(found, state))

@@ -116,12 +116,17 @@ def from_registers(
             f"{joint}: the limits in the servo ({range_min} to {range_max}) are wider than the jaw"
             f" travels, so a narrower default is used; {_AGAIN}",
         )
-    if joint in _STOPPED and width > WIDEST:
+    if looks_as_new(joint, found):
         return found, f"{joint}: its servo looks as new, so zero is only a guess; {_AGAIN}"
     return found, None
 
 
 _STOPPED = tuple(joint for joint in JOINTS if joint != "wrist_roll")
+
+
+def looks_as_new(joint: str, found: JointCalibration) -> bool:
+    """Whether a servo was never calibrated: its limits are wider than its joint's travel."""
+    return joint in _STOPPED and found.range_max - found.range_min > WIDEST
 
 
 # Reading

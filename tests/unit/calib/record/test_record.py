@@ -165,3 +165,9 @@ def test_what_is_written_is_read_back(entries):
     content = {joint: entry.to_json() for joint, entry in calibration.items()}
 
     assert record.parse(json.loads(json.dumps(content))) == calibration
+
+
+def test_a_servo_with_the_limits_it_came_with_looks_as_new():
+    for joint, expected in (("elbow_flex", True), ("wrist_roll", False)):
+        found, _ = record.from_registers(joint, 3, homing_offset=0, range_min=0, range_max=4095)
+        assert record.looks_as_new(joint, found) is expected

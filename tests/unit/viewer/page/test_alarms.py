@@ -68,14 +68,12 @@ def test_a_servo_that_falls_silent_is_said_once() -> None:
 
 def test_joints_without_calibration_or_outside_their_range_are_named() -> None:
     reading = replace(STILL.reading, out_of_range={"wrist_flex": 1.5})
-    missing, outside = state_alarms(
-        replace(STILL, reading=reading), {"elbow_flex": "defaults", "wrist_flex": "file"}
-    )
+    missing, outside = state_alarms(replace(STILL, reading=reading), ["elbow_flex"])
     assert missing.joints == ("elbow_flex",)
     assert "Calibrate" in missing.sentence.text
     assert outside.joints == ("wrist_flex",)
     assert "86°" in outside.sentence.text
-    assert state_alarms(STILL, {"elbow_flex": "registers"}) == ()
+    assert state_alarms(STILL, []) == ()
 
 
 def test_many_late_cycles_are_an_alarm_until_they_have_stopped() -> None:
