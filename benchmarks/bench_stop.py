@@ -106,8 +106,11 @@ async def attacked(name: str, target: Target) -> AsyncIterator[None]:
     await asyncio.sleep(1.0)
     try:
         yield
+        if process.returncode is not None:
+            raise RuntimeError(f"the attacker gave up: {name}")
     finally:
-        process.terminate()
+        with contextlib.suppress(ProcessLookupError):
+            process.terminate()
         try:
             await asyncio.wait_for(process.wait(), 5.0)
         except TimeoutError:

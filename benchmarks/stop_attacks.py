@@ -187,8 +187,11 @@ async def _move(channel: Channel, geometries: list[Geometry]) -> None:
     )
     motion = MotionServiceStub(channel)
     while True:
-        with contextlib.suppress(GRPCError):
+        try:
             await motion.Move(move)
+        except GRPCError as error:
+            if "reach" not in str(error.message):
+                raise SystemExit(f"refused for another reason: {error.message}") from error
 
 
 def _request(*, y: float) -> dict[str, Any]:

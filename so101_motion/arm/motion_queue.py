@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from dataclasses import dataclass
 from typing import Generic
 
@@ -76,7 +77,8 @@ class MotionQueue:
         with self._lock:
             previous = self.current
             try:
-                self._threads.submit(self._run, motion, previous, run)
+                # as ``asyncio.to_thread`` has it: large contents of a request are in its context
+                self._threads.submit(copy_context().run, self._run, motion, [previous], run)
             except RuntimeError as error:  # no more threads after ``close``
                 raise MotionError("this arm has been closed; open it again") from error
             self.current = motion
@@ -136,9 +138,12 @@ class MotionQueue:
         self.interrupt("shutdown")
         self._threads.shutdown(wait=True)
 
-    def _run(self, motion: Motion, previous: Motion, run: Run) -> None:
+    def _run(self, motion: Motion, previous: list[Motion], run: Run) -> None:
+        # It has been told to end. An error keeps the frames that it passed and what they refer to;
+        # it must not keep the motion before, or failed motions would all keep each other.
+        wait([previous.pop().future])
         try:
-            self._rest_for(motion, previous)
+            self._rest_for(motion)
             self._here.motion = motion
             ending = run(motion)
         except BaseException as error:  # whoever waits for the motion must hear of it
@@ -151,12 +156,11 @@ class MotionQueue:
         finally:
             self._here.motion = None
 
-    def _rest_for(self, motion: Motion, previous: Motion) -> None:
+    def _rest_for(self, motion: Motion) -> None:
         """Bring the arm to rest for a motion, unless something newer has been asked for since.
 
         That may be under way already, or have let go of the arm.
         """
-        previous.future.exception()  # it has been told to end
         with self._lock:
             if self.current is not motion:
                 motion.interrupt(SUPERSEDED)

@@ -1,6 +1,8 @@
 """Motions that supersede each other, of an arm that is only told when to come to rest."""
 
+import gc
 import threading
+import weakref
 from concurrent.futures import Future
 
 import pytest
@@ -51,6 +53,20 @@ def under_way(motions: MotionQueue, lasts: threading.Event | None = None) -> Mot
 
 def test_before_the_first_motion_nothing_is_under_way(motions) -> None:
     assert motions.current.future.done()
+
+
+def test_failed_motions_do_not_keep_each_other(motions) -> None:
+    def fail(motion: Motion) -> None:
+        raise MotionError("no")
+
+    refs = []
+    for _ in range(3):
+        motion = motions.start(fail)
+        assert isinstance(motion.future.exception(5.0), MotionError)
+        refs.append(weakref.ref(motion))
+    del motion
+    gc.collect()
+    assert refs[0]() is None  # a module that runs for a month has refused many
 
 
 def test_a_motion_begins_at_rest_and_ends_when_it_has_run(motions, told) -> None:
