@@ -9,6 +9,10 @@ Contact is judged by other means than planning: polytopes around the official so
 ``tests/data/official_supports.json``, measured supports in 400 directions), looked at by coal at
 single instants, every 5 ms of a plan and every tick of a following.
 
+Last, what 30 components of a machine that stand around cost the plans of one arm: each motion is
+planned without and with them, in turn, and of either the quickest of several times counts. They are
+not in the way, so what is compared is the looking.
+
     python -m benchmarks.bench_cell --tasks 500 --ticks 100000
 """
 
@@ -31,6 +35,7 @@ from so101_motion.common.geometry import SE3, Array, rot_z
 SUPPORTS = Path(__file__).parents[1] / "tests" / "data" / "official_supports.json"
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
 LINK_OF_BASE = "base_link"
+COMPONENTS = 30
 
 
 class Solids:
@@ -284,15 +289,81 @@ def followings(ticks: int, seed: int) -> list[dict[str, object]]:
     ]
 
 
+def components(count: int, seed: int) -> list[dict[str, object]]:
+    """What 30 components that stand around cost the plans of one arm."""
+    from so101_motion.planning.collision.collision import CollisionModel
+    from so101_motion.planning.collision.scene import Box, Obstacle, Scene
+    from so101_motion.planning.goals import JointGoal
+    from so101_motion.planning.planner import Planner
+    from so101_motion.planning.request import PlanRequest
+    from so101_motion.planning.timing.limits import MotionLimits
+
+    caps = MotionLimits.uniform(velocity=np.pi / 2, acceleration=6.0, jerk=60.0)
+    tasks = Tasks(seed)
+    planner, random = Planner(tasks.model), np.random.default_rng(seed)
+    planner.warm_up()
+
+    def around(q: Array) -> Scene:
+        """30 boxes as a machine has them, none of them on the way of a motion."""
+        boxes: list[Obstacle] = []
+        while len(boxes) < COMPONENTS:
+            azimuth, away = random.uniform(-np.pi, np.pi), random.uniform(0.15, 1.0)
+            p = [away * np.cos(azimuth), away * np.sin(azimuth), random.uniform(0.03, 0.4)]
+            size = random.uniform(0.03, 0.15, 3)
+            box = Obstacle(
+                name=f"component {len(boxes)}",
+                shape=Box(size=size),
+                T_base_obstacle=SE3(rot_z(azimuth), np.array(p)),
+            )
+            wider = replace(box, shape=Box(size=size + 0.02))
+            alone = CollisionModel(tasks.model, Scene(obstacles=(wider,)))
+            if not alone.touching(q[::5]).any():
+                boxes.append(box)
+        return Scene(obstacles=tuple(boxes))
+
+    def plan(q_start: Array, q_goal: Array, scene: Scene) -> tuple[float, Array]:
+        request = PlanRequest(q_start=q_start, goal=JointGoal(q=q_goal), limits=caps, scene=scene)
+        begin = time.process_time()
+        made = planner.plan(request)
+        return time.process_time() - begin, made.trajectory.q
+
+    ratios, spent, first = [], [], []
+    while len(ratios) < count:
+        q_start, q_goal, bare = tasks.near(), tasks.near(), Scene()
+        try:
+            _, q = plan(q_start, q_goal, bare)
+            full = around(q)
+            first.append(plan(q_start, q_goal, full)[0])
+            pairs = [[plan(q_start, q_goal, scene)[0] for scene in (bare, full)] for _ in range(7)]
+        except PlanningError:
+            continue
+        without, among = np.min(pairs, axis=0)
+        ratios.append(float(among / without))
+        spent.append(float(among))
+    return [
+        {"what": "a plan among 30 components, CPU", **summary(spent)},
+        {"what": "the first plan among 30 components, CPU", **summary(first)},
+        {
+            "what": "a plan among 30 components over one without",
+            "n": len(ratios),
+            "median": float(np.median(ratios)),
+            "p95": float(np.percentile(ratios, 95.0)),
+            "max": max(ratios),
+        },
+    ]
+
+
 def main() -> None:
-    """Run both parts."""
+    """Run all parts."""
     single_thread()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tasks", type=int, default=500)
     parser.add_argument("--ticks", type=int, default=100_000)
+    parser.add_argument("--motions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    write("bench_cell", [*plans(asked.tasks, asked.seed), *followings(asked.ticks, asked.seed)])
+    rows = [*plans(asked.tasks, asked.seed), *followings(asked.ticks, asked.seed)]
+    write("bench_cell", [*rows, *components(asked.motions, asked.seed)])
 
 
 if __name__ == "__main__":
