@@ -327,7 +327,9 @@ def components(count: int, seed: int) -> list[dict[str, object]]:
         made = planner.plan(request)
         return time.process_time() - begin, made.trajectory.q
 
-    ratios, spent, first = [], [], []
+    ratios: list[float] = []
+    spent: list[float] = []
+    first: list[float] = []
     while len(ratios) < count:
         q_start, q_goal, bare = tasks.near(), tasks.near(), Scene()
         try:
