@@ -29,6 +29,9 @@ from so101_motion.common.state import ARM_JOINTS
 SPEEDS = (10.0, 20.0, 30.0, 50.0, 90.0, 180.0)
 LOADS_KG = (0.0, 0.1, 0.2)
 PACES = ((10.0, 100.0), (20.0, 100.0), (50.0, 100.0), (90.0, 300.0), (180.0, 500.0))
+TOUCH = math.radians(0.05)
+"""So near to the wall a joint touches it: one that its weight leads there leans on it [rad]."""
+
 GOALS = (50.0, -40.0, -70.0, -60.0, 90.0)
 """Where each joint is sent from zero, clear of the table [deg]."""
 
@@ -65,7 +68,7 @@ def contacts(seed: int, speed: float) -> list[float]:
             motion, touched = bench.go(rig, *goal), math.nan
             while not motion.future.done():
                 bench.advance(0.002)
-                if math.isnan(touched) and side * (bench.world.q[i] - wall) >= 0.0:
+                if math.isnan(touched) and side * (bench.world.q[i] - wall) >= -TOUCH:
                     touched = bench.clock.now()
                 if touched == touched and rig.arm.state.qd_ref[i] == 0.0:
                     found.append(bench.clock.now() - touched)

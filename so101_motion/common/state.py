@@ -34,6 +34,8 @@ class JointReading:
         unanswered: Joints that did not answer this time, or nothing that can be true, by name;
             their angles are the last known.
         unconfirmed: Joints whose angle comes from one answer that no other bears out yet, by name.
+        pressed: Joints whose load keeps their gears on one side of their play, whatever the hand
+            carries, by name; they do not stand still while their motor goes through it.
     """
 
     q: Array
@@ -44,6 +46,7 @@ class JointReading:
     out_of_range: Mapping[str, float] = field(default_factory=dict)
     unanswered: frozenset[str] = frozenset()
     unconfirmed: frozenset[str] = frozenset()
+    pressed: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", frozen_array(self.q, (5,)))

@@ -106,7 +106,7 @@ class ChannelPlayer:
         self.reference = Setpoint.at_rest(np.zeros(len(channel.joints)))
         self._recovery = LimitRecovery(channel.joints)
         self._following = FollowingCheck(tolerances, dt)
-        self._unanswered: frozenset[str] = frozenset()
+        self._unanswered = self._pressed = frozenset[str]()
 
     @property
     def is_moving(self) -> bool:
@@ -154,7 +154,7 @@ class ChannelPlayer:
 
     def update(self, q: Array, reading: JointReading) -> None:
         """Note the measured angles, shape (n,), [rad], and what else was read."""
-        self._unanswered = reading.unanswered
+        self._unanswered, self._pressed = reading.unanswered, reading.pressed
         self._recovery.update(q, reading.out_of_range)
         if self._recovery and self._motion is None:
             self.reference = Setpoint.at_rest(self._recovery.inside(self.reference.q))
@@ -298,7 +298,8 @@ class ChannelPlayer:
         if motion.ending is None:
             if alarms and self._obey(motion, alarms, q):
                 return
-            off, held_up = self._following.off(q), self._following.held_up(q)
+            pressed = np.array([joint in self._pressed for joint in self._channel.joints])
+            off, held_up = self._following.off(q), self._following.held_up(q, pressed)
             held_up &= isinstance(motion.source, PlannedMotion)  # others lag by too much
             if motion.waits_until is not None:
                 if self._k > motion.waits_until:
@@ -411,8 +412,7 @@ class ChannelPlayer:
         limits, passed = self._tolerances, (self._k - last) * self._dt
         is_late = passed > 0.5 * limits.settle_timeout
         near = max(limits.settle_position, limits.late_position if is_late else 0.0)
-        off = np.abs(q - self.reference.q)
-        speed = np.abs(qd)
+        off, speed = np.abs(q - self.reference.q), np.abs(qd)
         # A motion that was cut short has no place to be, it only has to be at rest.
         arrived = motion.ending is not None or bool(np.max(off) <= near)
         still = arrived and bool(np.max(speed) <= limits.settle_velocity)

@@ -8,6 +8,7 @@ changes little in so short a time; so it tells a contact from a load. The longer
 motions, in which a joint is led on no farther than play lets it stand. *A joint stops that followed
 slowly and evenly*: how far it strays from its setpoints was seen just before, 0.1 deg or so, so
 what its play lets it stand (its load may change sides on the way) is enough to be beyond that.
+Where the load is known to stay on one side, half of it is enough.
 """
 
 from __future__ import annotations
@@ -34,6 +35,9 @@ LEAST_WAY = to_rad(1.6)
 SLOW = to_rad(35.0)
 """A faster joint is seen to stand soon enough without this [rad/s]; chosen."""
 
+ONE_SIDE = 0.15
+"""For how long its load must have been on one side by then [s]; chosen."""
+
 STANDS = to_rad(0.3)
 """Readings of a joint that stands differ by no more than this [rad]: three ticks; chosen."""
 
@@ -52,14 +56,17 @@ class FollowingCheck:
         self._windows = tuple(round(span / dt) for span in tolerances.contact_windows)
         self._before = round(FOLLOWED / dt)
         self._stops = tuple(round(span / dt) for span in STOPPED)
+        self._one_side = round(ONE_SIDE / dt)
         self._kept = 1 + max(self._lag + max(self._windows), self._before + max(self._stops))
         self._wanted: deque[Array] = deque(maxlen=self._kept)
         self._seen: deque[Array] = deque(maxlen=self._kept)
+        self._pressed: Array | int = 0  # for how many ticks
 
     def begin(self, q_ref: Array) -> None:
         """Forget everything; the joints have stood at ``q_ref``, shape (n,), [rad]."""
         self._wanted.extend([q_ref] * self._kept)
         self._seen.clear()
+        self._pressed = 0
 
     def want(self, q_ref: Array) -> None:
         """The joints are wanted at ``q_ref`` in this tick, shape (n,), [rad]."""
@@ -71,9 +78,15 @@ class FollowingCheck:
         off: Array = np.maximum(np.min(wanted, axis=0) - q, q - np.max(wanted, axis=0))
         return off
 
-    def held_up(self, q: Array) -> NDArray[np.bool_]:
-        """Which of the joints, seen at ``q`` in this tick, stand while they are led on; (n,)."""
+    def held_up(self, q: Array, pressed: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+        """Which of the joints, seen at ``q`` in this tick, stand while they are led on; (n,).
+
+        Args:
+            q: Measured angles, shape (n,), [rad].
+            pressed: Whose gears are kept on one side of their play, shape (n,); None is nobody's.
+        """
         self._seen.append(q)
+        self._pressed = 0 if pressed is None else np.where(pressed, self._pressed + 1, 0)
         held = np.zeros(len(q), dtype=np.bool_)
         if len(self._wanted) < self._kept:
             return held
@@ -101,7 +114,10 @@ class FollowingCheck:
         way, moved = wanted[then] - wanted[0], seen[then] - seen[0]
         held &= (steps.min(axis=0) > 0.0) & (steps[-1] >= 0.8 * steps.max(axis=0))
         held &= (way >= LEAST_WAY) & (way <= SLOW * FOLLOWED) & (moved >= 0.7 * way)
-        held &= stray[-1] - stray[: then + 1].max(axis=0) > self._tolerances.contact_stray
+        pressed = self._pressed > stop + self._one_side
+        tolerances = self._tolerances
+        most = np.where(pressed, tolerances.pressed_stray, tolerances.contact_stray)
+        held &= stray[-1] - stray[: then + 1].max(axis=0) > most
         return held
 
     def _stands(self, wanted: Array, window: int, moved: Array, q: Array) -> NDArray[np.bool_]:

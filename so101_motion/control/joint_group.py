@@ -43,6 +43,7 @@ class Tolerances:
         contact_share: The same as a share of what they move; the larger of the two counts.
         contact_stray: How much farther from its setpoints than just before a joint may be that
             followed slowly and evenly, and stands [rad]; without a bound by default.
+        pressed_stray: The same for one whose gears stay on one side of their play [rad].
         following_lag: How far behind its setpoints a healthy servo may be [s].
     """
 
@@ -57,3 +58,4 @@ class Tolerances:
     contact_distance: float = math.inf
     contact_share: float = 0.6
     contact_stray: float = math.inf
+    pressed_stray: float = math.inf

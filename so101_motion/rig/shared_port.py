@@ -49,11 +49,13 @@ HARDWARE_TOLERANCES = Tolerances(
     following_lag=0.15,
     contact_distance=to_rad(1.6),
     contact_stray=to_rad(1.1),
+    pressed_stray=to_rad(0.5),
 )
 """When a real arm has arrived; its servos are up to 0.1 s behind at speed. What a joint falls short
 of its setpoints in 0.08 s without meeting anything was 1.3 deg at most, on arms that differ, with
 up to 0.3 kg in the hand. One that follows slowly stands where its load changes sides, for as long
-as its motor takes through the play, 1.02 deg at most there."""
+as its motor takes through the play, 1.02 deg at most there; one whose load stays on one side does
+not."""
 
 DROOPING_TOLERANCES = replace(
     HARDWARE_TOLERANCES,
@@ -63,6 +65,7 @@ DROOPING_TOLERANCES = replace(
     following_lag=0.3,
     contact_distance=math.inf,
     contact_stray=math.inf,
+    pressed_stray=math.inf,
 )
 """The same where weight and lag are not made up for: the elbow was seen to droop by 4 deg. What a
 joint meets is noticed later, from how far it is off. Chosen."""

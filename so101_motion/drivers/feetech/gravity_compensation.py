@@ -99,6 +99,15 @@ HEAVIEST = 0.4
 """Most that the hand is taken to carry, or to lack [kg]. Chosen; what a weaker motor looks like
 counts as well."""
 
+CARRIES = 0.3
+"""Mass that the hand may carry without anybody knowing [kg]; chosen."""
+
+UNSURE = 0.03
+"""How far the weight of a joint may be off its model [N m], and a twentieth of it. Chosen."""
+
+WEIGHTLESS = 0.01
+"""A smaller load leaves an output where its motor drags it [N m]; the emulator's figure, chosen."""
+
 _FELT = 0.5
 """Where a kilogram in the hand would be felt less than this [N m], nothing is learnt of it."""
 
@@ -170,6 +179,20 @@ class Trim:
     def rest(self) -> list[float]:
         """What of ``offset`` neither weight nor friction explain [rad]."""
         return list(self._rest)
+
+    def pressed(self) -> list[int]:
+        """The joints whose load does not change sides now, whatever the hand carries.
+
+        Joints that bear no weight are among them: their motors drag them.
+        """
+        found = []
+        for i in range(_JAW):
+            own = self._weight[i] - self.carried * self._per_kg[i]
+            full = own + CARRIES * self._per_kg[i]
+            low, high, unsure = min(own, full), max(own, full), UNSURE + 0.05 * abs(own)
+            if low > unsure or high < -unsure or max(-low, high) < WEIGHTLESS:
+                found.append(i)
+        return found
 
     @property
     def largest(self) -> list[float]:

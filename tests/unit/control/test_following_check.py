@@ -6,17 +6,20 @@ from so101_motion.control.joint_group import Tolerances
 
 DT = 0.01
 TOLERANCES = Tolerances(
-    following_lag=0.15, contact_distance=np.radians(1.6), contact_stray=np.radians(1.1)
+    following_lag=0.15,
+    contact_distance=np.radians(1.6),
+    contact_stray=np.radians(1.1),
+    pressed_stray=np.radians(0.5),
 )
 
 
-def seen(setpoints, joints, tolerances=TOLERANCES):
+def seen(setpoints, joints, tolerances=TOLERANCES, pressed_from=1000):
     """At which tick a joint that goes through ``joints`` [deg] is held up; None if never."""
     check = FollowingCheck(tolerances, DT)
     check.begin(np.radians(setpoints[:1]))
     for k, (setpoint, joint) in enumerate(zip(setpoints, joints, strict=True)):
         check.want(np.radians([setpoint]))
-        if check.held_up(np.radians([joint]))[0]:
+        if check.held_up(np.radians([joint]), np.array([k >= pressed_from]))[0]:
             return k
     return None
 
@@ -34,6 +37,26 @@ def test_one_that_followed_slowly_is_held_up_once_it_stands_longer_than_play_let
     met = 80
     stands = np.where(np.arange(150) < met, way, way[met])
     assert met < seen(way, stands) <= met + ticks
+
+
+@pytest.mark.parametrize(("speed", "ticks"), [(8.0, 8), (-10.0, 6), (15.0, 5), (20.0, 5)])
+def test_one_whose_load_stays_on_one_side_is_held_up_sooner(speed, ticks):
+    way = speed * DT * np.arange(150.0)
+    stands = np.where(np.arange(150) < 80, way, way[80])
+    assert 80 < seen(way, stands, pressed_from=0) <= 80 + ticks
+
+
+def test_one_whose_load_came_to_that_side_just_now_may_stand_for_its_play():
+    way = 10.0 * DT * np.arange(200.0)
+    crossing = np.maximum(np.minimum(way, way[100]), way - 1.0)
+    assert seen(way, crossing, pressed_from=95) is None
+    assert seen(way, crossing, pressed_from=0) is not None
+
+
+def test_one_that_sticks_and_slips_by_little_is_not_held_up():
+    way = 10.0 * DT * np.arange(200.0)
+    slips = 0.4 * np.floor(way / 0.4)
+    assert seen(way, slips, pressed_from=0) is None
 
 
 @pytest.mark.parametrize("speed", [6.0, 10.0, 20.0])
