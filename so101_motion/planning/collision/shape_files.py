@@ -45,10 +45,7 @@ def shape_file(
     Raises:
         ConfigError: It is too large, or its head cannot be read.
     """
-    try:
-        _refuse_large(kind, bytes(data[:_HEAD]), len(data))
-    except ConfigError as error:
-        raise ConfigError(error.key, error.value, f"(of {name}) {error.reason}") from error
+    _refuse_large(kind, bytes(data[:_HEAD]), len(data))
     return ShapeFile(kind=kind, data=np.frombuffer(data, np.uint8), name=name, centre=centre)
 
 
