@@ -210,6 +210,9 @@ _CARD_STYLE = """<style>
   #so101-card { background: rgba(36, 36, 36, .88); color: #dee2e6 }
 }
 @media (max-width: 600px) { #so101-card { font-size: 12px } }
+.mantine-Notifications-root {
+  top: auto !important; left: auto !important; bottom: 60px; right: 12px;
+}
 </style>"""
 
 
