@@ -24,6 +24,7 @@ from so101_motion.common.errors import ConfigError, NotReady
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.defaults import GRIPPER_ID, SERVO_IDS
+from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.drivers.simulated import SimArm
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.rig.bus_lease import BusLease
@@ -232,7 +233,11 @@ class HardwareRig(Rig):
 
 
 def open_hardware(
-    settings: ServoSettings, *, clock: Clock | None = None, reply_timeout: float | None = None
+    settings: ServoSettings,
+    *,
+    clock: Clock | None = None,
+    reply_timeout: float | None = None,
+    open_port: PortOpener | None = None,
 ) -> HardwareRig:
     """Open the arm and gripper on a serial port; opening moves nothing.
 
@@ -244,12 +249,13 @@ def open_hardware(
         clock: What time it is; the real time by default, or what the port's first user said.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]; by default
             what the period of the setpoints has room for, or what the port's first user said.
+        open_port: Opens the port, if it is no ordinary one; again, what its first user said counts.
 
     Raises:
         ConfigError: Another component uses the port with other settings.
         BusError: The port cannot be opened, or a servo that is asked for does not answer.
     """
-    return _open(settings, clock, reply_timeout, waits=True)
+    return _open(settings, clock, reply_timeout, open_port, waits=True)
 
 
 def open_so101(
@@ -290,17 +296,23 @@ def open_without_waiting(settings: ServoSettings) -> HardwareRig:
         ConfigError: Another component uses the port with other settings.
         PortUnavailable: The port cannot be opened.
     """
-    return _open(settings, None, None, waits=False)
+    return _open(settings, waits=False)
 
 
 def _open(
-    settings: ServoSettings, clock: Clock | None, reply_timeout: float | None, *, waits: bool
+    settings: ServoSettings,
+    clock: Clock | None = None,
+    reply_timeout: float | None = None,
+    open_port: PortOpener | None = None,
+    *,
+    waits: bool,
 ) -> HardwareRig:
     with _hardware_lock:
         while (shared := _on_port(settings.port)) is not None and shared.is_closing:
             _hardware_lock.wait()
         if shared is None:
-            shared = SharedPort(settings, clock or MonotonicClock(), reply_timeout, waits=waits)
+            clock = clock or MonotonicClock()
+            shared = SharedPort(settings, clock, reply_timeout, open_port, waits=waits)
             _hardware.append(shared)
         elif waits:
             shared.admit(shared.join(settings))

@@ -39,6 +39,7 @@ from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
 from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
 from so101_motion.drivers.feetech.servo_model import ServoModel
+from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
 from so101_motion.rig.joint_setup import JointSetup, JointSetups
 from so101_motion.rig.port_settings import ServoSettings
@@ -66,6 +67,7 @@ class ServoDriver:
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
         per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
+        open_port: See ``ServoFinder``.
 
     Attributes:
         settings: As given, as of the last ``rebuild``, or as somebody has said since.
@@ -87,6 +89,7 @@ class ServoDriver:
         gravity: Gravity,
         per_kg: Gravity,
         reply_timeout: float = REPLY_TIMEOUT,
+        open_port: PortOpener | None = None,
     ) -> None:
         self._clock = clock
         self.settings = self.in_force = settings
@@ -97,8 +100,9 @@ class ServoDriver:
         self._alarms: Mapping[str, str] = {}
         self._look_due = clock.now()
         self._finder = ServoFinder(
-            settings, clock, gravity=gravity, per_kg=per_kg, reply_timeout=reply_timeout
-        )
+            settings, clock, gravity=gravity, per_kg=per_kg, reply_timeout=reply_timeout,
+            open_port=open_port,
+        )  # fmt: skip
         self._arm: FeetechArm | None = None
         self._monitor: BusMonitor | None = None
         self._is_lent = False

@@ -46,9 +46,10 @@ class ServoFinder:
         gravity: The torque that holds a pose, shapes (6,), [rad] to [N m].
         per_kg: What each kilogram in the hand adds to it.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
+        open_port: Opens the port, wherever its adapter is by now; a ``PortOpener`` by default.
 
     Attributes:
-        open_port: Opens the port, wherever its adapter is by now.
+        open_port: As given.
     """
 
     def __init__(
@@ -59,8 +60,9 @@ class ServoFinder:
         gravity: Gravity,
         per_kg: Gravity,
         reply_timeout: float,
+        open_port: PortOpener | None = None,
     ) -> None:
-        self.open_port = PortOpener(settings.port, settings.baudrate)
+        self.open_port = open_port or PortOpener(settings.port, settings.baudrate)
         self._clock, self._reply_timeout = clock, reply_timeout
         self._gravity, self._per_kg = gravity, per_kg
         self._tallies = ReplyCounters()

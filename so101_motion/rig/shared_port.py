@@ -31,6 +31,7 @@ from so101_motion.drivers.feetech.gravity_compensation import (
     SETTLE_TIMEOUT,
     SETTLE_VELOCITY,
 )
+from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.files.failure_record import FailureRecorder
 from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.kinematics.model import RobotModel
@@ -102,6 +103,7 @@ class SharedPort:
         clock: What time it is.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s]; None for what
             the period of the setpoints has room for.
+        open_port: See ``ServoFinder``.
         waits: Whether the servos are found before this returns, or soon after.
 
     Attributes:
@@ -116,7 +118,13 @@ class SharedPort:
     """
 
     def __init__(
-        self, settings: ServoSettings, clock: Clock, reply_timeout: float | None, *, waits: bool
+        self,
+        settings: ServoSettings,
+        clock: Clock,
+        reply_timeout: float | None,
+        open_port: PortOpener | None = None,
+        *,
+        waits: bool,
     ) -> None:
         self.shares: list[ServoSettings] = []
         self.is_closing = False
@@ -132,6 +140,7 @@ class SharedPort:
             gravity=model.gravity_torque,
             per_kg=gravity_per_kg(model),
             reply_timeout=reply_timeout_in(dt) if reply_timeout is None else reply_timeout,
+            open_port=open_port,
         )
         if waits:
             self.servos.connect()

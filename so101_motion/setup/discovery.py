@@ -15,8 +15,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from so101_motion.common.attributes import Attributes
 from so101_motion.common.errors import BusError, ConfigError
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.common.units import to_mm
-from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus
+from so101_motion.drivers.bus.bus import REPLY_TIMEOUT, Bus, Port
 from so101_motion.drivers.bus.defaults import BAUDRATE
 from so101_motion.drivers.port.port_list import (
     FoundPort,
@@ -45,6 +45,8 @@ from so101_motion.rig.port_settings import ServoSettings
 from so101_motion.setup.port_report import PortReport, file_name, name_in_data
 
 _log = logging.getLogger(__name__)
+
+OpenBus = Callable[[str, int], Bus]
 
 APART = 0.5
 """How far apart arms are said to stand [m]; chosen, so that two arms that are configured as they
@@ -90,6 +92,7 @@ def discover(
     *,
     find: Callable[[Collection[str]], Sequence[FoundPort]] = find_ports,
     reply_timeout: float = REPLY_TIMEOUT,
+    open_port: Callable[[str, int], Port] = SerialPort,
 ) -> Discovery:
     """Look at all ports; takes less than a second, unless one hangs or the computer is busy.
 
@@ -97,9 +100,14 @@ def discover(
         extra: Further ports to look at, by any name.
         find: Lists the ports.
         reply_timeout: How long to wait for an answer beyond the time on the wire [s].
+        open_port: Opens a port by its name and rate.
     """
+
+    def open_bus(name: str, baud: int) -> Bus:
+        return Bus(open_port(name, baud), reply_timeout=reply_timeout)
+
     ports, files = find(extra), file_search.find()
-    reports = _side_by_side(in_parallel(ports, lambda port: _look_at(port, files, reply_timeout)))
+    reports = _side_by_side(in_parallel(ports, lambda port: _look_at(port, files, open_bus)))
     notes = list(adapters_without_port())
     if sum(report.has_arm for report in reports) > 1:
         notes.append(
@@ -153,7 +161,7 @@ def in_parallel(
 # One port
 
 
-def _look_at(port: FoundPort, files: Sequence[FoundFile], reply_timeout: float) -> PortReport:
+def _look_at(port: FoundPort, files: Sequence[FoundFile], open_bus: OpenBus) -> PortReport:
     use = hardware_rig.use_of(port.name)
     if use is not None:
         return _report_use(port, use)
@@ -161,7 +169,7 @@ def _look_at(port: FoundPort, files: Sequence[FoundFile], reply_timeout: float) 
     if reason is not None:
         return PortReport(port=port, sentence=reason)
     try:
-        return _judge(port, _ask(port, reply_timeout), files)
+        return _judge(port, _ask(port, open_bus), files)
     except BusError as error:
         _log.debug("%s: %s", port.name, error)
         return PortReport(port=port, sentence=getattr(error, "reason", str(error)))
@@ -192,28 +200,19 @@ def _configured(shares: Iterable[ServoSettings]) -> frozenset[str]:
     return frozenset(parts)
 
 
-def _ask(port: FoundPort, reply_timeout: float) -> ServosOnBus:
+def _ask(port: FoundPort, open_bus: OpenBus) -> ServosOnBus:
     """Find the servos on a port; if there are none, try other rates."""
-    with _opened(port, BAUDRATE, reply_timeout) as bus:
+    with closing(open_bus(port.name, BAUDRATE)) as bus:
         seen = arm_identification.look(bus)
     if not seen.is_empty or not port.is_servo_adapter:
         return seen
     for baud in LIKELIEST_FIRST:
         if baud == BAUDRATE:
             continue
-        with _opened(port, baud, reply_timeout) as bus:
+        with closing(open_bus(port.name, baud)) as bus:
             if bus.answering(SERVO_IDS.values(), tries=2):
                 return arm_identification.look(bus)
     return seen
-
-
-@contextmanager
-def _opened(port: FoundPort, baud: int, reply_timeout: float) -> Iterator[Bus]:
-    bus = Bus(SerialPort(port.name, baud), reply_timeout=reply_timeout)
-    try:
-        yield bus
-    finally:
-        bus.close()
 
 
 def _judge(port: FoundPort, seen: ServosOnBus, files: Sequence[FoundFile]) -> PortReport:

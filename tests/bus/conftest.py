@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import pytest
 from harness.emulated_joints import MAPS
+from harness.heard_port import HeardEmulator
 from harness.settled_clock import SettledClock
 from referee import CommandCaps, match_of
 
 from so101_motion.control.executor import Executor, Tolerances
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.feetech import gravity_compensation
 from so101_motion.drivers.feetech.feetech_arm import JOINTS, FeetechArm
-from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -79,7 +79,7 @@ class Bench:
     """
 
     clock: SettledClock
-    emulator: Emulator
+    emulator: HeardEmulator
     arm: Any = None
     driver: Any = None
     executor: Any = None
@@ -108,7 +108,7 @@ class Bench:
 
     def connect(self, gravity, reply_timeout):
         self.arm = FeetechArm(
-            PortOpener(self.emulator.port),
+            self.emulator.opener(),
             self.clock,
             MAPS,
             gravity=gravity,
@@ -173,7 +173,7 @@ def make_bench(clock, tmp_path, weight):
     benches = []
 
     def make(*, reply_timeout=PATIENCE, **options):
-        emulator = Emulator(
+        emulator = HeardEmulator(
             EmulatorOptions(link=tmp_path / f"arm{len(benches)}", **options),
             now=clock.now,
             gravity=lambda q: 1.2 * weight(q),

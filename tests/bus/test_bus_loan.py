@@ -383,7 +383,7 @@ def test_an_arm_that_is_switched_on_later_is_seen_and_a_component_can_use_it(tmp
 
 
 def test_a_port_nobody_uses_closes_with_its_only_borrower(bench):
-    rig = open_hardware(bench.settings(**NOBODY), clock=bench.clock, reply_timeout=PATIENCE)
+    rig = bench.open(**NOBODY)
     rig.lend_bus("motor setup")
     rig.close()
     with (

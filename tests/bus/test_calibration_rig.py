@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from harness.heard_port import HeardEmulator
 
 from so101_motion.calib.procedure.session import Session
 from so101_motion.calib.record import store
@@ -11,7 +12,7 @@ from so101_motion.common.errors import MotionError
 from so101_motion.common.modes import Mode
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.emulator.calibration_scripts import sweeping_script
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
@@ -31,7 +32,7 @@ def bench(tmp_path):
     weight = RobotModel.load().gravity_torque
     script, end = sweeping_script(weight, pose={"elbow_flex": -0.2, "gripper": 0.5})
     clock = ManualClock()
-    emulator = Emulator(
+    emulator = HeardEmulator(
         EmulatorOptions(link=tmp_path / "port", calibrated=False, hand=script),
         now=clock.now,
         gravity=weight,
@@ -39,7 +40,7 @@ def bench(tmp_path):
     settings = ServoSettings(
         port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
     )
-    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE)
+    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE, open_port=emulator.opener())
     yield rig, emulator, clock, end
     rig.close()
     emulator.close()
@@ -100,11 +101,13 @@ def put(bench, share):
 def limp(tmp_path):
     """A new arm without weight that nobody touches."""
     clock = ManualClock()
-    emulator = Emulator(EmulatorOptions(link=tmp_path / "port", calibrated=False), now=clock.now)
+    emulator = HeardEmulator(
+        EmulatorOptions(link=tmp_path / "port", calibrated=False), now=clock.now
+    )
     settings = ServoSettings(
         port=str(tmp_path / "port"), timeout=0.0, calibration_file=tmp_path / "arm.json"
     )
-    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE)
+    rig = open_hardware(settings, clock=clock, reply_timeout=PATIENCE, open_port=emulator.opener())
     yield rig, emulator, clock, 0.0
     rig.close()
     emulator.close()

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from harness.heard_port import HeardEmulator
 
 from so101_motion.calib.procedure.steps import Command
 from so101_motion.calib.record import store
@@ -10,7 +11,7 @@ from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import CalibrationError
 from so101_motion.common.modes import Mode
 from so101_motion.drivers.emulator import registers as emu
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.rig.hardware_rig import open_hardware
 from so101_motion.rig.servo_driver import ServoSettings
 from so101_motion.setup.calibrator import Calibrator
@@ -23,13 +24,15 @@ class Arm:
 
     def __init__(self, folder):
         self.clock = ManualClock()
-        self.emulator = Emulator(
+        self.emulator = HeardEmulator(
             EmulatorOptions(link=folder / "port", calibrated=False), now=self.clock.now
         )
         settings = ServoSettings(
             port=str(folder / "port"), timeout=None, fallback_file=folder / "arm.json"
         )
-        self.rig = open_hardware(settings, clock=self.clock, reply_timeout=PATIENCE)
+        self.rig = open_hardware(
+            settings, clock=self.clock, reply_timeout=PATIENCE, open_port=self.emulator.opener()
+        )
         self.calibrator = Calibrator(self.rig)
 
     def close(self):

@@ -8,21 +8,19 @@ from contextlib import ExitStack
 
 import pytest
 from harness.emulated_rig import hardware_bench
+from harness.heard_port import HeardEmulator, HeardPort
 
 from so101_motion.calib.record import store
 from so101_motion.calib.record.record import JOINTS, JointCalibration
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.emulator import registers as emulated
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.emulator.pty_port import Pacing
 from so101_motion.drivers.port.port_list import FoundPort
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.drivers.servo_types import STS3215_7V4
 from so101_motion.setup import discovery
 from so101_motion.setup.port_report import Frame
-
-PATIENCE = 0.03
-"""Above what a busy machine takes to run the emulator's thread [s]."""
 
 APART = (0.1, -0.4, 0.5, -0.2, 0.7, 0.3)
 
@@ -34,10 +32,13 @@ class Table:
         self.data = folder / "data"
         self.home = folder / "home"
         self._stack = stack
-        self.ports = []
+        self.ports, self._served = [], {}
 
     def arm(self, key="58CD", *, is_servo_adapter=True, **options):
-        emulator = self._stack.enter_context(Emulator(EmulatorOptions(**options)))
+        emulator = self._stack.enter_context(
+            HeardEmulator(EmulatorOptions(**options), now=time.monotonic)
+        )
+        self._served[emulator.port] = emulator.terminal
         self.port(key, emulator.port, is_servo_adapter=is_servo_adapter)
         return emulator
 
@@ -47,7 +48,12 @@ class Table:
         )
 
     def look(self):
-        return discovery.discover(find=lambda extra: tuple(self.ports), reply_timeout=PATIENCE)
+        return discovery.discover(find=lambda extra: tuple(self.ports), open_port=self._open)
+
+    def _open(self, name, baud):
+        if name in self._served:
+            return HeardPort(name, baud, terminal=self._served[name])
+        return SerialPort(name, baud)
 
     def only(self):
         (report,) = self.look().reports

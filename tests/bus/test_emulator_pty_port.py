@@ -11,7 +11,11 @@ import threading
 
 import pytest
 import serial
+from harness.heard_port import HeardEmulator
 
+from so101_motion.common.errors import NoReply, PortUnavailable
+from so101_motion.drivers.bus import registers as known
+from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.emulator import registers as reg
 from so101_motion.drivers.emulator.codec import BROADCAST, Code, frame
 from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
@@ -279,3 +283,23 @@ def test_program_lives_on_without_input(link):
         EmulatorOptions(link=link), announce=lambda _: None, stop=stop, commands=io.StringIO()
     )
     assert not link.is_symlink()
+
+
+def test_a_client_that_serves_its_port_waits_for_late_answers_and_for_nobody_else(link, clock):
+    with HeardEmulator(EmulatorOptions(link=link), now=clock.now) as emulator:
+        bus = Bus(emulator.opener()(), reply_timeout=600.0)
+        assert bus.scan() == [1, 2, 3, 4, 5, 6]
+        with pytest.raises(NoReply):
+            bus.ping(9)
+        emulator.bus.faults.late, emulator.bus.faults.lateness = 1.0, 0.01
+        assert bus.read(1, known.PRESENT_POSITION) == 2048
+        emulator.unplug()
+        with pytest.raises(PortUnavailable):
+            bus.ping(1)
+        emulator.plug()
+        emulator.bus.faults.late = 0.0
+        bus = Bus(emulator.opener()(), reply_timeout=600.0)
+        assert bus.answering((1, 2, 9)) == [1, 2]
+        bus.close()
+        with open_port(emulator) as other:  # anybody else is served as ever
+            assert ask(other, PING, 6) == PONG

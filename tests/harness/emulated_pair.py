@@ -6,9 +6,10 @@ from contextlib import contextmanager
 import numpy as np
 from referee import CommandCaps, match_of
 
+from harness.heard_port import HeardEmulator
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.emulator.hand import Hand, Waypoint
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_hardware
@@ -116,7 +117,7 @@ class Arm:
 
     def __init__(self, folder, name, clock, reply_timeout, **options):
         self._clock = clock
-        self.emulator = Emulator(
+        self.emulator = HeardEmulator(
             EmulatorOptions(link=folder / name, **options),
             now=clock.now,
             gravity=RobotModel.load().gravity_torque,
@@ -124,7 +125,9 @@ class Arm:
         settings = ServoSettings(
             port=str(folder / name), servo_ids=SERVOS, gripper_id=6, timeout=0.01
         )
-        self.rig = open_hardware(settings, clock=clock, reply_timeout=reply_timeout)
+        self.rig = open_hardware(
+            settings, clock=clock, reply_timeout=reply_timeout, open_port=self.emulator.opener()
+        )
         match = match_of(self.emulator)
         self.rig.servos.on_command = match.listen(lambda: MIRRORING, self._ticks)
         self.rig.executor.requests.on_request = match.requested

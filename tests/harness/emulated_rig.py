@@ -21,13 +21,14 @@ from viam.components.gripper.service import GripperRPCService
 from viam.proto.app.robot import ComponentConfig
 from viam.resource.manager import ResourceManager
 
+from harness.heard_port import HeardEmulator
 from so101_motion.common.attributes import LoadConfig
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.state import ARM_JOINTS, GRIPPER_JOINT
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.bus.defaults import TIMEOUT
-from so101_motion.drivers.emulator.emulator import Emulator, EmulatorOptions
+from so101_motion.drivers.emulator.emulator import EmulatorOptions
 from so101_motion.drivers.port.serial_port import SerialPort
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.kinematics.model import RobotModel
@@ -76,7 +77,7 @@ class HardwareBench:
         self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
         self.port = folder / "arm"
         weight = loaded(held_kg).gravity_torque
-        self.emulator = Emulator(
+        self.emulator = HeardEmulator(
             EmulatorOptions(link=self.port, **options), now=self.clock.now, gravity=weight
         )
         self._rigs = []
@@ -132,8 +133,9 @@ class HardwareBench:
 
     def open(self, **changes):
         rig = open_hardware(
-            self.settings(**changes), clock=self.clock, reply_timeout=self.reply_timeout
-        )
+            self.settings(**changes), clock=self.clock, reply_timeout=self.reply_timeout,
+            open_port=self.emulator.opener(),
+        )  # fmt: skip
         self._rigs.append(rig)
         self._record(rig)
         return rig

@@ -15,7 +15,6 @@ REAL_TIME = (
     "tests/browser/",
     "tests/module/",
     "tests/campaign/test_share.py",  # a module process is stopped and continued there
-    "tests/bus/test_hops.py",  # looks at every call, so the emulated servos are slow to answer
     "tests/test_first_hour_page.py",
 )
 """Where processes, browsers and priorities are real."""

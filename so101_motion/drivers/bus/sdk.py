@@ -30,7 +30,7 @@ class Port(Protocol):
         """Send ``data``."""
 
     def read(self, until: float) -> bytes:
-        """Read received bytes, at least one unless ``time.monotonic`` [s] reaches ``until``."""
+        """Read received bytes; none if none came by ``until``, on ``time.monotonic`` [s]."""
 
     def discard(self) -> None:
         """Discard received bytes."""
@@ -50,6 +50,7 @@ class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK 
         super().__init__(port.name)
         self._port, self.reply_timeout = port, reply_timeout
         self._until = 0.0
+        self._is_silent = False
         self._ahead = b""
 
     def clearPort(self) -> None:
@@ -68,17 +69,18 @@ class WaitingHandler(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK 
             return b""
         if not self._ahead:
             self._ahead = self._port.read(self._until)
+            self._is_silent = not self._ahead
         data, self._ahead = self._ahead[:length], self._ahead[length:]
         return data
 
     def setPacketTimeout(self, packet_length: int) -> None:
         """Start the timeout for ``packet_length`` bytes."""
         wire = 10.0 * packet_length / self._port.baud
-        self._until = time.monotonic() + wire + self.reply_timeout
+        self._until, self._is_silent = time.monotonic() + wire + self.reply_timeout, False
 
     def isPacketTimeout(self) -> bool:
-        """Whether the timeout has passed."""
-        return time.monotonic() >= self._until
+        """Whether the timeout has passed, or nothing came by it."""
+        return self._is_silent or time.monotonic() >= self._until
 
 
 class _Recorder(scservo_sdk.PortHandler):  # type: ignore[misc]  # the SDK ships no types

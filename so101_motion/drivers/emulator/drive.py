@@ -137,7 +137,10 @@ class Drive:
     @property
     def position(self) -> int:
         """Encoder minus homing offset, unwrapped [tick]."""
-        return self.encoder - self._origin
+        ticks = math.floor(self.shaft.output + 0.5)  # as ``encoder``: this is asked every step
+        if self._settings.encoder_reversed:
+            ticks = TICKS_PER_TURN - 1 - ticks
+        return ticks - self._origin
 
     def locate(self, offset: int, *, turns: int) -> None:
         """Set the homing offset [tick] and the turn the servo believes to be in."""
@@ -174,14 +177,16 @@ class Drive:
     def step(self) -> None:
         """One millisecond of control and mechanics."""
         if self.powered and self.torque == 1 and not self._blocked:
-            goal = self._goals.step()
+            goal = self._goals.step() if self._goals.waiting else None
             if self._settings.mode != reg.POSITION_MODE:
                 demand = self._other_demand(goal)
             else:
+                profile = self.profile
                 if goal is not None:
-                    self.profile.target = goal
-                self.profile.step()
-                error = int(self.profile.position) - self.position
+                    profile.target = goal
+                if profile.position != profile.target or profile.velocity != 0.0:
+                    profile.step()
+                error = int(profile.position) - self.position
                 demand = self.loop.step(error, integrate=self._may_integrate)
             if self._capped:
                 cap = self.guard.limits.protective_duty
@@ -227,7 +232,7 @@ class Drive:
         self._unchanged = self._unchanged + 1 if seen == self._seen else 0
         self._seen = seen
         wait = max(_QUIET_AFTER, self._settings.gains.window // 5 + 1)
-        self.quiet = shaft.velocity == 0.0 and self._unchanged >= wait and not self._goals
+        self.quiet = shaft.velocity == 0.0 and self._unchanged >= wait and not self._goals.waiting
 
     def _check(self, dt: float) -> None:
         position = self.position
@@ -258,7 +263,7 @@ class Drive:
             still = abs(ticks) < self._settings.gains.still
             self.speed = 0 if still else round(ticks) * _SPEED_QUANTUM
             self._speed_since, self._speed_from = 0.0, self.position
-        if self.torque == 1 and (self.profile.running or self._goals):
+        if self.torque == 1 and (self.profile.running or self._goals.waiting):
             self.moving = True
         elif self.speed == 0:
             self.moving = False

@@ -163,7 +163,12 @@ class Loop:
             error += g.cw_dead_zone
         else:
             error = 0
-        self._differentiate(error)
+        self._countdown -= 1
+        if self._countdown <= 0:
+            self._countdown = g.window
+            change = error - self._last_error
+            self._change = 0 if abs(change) < g.still else change
+            self._last_error = error
         demand = int(error * g.p / 4) + int(self._change * g.d / 8)
         if g.i:
             demand += self._integrate(error if integrate else 0)
@@ -174,15 +179,6 @@ class Loop:
         self.output = max(min(demand, g.limit), -g.limit)
         self._excess = demand - self.output
         return self.output
-
-    def _differentiate(self, error: int) -> None:
-        self._countdown -= 1
-        if self._countdown > 0:
-            return
-        self._countdown = self.gains.window
-        change = error - self._last_error
-        self._change = 0 if abs(change) < self.gains.still else change
-        self._last_error = error
 
     def _integrate(self, error: int) -> int:
         share = int((self.integral + error) * self.gains.i / 500)
@@ -199,30 +195,30 @@ class GoalDelay:
 
     Args:
         delay: How long that takes [s].
+
+    Attributes:
+        waiting: The goals, and the step in which each is due.
     """
 
     def __init__(self, delay: float) -> None:
         self._steps = round(delay / DT)
         self._now = 0
-        self._waiting: deque[tuple[int, float]] = deque()
-
-    def __bool__(self) -> bool:
-        return bool(self._waiting)
+        self.waiting: deque[tuple[int, float]] = deque()
 
     def put(self, goal: float) -> None:
         """A goal has arrived."""
-        self._waiting.append((self._now + self._steps, goal))
+        self.waiting.append((self._now + self._steps, goal))
 
     def clear(self) -> None:
         """Forget the goals that wait."""
-        self._waiting.clear()
+        self.waiting.clear()
 
     def step(self) -> float | None:
-        """One control period; the goal that is due, if there is one."""
+        """One control period; the goal that is due, if there is one. Not needed while none wait."""
         self._now += 1
         goal = None
-        while self._waiting and self._waiting[0][0] < self._now:
-            goal = self._waiting.popleft()[1]
+        while self.waiting and self.waiting[0][0] < self._now:
+            goal = self.waiting.popleft()[1]
         return goal
 
 

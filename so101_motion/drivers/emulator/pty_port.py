@@ -130,6 +130,7 @@ class PtyPort:
 
     Attributes:
         port: What a client opens: the link if there is one, else the terminal's name.
+        delivered: How many bytes have been handed to clients.
     """
 
     def __init__(
@@ -147,6 +148,8 @@ class PtyPort:
         self._wire_free = 0.0
         self._lock = threading.Lock()
         self._closing = False
+        self._is_left_to_client = False
+        self.delivered = 0
         self._terminal: _Terminal | None = None
         self.plug()
         self._thread = threading.Thread(target=self._serve, name="so101-emulator-port", daemon=True)
@@ -184,6 +187,23 @@ class PtyPort:
                 terminal.close()
         self._wake()
 
+    def leave_to_client(self, *, left: bool) -> None:
+        """Let a client of this process call ``serve_now``, or the thread serve clients again."""
+        self._is_left_to_client = left
+        self._wake()
+
+    def serve_now(self) -> bool:
+        """Answer in the calling thread what was written; whether a reply is held back for later."""
+        with self._lock:
+            if self._terminal is not None:
+                with contextlib.suppress(BlockingIOError):
+                    self._receive(self._terminal)
+                self._deliver(self._terminal)
+            is_held_back = bool(self._due)
+        if is_held_back:
+            self._wake()  # the thread delivers it
+        return is_held_back
+
     def close(self) -> None:
         """End the thread and remove the port."""
         self._closing = True
@@ -205,8 +225,10 @@ class PtyPort:
             with self._lock:
                 terminal = self._terminal
                 sources = [self._wake_read]
-                if terminal is not None:
-                    sources += [fd for fd in (terminal.master, terminal.watch) if fd is not None]
+                if terminal is not None and not self._is_left_to_client:
+                    sources.append(terminal.master)
+                if terminal is not None and terminal.watch is not None:
+                    sources.append(terminal.watch)
                 timeout = self._next_delivery()
             # An unplugged terminal's descriptor may be gone by now: then look again.
             with contextlib.suppress(OSError, ValueError):
@@ -254,4 +276,4 @@ class PtyPort:
             ready.append(heapq.heappop(self._due)[2])
         # A client that never reads overruns its buffer, as on a real port.
         with contextlib.suppress(BlockingIOError):
-            os.write(terminal.master, b"".join(ready))
+            self.delivered += os.write(terminal.master, b"".join(ready))

@@ -26,6 +26,7 @@ import os
 import select
 import termios
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import serial
@@ -177,14 +178,20 @@ class PortOpener:
     Args:
         name: The port as configured.
         baud: Bits per second.
+        make: Opens a port by its name and rate.
 
     Attributes:
         baud: As given.
     """
 
-    def __init__(self, name: str, baud: int = 1_000_000) -> None:
+    def __init__(
+        self,
+        name: str,
+        baud: int = 1_000_000,
+        make: Callable[[str, int], SerialPort] = SerialPort,
+    ) -> None:
         self.baud = baud
-        self._name = name
+        self._name, self._make = name, make
         self._usb: UsbIdentity | None = None
 
     def __call__(self, baud: int | None = None) -> SerialPort:
@@ -199,7 +206,7 @@ class PortOpener:
         name = find_again(self._name, self._usb)
         if name is None:
             raise PortUnavailable(self._name, "its adapter is not plugged in; plug it in again")
-        port = SerialPort(name, self.baud if baud is None else baud)
+        port = self._make(name, self.baud if baud is None else baud)
         self._usb = self._usb or identity(name)
         return port
 

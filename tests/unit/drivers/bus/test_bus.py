@@ -45,6 +45,13 @@ def test_a_sync_write_reaches_every_servo_and_nobody_answers(port, bus):
     assert port.read(0.0) == b""
 
 
+def test_a_port_that_says_that_nothing_came_is_not_asked_until_the_time_is_up(port):
+    port.world.disconnect(3)
+    with pytest.raises(NoReply):
+        Bus(port, reply_timeout=600.0).read(3, POSITION)
+    assert len(port.sent) == 1 + RETRIES
+
+
 def test_a_dead_servo_costs_the_others_nothing(port, bus):
     port.world.disconnect(3)
     assert positions(bus).keys() == {1, 2, 4, 5, 6}

@@ -1,0 +1,74 @@
+"""Emulated servos whose port knows when nobody will answer, however busy the machine is.
+
+The port is the driver's own on a real pseudo-terminal. But its client lets the servos answer on its
+own thread as soon as it has written, so it need not wait for another one; it waits for what the
+terminal is still bringing, and takes it for silence at once when there is nothing. So a silent
+servo costs no time, and no answer is lost because the machine was busy elsewhere.
+"""
+
+import time
+from functools import partial
+
+from so101_motion.drivers.emulator.emulator import Emulator
+from so101_motion.drivers.emulator.pty_port import PtyPort
+from so101_motion.drivers.emulator.world import no_gravity
+from so101_motion.drivers.port.serial_port import PortOpener, SerialPort
+
+_PATIENCE = 60.0  # [s] for bytes that are on their way through the terminal
+
+
+class HeardPort(SerialPort):
+    """A serial port on a terminal of this process, which it serves as long as it is open."""
+
+    def __init__(self, name, baud, *, terminal):
+        self._terminal, self._taken = terminal, terminal.delivered
+        super().__init__(name, baud)
+        terminal.leave_to_client(left=True)
+
+    def write(self, data):
+        super().write(data)
+        self._terminal.serve_now()
+
+    def read(self, until):
+        is_held_back = self._terminal.serve_now()
+        if self._is_arriving:
+            until = time.monotonic() + _PATIENCE
+        elif not is_held_back:
+            return b""
+        return self._take(until)
+
+    def discard(self):
+        while self._is_arriving and self._take(time.monotonic() + _PATIENCE):
+            pass
+        super().discard()
+
+    def close(self):
+        self._terminal.leave_to_client(left=False)
+        super().close()
+
+    @property
+    def _is_arriving(self):
+        return self._terminal.delivered > self._taken
+
+    def _take(self, until):
+        data = super().read(until)
+        self._taken += len(data)
+        return data
+
+
+class HeardEmulator(Emulator):
+    """An emulator for clients of this process; opened by ``opener()``, its port is a ``HeardPort``.
+
+    Anybody else may open its port, too, in the usual way.
+    """
+
+    def __init__(self, options, *, now, gravity=no_gravity):
+        def serve(bus):
+            self.terminal = PtyPort(bus, now, pacing=options.pacing, link=options.link)
+            return self.terminal
+
+        super().__init__(options, now=now, gravity=gravity, serve=serve)
+
+    def opener(self, baud=1_000_000):
+        """Opens the port again and again, wherever it is plugged in."""
+        return PortOpener(self.port, baud, partial(HeardPort, terminal=self.terminal))
