@@ -387,6 +387,7 @@ async def test_what_a_crash_left_is_seen_to_when_the_servos_answer(data, plannin
 
 async def test_status_and_closing(bench):
     sensor = new_sensor(bench)
+    await sensor.get_readings()  # is there once the port has been looked at
     status = await sensor.get_status()
     await sensor.close()
 
