@@ -45,7 +45,7 @@ def finish(bench, motion):
 
 @pytest.fixture
 def bench(tmp_path, planning_process):
-    with hardware_bench(tmp_path) as bench:
+    with hardware_bench(tmp_path, is_heard=False) as bench:
         yield bench
 
 

@@ -64,6 +64,7 @@ class HardwareBench:
         reply_timeout: See below.
         held_kg: What the jaws hold, unknown to the rigs.
         clock: What time it is; a clock of its own by default.
+        is_heard: Whether the rigs know when no servo will answer, see ``heard_port``.
         options: What else is emulated.
 
     Attributes:
@@ -73,8 +74,18 @@ class HardwareBench:
         reply_timeout: How long an answer is waited for, on the wall clock [s].
     """
 
-    def __init__(self, folder, *, reply_timeout=PATIENCE, held_kg=0.0, clock=None, **options):
+    def __init__(
+        self,
+        folder,
+        *,
+        reply_timeout=PATIENCE,
+        held_kg=0.0,
+        clock=None,
+        is_heard=True,
+        **options,
+    ):
         self.clock, self.reply_timeout = clock or ManualClock(), reply_timeout
+        self._is_heard = is_heard
         self.port = folder / "arm"
         weight = loaded(held_kg).gravity_torque
         self.emulator = HeardEmulator(
@@ -132,10 +143,14 @@ class HardwareBench:
         return ServoSettings(**{"port": str(self.port), **wanted})
 
     def open(self, **changes):
+        settings = self.settings(**changes)
+        is_heard = self._is_heard and settings.port == str(self.port)
         rig = open_hardware(
-            self.settings(**changes), clock=self.clock, reply_timeout=self.reply_timeout,
-            open_port=self.emulator.opener(),
-        )  # fmt: skip
+            settings,
+            clock=self.clock,
+            reply_timeout=self.reply_timeout,
+            open_port=self.emulator.opener(settings.baudrate) if is_heard else None,
+        )
         self._rigs.append(rig)
         self._record(rig)
         return rig
