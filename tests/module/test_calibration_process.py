@@ -96,7 +96,8 @@ async def test_from_the_box_to_a_move_to_a_pose(tmp_path, data):
             for joint in JOINTS:
                 entry = entries[joint]
                 ends = [entry["homing_offset"] + entry[end] for end in ("range_min", "range_max")]
-                assert ends == pytest.approx(kit.stops(joint), abs=3.0), joint
+                # a stop gives in under the hand, by more if a busy machine lets it press for long
+                assert ends == pytest.approx(kit.stops(joint), abs=6.0), joint
 
             file = {"calibration_file": saved["calibration_file"]}
             arm = await module.add(ARM, HARDWARE_ARM, {"port": kit.port, **file}, "arm")
