@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 import so101_description
@@ -47,8 +48,25 @@ CUBES = 32_000
 """So many cubes of a point cloud fit between its origin and any point: octrees are 16 deep."""
 
 
+class _Form:
+    """What all shapes have in common."""
+
+    __slots__ = ("_fingerprint",)
+    _fingerprint: bytes
+
+    def fingerprint(self) -> bytes:
+        """Bytes that differ for different shapes; computed once, for a large one takes 10 ms."""
+        try:
+            return self._fingerprint
+        except AttributeError:
+            known = hashlib.sha256(type(self).__name__.encode(), usedforsecurity=False)
+            _add(known, *(getattr(self, each.name) for each in fields(self)))  # type: ignore[arg-type]  # a dataclass
+            object.__setattr__(self, "_fingerprint", known.digest())
+            return self._fingerprint
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Box:
+class Box(_Form):
     """A box around its own origin.
 
     Attributes:
@@ -62,7 +80,7 @@ class Box:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sphere:
+class Sphere(_Form):
     """A ball around its own origin.
 
     Attributes:
@@ -76,7 +94,7 @@ class Sphere:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Capsule:
+class Capsule(_Form):
     """A cylinder along z with round ends, around its own origin.
 
     Attributes:
@@ -98,7 +116,7 @@ class Capsule:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mesh:
+class Mesh(_Form):
     """A surface of triangles; which way they face does not matter.
 
     What lies inside a closed surface is out of reach of an arm that stands outside, and the other
@@ -134,7 +152,7 @@ class Mesh:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PointCloud:
+class PointCloud(_Form):
     """Points that were seen. Space is cut into cubes; those that hold a point are full.
 
     What is held is taken as the convex hull of its cubes.
@@ -163,7 +181,7 @@ Shape = Box | Sphere | Capsule | Mesh | PointCloud
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ShapeFile:
+class ShapeFile(_Form):
     """A mesh or a point cloud as an unread file; ``shape_files.read_shape`` reads it.
 
     See ``shape_files.py``, which makes these and reads them.
@@ -383,33 +401,30 @@ def _points(key: str, value: object) -> Array:
 
 def _digest(scene: Scene) -> bytes:
     """A fingerprint of everything in a scene, in its order."""
-    known = hashlib.blake2b(digest_size=16)
-
-    def add(*values: object) -> None:
-        for value in values:
-            if isinstance(value, np.ndarray):
-                known.update(repr(value.shape).encode())
-                known.update(np.ascontiguousarray(value).data)
-            else:
-                known.update(repr(value).encode() + b";")
-
-    def add_shape(shape: Shape | ShapeFile) -> None:
-        add(type(shape).__name__, *(getattr(shape, each.name) for each in fields(shape)))
-
-    add(scene.floor_z, scene.margin, sorted(sorted(pair) for pair in scene.may_touch))
-    for each in scene.obstacles:
-        add("obstacle", each.name, each.keep_out, each.T_base_obstacle.R, each.T_base_obstacle.p)
-        add_shape(each.shape)
+    known = hashlib.sha256(usedforsecurity=False)
 
     def add_held(held: Attached) -> None:
-        add("held", held.name, held.mass, sorted(held.may_touch), held.passed_to)
-        add(held.T_tool_object.R, held.T_tool_object.p)
-        add_shape(held.shape)
+        _add(known, "held", held.name, held.mass, sorted(held.may_touch), held.passed_to)
+        _add(known, held.T_tool_object.R, held.T_tool_object.p, held.shape.fingerprint())
 
+    _add(known, scene.floor_z, scene.margin, sorted(sorted(pair) for pair in scene.may_touch))
+    for each in scene.obstacles:
+        _add(known, "obstacle", each.name, each.keep_out)
+        _add(known, each.T_base_obstacle.R, each.T_base_obstacle.p, each.shape.fingerprint())
     for held in scene.attached:
         add_held(held)
     for arm in scene.arms:
-        add("arm", arm.name, arm.T_base_arm.R, arm.T_base_arm.p, arm.q, arm.room)
+        _add(known, "arm", arm.name, arm.T_base_arm.R, arm.T_base_arm.p, arm.q, arm.room)
         for held in arm.attached:
             add_held(held)
     return known.digest()
+
+
+def _add(known: Any, *values: object) -> None:
+    """Add values to what is known of a fingerprint."""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            known.update(repr(value.shape).encode())
+            known.update(np.ascontiguousarray(value).data)
+        else:
+            known.update(repr(value).encode() + b";")

@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from so101_motion.planning.collision.scene import (
     Obstacle,
     PointCloud,
     Scene,
+    ShapeFile,
     Sphere,
 )
 
@@ -129,6 +131,15 @@ def test_a_scene_survives_a_process_boundary():
     again = pickle.loads(pickle.dumps(scene))
     assert again == scene
     assert again.digest == scene.digest
+
+
+def test_a_large_shape_is_read_once_however_many_scenes_it_is_in():
+    data = np.frombuffer(bytearray(100), np.uint8)
+    seen = obstacle("seen", ShapeFile(kind="pcd", data=data, name="seen"))
+    scene = Scene(obstacles=(seen,), margin=0.004)
+    data[0] = 1  # would be noticed by whoever reads it again
+    assert replace(scene, margin=0.005) != scene
+    assert Scene(obstacles=(seen,), margin=0.004) == scene
 
 
 def test_sentences_tell_links_things_and_zones_apart():
