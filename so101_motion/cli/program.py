@@ -45,7 +45,8 @@ def run(
     """Run PROGRAM: the name of one saved in the preview, or a .json file.
 
     Every leg is planned and looked at for collisions before anything moves. Waypoints that may be
-    passed are gone through without a stop, within 3 degrees a joint. Ctrl-C stops the arm.
+    passed are gone through without a stop, within 3 degrees a joint; loops are repeated where they
+    stand. Ctrl-C stops the arm.
 
     \b
     so101 run "stack cubes" --port /dev/ttyACM0
@@ -67,8 +68,9 @@ def run(
             _wait(start_program(rig.arm, rig.gripper, rig.clock, rehearsal))
         if as_json:
             facts = {"waypoints": [each.name for each in made.waypoints], "rounds": made.rounds}
+            loops = files.loops_to(made.loops)
             where = {"q_deg": to_deg(rig.arm.state.q).tolist()}
-            print_json("run", {"source": source.what, **facts, "arrived": where})
+            print_json("run", {"source": source.what, **facts, "loops": loops, "arrived": where})
         else:
             click.echo("done")
 
@@ -77,11 +79,15 @@ def _planned(rehearsal: Rehearsal) -> str:
     program = rehearsal.program
     times = "until it is stopped" if program.rounds is None else f"{program.rounds} time(s)"
     lines = []
-    for leg in rehearsal.legs:
+    for visit, leg, _ in rehearsal.first_round:
+        if any(visit.laps):
+            continue
         for index, begin, end in zip(leg.indices, (0.0, *leg.at), leg.at, strict=False):
             passed = "" if index == leg.indices[-1] else "  passed"
             name = program.waypoints[index].name
             lines.append(f"  {index + 1:>3}  {name:<24}{end - begin:6.2f} s{passed}")
+            ending = (loop for loop in reversed(program.loops) if loop.last == index)
+            lines += (f"       steps {loop.called} {loop.times} times in all" for loop in ending)
     return "\n".join((*lines, f"{rehearsal.duration:.1f} s a round with its pauses, {times}"))
 
 
@@ -97,7 +103,8 @@ def _show(run: ProgramRun, program: Program, shown: str | None) -> str | None:
     where = run.where
     if where.index >= len(program) or not sys.stderr.isatty():
         return shown
-    now = f"round {where.round + 1}, {program.called(where.index)}"
+    laps = "".join(f", time {lap + 1}" for lap in where.laps)
+    now = f"round {where.round + 1}{laps}, {program.called(where.index)}"
     if now != shown:
         click.echo(now, err=True)
     return now

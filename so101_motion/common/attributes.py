@@ -114,6 +114,10 @@ class Attributes:
         """Whether there is a value under ``key``; null and the empty string are none."""
         return self._values.get(key) not in (None, "")
 
+    def raw(self, key: str) -> object:
+        """What was given under ``key``, not checked; None without it."""
+        return self._values.get(key)
+
     @property
     def idle(self) -> tuple[str, ...]:
         """The given attributes that have no effect."""

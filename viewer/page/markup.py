@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from html import escape
+from typing import NamedTuple
 
 from so101_motion.drivers.feetech.health import JointHealth
 
@@ -215,8 +216,54 @@ def events(items: Iterable[Event]) -> str:
     )
 
 
+class Span(NamedTuple):
+    """A piece of a line: its name, begin and end as shares of all, and how deep it is."""
+
+    name: str
+    begins: float
+    ends: float
+    depth: int = 0
+
+
+class Timeline(NamedTuple):
+    """What comes one after the other, what of it is repeated, and how long it takes [s]."""
+
+    parts: tuple[Span, ...]
+    loops: tuple[Span, ...]
+    duration: float
+
+
+MOST_PARTS = 120
+"""A line of more parts than this has none that could be read, so it is drawn empty; chosen."""
+
+
+def timeline(line: Timeline | None, seek: str | None) -> str:
+    """A line of time; a finger or a mouse on it moves the preview.
+
+    Args:
+        line: What is on it; None for an empty one.
+        seek: The id of the slider that is told the time [s].
+    """
+    if line is None:
+        return '<div class="so101-timeline"></div>'
+    parts = line.parts if len(line.parts) <= MOST_PARTS else ()
+    drawn = [("b", "", span) for span in parts]
+    drawn += [("i", f" deep{span.depth}", span) for span in line.loops]
+    pieces = "".join(
+        f'<{tag} class="span{kind}" style="left:{100.0 * begins:.2f}%;'
+        f'width:{100.0 * (ends - begins):.2f}%">{escape(name)}</{tag}>'
+        for tag, kind, (name, begins, ends, _) in drawn
+    )
+    said = ", ".join(f"{name} to {ends * line.duration:.1f} s" for name, _, ends, _ in parts)
+    return (
+        f'<div class="so101-timeline" role="img" aria-label="Timeline: {escape(said)}"'
+        f' data-seek="{escape(seek or "")}" data-duration="{line.duration:.3f}">'
+        f"{pieces}<u></u></div>"
+    )
+
+
 def steps(
-    rows: Iterable[tuple[str, str]],
+    rows: Iterable[tuple[str, str, int]],
     *,
     chosen: int | None,
     active: int | None,
@@ -226,15 +273,15 @@ def steps(
     """A list of steps to choose from: a name and small print each.
 
     Args:
-        rows: Name and small print.
+        rows: Name, small print, and how many loops it is in.
         chosen: Index of the one that is edited, set in bold.
         active: Index of the one that is being done, marked.
         press: The id of the widget that is told the number of the row that was pressed.
         move: The id of the widget that is told which row was dragged where.
     """
     lines = []
-    for k, (name, rest) in enumerate(rows):
-        kind = "chosen" if k in (chosen, active) else ""
+    for k, (name, rest, depth) in enumerate(rows):
+        kind = f"loop{depth}" + (" chosen" if k in (chosen, active) else "")
         mark = "▶" if k == active else f"{k + 1}"
         lines.append(
             f'<button type="button" class="{kind}" data-press="{escape(press or "")}"'

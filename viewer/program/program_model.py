@@ -21,6 +21,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.modes import Mode
 from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program import (
+    Loop,
     Program,
     ProgramRun,
     Waypoint,
@@ -174,6 +175,17 @@ class ProgramModel:
         """Set the number of rounds; None for endless."""
         self._edit(self._program.with_rounds(rounds))
 
+    def set_loop(self, first: int, last: int, times: int) -> None:
+        """Repeat the waypoints from ``first`` to ``last`` (indices) so many times in a row."""
+        self._edit(self._program.with_loop(Loop(first=first, last=last, times=times)))
+
+    def end_loop(self) -> None:
+        """Remove the inner one of the loops around the selected waypoint."""
+        around = self._program.loops_around(self._chosen_index())
+        if not around:
+            raise ConfigError("loop", None, "the chosen waypoint is in none")
+        self._edit(self._program.without_loop(around[-1]))
+
     # Files
 
     def call(self, name: str) -> None:
@@ -226,7 +238,7 @@ class ProgramModel:
             self._first = 0 if part == ALL else self._chosen_index()
             if part != ALL:
                 last = self._first + 1 if part == STEP else len(program)
-                program = Program(waypoints=program.waypoints[self._first : last])
+                program = program.part(self._first, last)
             self._made_for = self._things()
 
             def plan_all() -> tuple[RehearsalTime, dict[int, float]]:
@@ -394,7 +406,8 @@ class ProgramModel:
             return
         self._timeline, self._clearances = rehearsing.result()
         self._playback.load(self._timeline.duration)
-        self._sentence = words.PLANNED
+        is_whole = len(self._timeline.rehearsal.program.loops) == len(self._program.loops)
+        self._sentence = words.PLANNED if is_whole else words.PLANNED_PART
 
     def _watch_plan(self) -> None:
         if self._timeline is None or self._run is not None:

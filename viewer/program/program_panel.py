@@ -13,11 +13,12 @@ import viser
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST_ROUNDS, SLOWEST
+from so101_motion.tasks.program.loops import MOST_TIMES, Loop
+from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST, SLOWEST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
-from ..page.bar import uuid_of
+from ..page.bar import board, uuid_of
 from ..page.page_context import ArmContext
 from ..page.part import Part
 from ..page.shared_fields import SharedField, grey, put
@@ -26,6 +27,7 @@ from . import program_texts as words
 from .program_model import REST, STEP, ProgramModel
 from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
+from .rehearsal_time import RehearsalTime
 
 _NONE = "none"
 _PART_WAY = "part way"
@@ -50,6 +52,8 @@ class ProgramPart(Part):
             set_target=page.set_target_joints,
         )
         self._context = context.reporting(self.model.report)
+        self._drawn: RehearsalTime | None = None  # what is on the line of time
+        self._offered: tuple[object, ...] = ()  # for what the loop's fields were filled in
         self._view = ProgramView(
             context.server.scene,
             RobotModel.load(),
@@ -59,6 +63,7 @@ class ProgramPart(Part):
             self._add_recording(context.gui)
             self._add_run(context.gui)
             self._add_waypoint(context.gui)
+            self._add_loops(context.gui)
             self._add_rounds(context.gui)
             self._add_files(context.gui)
 
@@ -123,9 +128,27 @@ class ProgramPart(Part):
             self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
         )  # fmt: skip
 
+    def _add_loops(self, gui: viser.GuiApi) -> None:
+        with gui.add_folder("Loops", expand_by_default=False):
+            self._loop = (
+                gui.add_number("From step", 1, min=1, max=MOST, step=1),
+                gui.add_number("To step", 1, min=1, max=MOST, step=1),
+                gui.add_number("Times", 2, min=2, max=MOST_TIMES, step=1),
+            )
+            self._loops = gui.add_button_group(
+                "Loop",
+                ("repeat", "end"),
+                hint="Repeat these steps so many times; end the loop around the chosen step",
+            )
+        self._on_choice(self._loops, {"repeat": self._repeat, "end": self.model.end_loop})
+
+    def _repeat(self) -> None:
+        first, last, times = (int(field.value) for field in self._loop)
+        self.model.set_loop(first - 1, last - 1, times)
+
     def _add_rounds(self, gui: viser.GuiApi) -> None:
         model = self.model
-        self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_ROUNDS, step=1)
+        self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_TIMES, step=1)
         self._rounds = self._field(self._rounds_box, lambda n: model.set_rounds(int(n)), int)
         self._endless = self._field(
             gui.add_checkbox("Until stopped", False),
@@ -146,12 +169,14 @@ class ProgramPart(Part):
         self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
         self._context.on_press(self._run, model.run)
         self._progress = gui.add_progress_bar(0.0, color="green")
+        self._line = gui.add_html(markup.timeline(None, None))
+        self._now = gui.add_html("", visible=False)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
         self._play = gui.add_button_group(
             "Play",
             tuple(_RATES),
-            hint="Only the ghost moves, pauses last 2 s; press again to pause",
+            hint="Only the ghost moves; pauses last 2 s, loops are shown twice; again: pause",
         )
         self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
         self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
@@ -212,7 +237,11 @@ class ProgramPart(Part):
         self._sentence.content = markup.sentence(screen.sentence)
         near = {} if timeline is None else screen.clearances
         rows = [
-            (waypoint.name, words.line(waypoint, near.get(k - screen.first)))
+            (
+                waypoint.name,
+                words.line(program, k, near.get(k - screen.first)),
+                len(program.loops_around(k)),
+            )
             for k, waypoint in enumerate(program.waypoints)
         ]
         self._waypoints.content = markup.steps(
@@ -242,6 +271,11 @@ class ProgramPart(Part):
         grey(self._play, timeline is None)
         facts = words.NO_FACTS if timeline is None else words.facts(timeline.rehearsal)
         self._facts.content = markup.facts(facts, lines=_LINES)
+        if timeline is not self._drawn:
+            self._drawn = timeline
+            line = None if timeline is None else words.timeline(timeline)
+            self._line.content = markup.timeline(line, uuid_of(self._slider))
+        self._now.content = board("program", t=None if timeline is None else round(screen.t, 2))
         if timeline is not None:
             self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
         self._t.show(screen.t if timeline is not None else 0.0)
@@ -250,10 +284,18 @@ class ProgramPart(Part):
         waypoints = screen.program.waypoints
         index = screen.chosen if screen.can_edit else None
         grey(self._order, index is None)
+        grey(self._loops, index is None)
         if index is None:
             for field in self._of_waypoint:
                 field.offer(None)
             return
+        if (index, waypoints) != self._offered:
+            self._offered = (index, waypoints)
+            around = screen.program.loops_around(index) or (None,)
+            loop = around[-1] or Loop(first=index, last=index, times=2)
+            numbers = (loop.first + 1, loop.last + 1, loop.times)
+            for box, number in zip(self._loop, numbers, strict=True):
+                put(box, number)
         chosen = waypoints[index]
         stops, aperture = not chosen.passes, chosen.aperture
         self._name.offer(chosen.name)

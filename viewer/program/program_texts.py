@@ -9,14 +9,19 @@ from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_mm
 from so101_motion.tasks.program import Program, ProgramRun, Rehearsal, Waypoint
 
-from ..page import texts
+from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
+from .rehearsal_time import RehearsalTime
 
 WELCOME = Sentence(text="Record the arm or the target as the first waypoint.")
 PRESS_PLAN = Sentence(text="Press Plan program to check all of it; nothing moves.")
 PLANNING = Sentence(text="Planning all waypoints …")
 PLANNED = Sentence(
     text="Planned, no collisions. Press Run program to move the arm.", tone=Tone.GOOD
+)
+PLANNED_PART = Sentence(
+    text="Planned, no collisions; a loop that began earlier is not repeated. Press Run program.",
+    tone=Tone.GOOD,
 )
 ARM_MOVED = Sentence(text="The arm has moved. Press Plan program again.")
 JAW_MOVED = Sentence(text="The gripper has moved. Press Plan program again.")
@@ -66,9 +71,11 @@ def running(run: ProgramRun, first: int = 0) -> Sentence:
     where, program = run.where, run.program
     index = min(where.index, len(program) - 1)
     doing = {"moving": "Going to", "jaw": "Gripper at", "pausing": "Pausing at"}[where.doing]
+    loops = zip(where.laps, program.loops_around(index), strict=False)
+    laps = "".join(f" Time {lap + 1} of {loop.times}." for lap, loop in loops)
     rounds = "" if program.rounds == 1 else f" Round {where.round + 1}{_of(program)}."
     called = f"waypoint {first + index + 1} ({program.waypoints[index].name})"
-    return Sentence(text=f"{doing} {called}.{rounds} Press Space or Stop to stop.")
+    return Sentence(text=f"{doing} {called}.{laps}{rounds} Press Space or Stop to stop.")
 
 
 def done(run: ProgramRun) -> Sentence:
@@ -88,27 +95,50 @@ def ended(error: BaseException) -> Sentence:
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
     """The figures of a planned program as pairs of name and value."""
     round_ = f"{rehearsal.duration:.1f} s plus gripper time"
-    count = len(rehearsal.program)
-    passed = count - len(rehearsal.legs)
-    waypoints = f"{count}, {passed} of them passed" if passed else f"{count}"
+    program = rehearsal.program
+    passed = sum(not program.stops_at(index) for index in range(len(program)))
+    waypoints = f"{len(program)}, {passed} of them passed" if passed else f"{len(program)}"
     pairs = [("One round", round_), ("Waypoints", waypoints)]
-    if rehearsal.program.rounds != 1:
-        rounds = rehearsal.program.rounds
+    if program.rounds != 1:
+        rounds = program.rounds
         pairs.append(("Rounds", "until stopped" if rounds is None else f"{rounds}"))
     return tuple(pairs)
+
+
+def timeline(timeline: RehearsalTime) -> markup.Timeline:
+    """A planned program on a line, in shares of its length."""
+    program, whole = timeline.rehearsal.program, max(timeline.duration, 1e-9)
+    spans = timeline.spans()
+    parts, loops = [], []
+    for visit, index, begins, ends in spans:
+        name = program.waypoints[index].name
+        parts.append(markup.Span(name, begins / whole, ends / whole))
+        for depth, loop in enumerate(program.loops_around(index)):
+            same = [
+                (begin, end)
+                for other, at, begin, end in spans
+                if at in loop
+                and other.round == visit.round
+                and other.laps[:depth] == visit.laps[:depth]
+            ]
+            span = markup.Span(f"{loop.times}×", same[0][0] / whole, same[-1][1] / whole, depth)
+            loops += [] if span in loops else [span]
+    return markup.Timeline(tuple(parts), tuple(loops), timeline.duration)
 
 
 NO_FACTS = (("One round", "–"), ("Waypoints", "–"))
 """The figures while there is no plan."""
 
 
-def line(waypoint: Waypoint, clearance: float | None = None) -> str:
+def line(program: Program, index: int, clearance: float | None = None) -> str:
     """What is special about a step.
 
     Args:
-        waypoint: Where it leads.
+        program: The program.
+        index: Which step.
         clearance: How near it comes to anything [m], if it is planned.
     """
+    waypoint = program.waypoints[index]
     parts = [f"{100.0 * waypoint.speed:.0f} % speed"] if waypoint.speed < 1.0 else []
     parts += ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
@@ -121,6 +151,8 @@ def line(waypoint: Waypoint, clearance: float | None = None) -> str:
         parts.append(f"{waypoint.pause:g} s")
     if clearance is not None:
         parts.append(f"{to_mm(clearance):.0f} mm clear")
+    ending = (loop for loop in reversed(program.loops) if loop.last == index)
+    parts += [f"{loop.called} {loop.times}×" for loop in ending]
     return ", ".join(parts)
 
 

@@ -93,7 +93,7 @@ class ProgramView:
             self._path = None
         if rehearsal is None:
             return
-        legs = (*rehearsal.legs, *(() if rehearsal.back is None else (rehearsal.back,)))
+        legs = rehearsal.legs.values()
         lines = [self._line(leg.plan, len(leg.indices)) for leg in legs if leg.plan is not None]
         pieces = [segments(line) for line in lines]
         if pieces:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.planning.collision.collision import Clearance
 from so101_motion.planning.request import Plan
 from so101_motion.tasks.program import Rehearsal
+from so101_motion.tasks.program.program import Visit
 from so101_motion.tasks.program.rehearsal import ProgramLeg
 
 SHOWN_PAUSE = 2.0
@@ -28,6 +29,7 @@ class Stage:
     """A piece of a rehearsal in which one thing happens.
 
     Attributes:
+        visit: The arrival at a stop that it belongs to.
         index: The waypoint it leads to, or is at.
         begins: When it begins [s].
         ends: When it ends [s].
@@ -37,6 +39,7 @@ class Stage:
         q_jaw: The jaw's angle at the beginning and at the end [rad].
     """
 
+    visit: Visit
     index: int
     begins: float
     ends: float
@@ -59,7 +62,8 @@ class Stage:
 class RehearsalTime:
     """A first round of a planned program, and the way back to the first stop if there are more.
 
-    The jaw is taken to move at its own pace, which what it grips may change.
+    Loops are shown twice: the second time stands for all later ones. The jaw is taken to move at
+    its own pace, which what it grips may change.
 
     Args:
         rehearsal: What was planned.
@@ -71,11 +75,12 @@ class RehearsalTime:
         self._angle_of = angle_of
         self._stages: list[Stage] = []
         self._q, self._q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
-        for leg in rehearsal.legs:
+        for visit, leg, _ in rehearsal.visits:
+            self._visit = visit
             self._add_leg(leg)
+            if visit.round > 0:
+                break
             self._add_stop(leg.indices[-1])
-        if rehearsal.back is not None:
-            self._add_leg(rehearsal.back)
 
     @property
     def duration(self) -> float:
@@ -89,6 +94,14 @@ class RehearsalTime:
         place = bisect_right([each.begins for each in self._stages], max(t, 0.0)) - 1
         stage = self._stages[place]
         return (stage.index, *stage.at(t))
+
+    def spans(self) -> tuple[tuple[Visit, int, float, float], ...]:
+        """The pieces of the time line: arrival, index of the waypoint, begin and end [s]."""
+        pieces = groupby(self._stages, lambda stage: (stage.visit, stage.index))
+        together = ([*stages] for _, stages in pieces)
+        return tuple(
+            (each[0].visit, each[0].index, each[0].begins, each[-1].ends) for each in together
+        )
 
     def clearances(self, clearance: Callable[[Array, float], Clearance]) -> dict[int, float]:
         """How near the arm comes to anything on the way to each waypoint [m]."""
@@ -105,6 +118,7 @@ class RehearsalTime:
     ) -> None:
         now = self.duration
         stage = Stage(
+            visit=self._visit,
             index=index,
             begins=now,
             ends=now + lasts,

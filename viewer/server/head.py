@@ -13,7 +13,9 @@ from pathlib import Path
 from websockets.http11 import Response
 
 _FRONT = Path(__file__).with_name("front")
-_SCRIPTS = ("link.js", "still.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js")
+_SCRIPTS = (
+    "link.js", "still.js", "bar.js", "jog.js", "names.js", "plot.js", "steps.js", "timeline.js",
+)  # fmt: skip
 
 
 @lru_cache(maxsize=1)

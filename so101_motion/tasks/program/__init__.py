@@ -1,19 +1,27 @@
 """Programs: named waypoints, visited in order, once, several times, or until stopped.
 
-``program.py`` is the program as a value and how it is edited, ``files.py`` keeps it,
+``program.py`` is the program as a value and how it is edited, ``loops.py`` what is repeated inside
+it, ``files.py`` keeps it,
 ``rehearsal.py`` plans all of it before anything moves, ``run.py`` runs that. ``cell_program.py``
 and ``cell_run.py`` are the same for several arms. A path that a hand has shown is in ``guided``.
 """
 
 from so101_motion.tasks.program.cell_program import CellProgram, read_cell_program
 from so101_motion.tasks.program.cell_run import CellProgramRun, rehearse_cell, start_cell_program
+from so101_motion.tasks.program.loops import Loop
 from so101_motion.tasks.program.program import Program, Waypoint
 from so101_motion.tasks.program.rehearsal import Rehearsal, rehearse
-from so101_motion.tasks.program.run import ProgramRun, Where, start_program
+from so101_motion.tasks.program.run import (
+    ProgramRun,
+    Where,
+    run_once_planned,
+    start_program,
+)
 
 __all__ = [
     "CellProgram",
     "CellProgramRun",
+    "Loop",
     "Program",
     "ProgramRun",
     "Rehearsal",
@@ -22,6 +30,7 @@ __all__ = [
     "read_cell_program",
     "rehearse",
     "rehearse_cell",
+    "run_once_planned",
     "start_cell_program",
     "start_program",
 ]

@@ -13,21 +13,29 @@ A file looks like this::
      ]
     }
 
-``"rounds": "endless"`` runs it until it is stopped; a jaw that is not named stays as it is. The arm
-stops at each waypoint, but for those with ``"pass": true``. ``"speed_percent"`` slows the step to a
-waypoint down.
+``"loops": [{"from": 2, "to": 3, "times": 4}]`` goes four times through the second and the third
+waypoint before it goes on; a loop may lie inside one other. ``"rounds": "endless"`` runs it until
+it is stopped; a jaw that is not named stays as it is. The arm stops at each waypoint, but for those
+with ``"pass": true``. ``"speed_percent"`` slows the step to a waypoint down.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from so101_motion.common.attributes import Attributes, suggest
 from so101_motion.common.errors import ConfigError
 from so101_motion.files import user_storage
-from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Program, Waypoint
+from so101_motion.tasks.program.loops import Loop, checked_count
+from so101_motion.tasks.program.program import (
+    LONGEST_PAUSE,
+    MOST,
+    SLOWEST,
+    Program,
+    Waypoint,
+)
 
 SCHEMA = "so101/program/1"
 
@@ -95,7 +103,7 @@ def program_from(content: Mapping[str, object]) -> Program:
     Raises:
         ConfigError: Something in it is not valid; the message names it.
     """
-    Attributes(content, ("schema", "rounds", "waypoints"), kind="entry of a program")
+    Attributes(content, ("schema", "rounds", "loops", "waypoints"), kind="entry of a program")
     given = content.get("waypoints")
     if not isinstance(given, list):
         raise ConfigError("waypoints", given, "must be a list of waypoints")
@@ -104,6 +112,7 @@ def program_from(content: Mapping[str, object]) -> Program:
             waypoint_from(f"waypoint {number}", each) for number, each in enumerate(given, 1)
         ),
         rounds=rounds_from(content.get("rounds", 1)),
+        loops=_loops_from(content.get("loops", [])),
     )
 
 
@@ -119,7 +128,35 @@ def write(program: Program, path: Path) -> None:
 def program_to(program: Program) -> dict[str, object]:
     """A program as JSON values; ``program_from`` reads them back."""
     waypoints = [waypoint_to(waypoint) for waypoint in program.waypoints]
-    return {"rounds": rounds_to(program.rounds), "waypoints": waypoints}
+    loops = {"loops": loops_to(program.loops)} if program.loops else {}
+    return {"rounds": rounds_to(program.rounds), **loops, "waypoints": waypoints}
+
+
+def loops_to(loops: Iterable[Loop]) -> list[dict[str, int]]:
+    """Loops as JSON values, their steps counted from 1."""
+    return [{"from": each.first + 1, "to": each.last + 1, "times": each.times} for each in loops]
+
+
+def _loops_from(given: object) -> tuple[Loop, ...]:
+    if not isinstance(given, list):
+        raise ConfigError(
+            "loops", given, 'must be a list such as [{"from": 2, "to": 3, "times": 4}]'
+        )
+    return tuple(_loop_from(f"loop {number}", each) for number, each in enumerate(given, 1))
+
+
+def _loop_from(what: str, content: object) -> Loop:
+    if not isinstance(content, Mapping):
+        raise ConfigError(what, content, 'must be {"from": ..., "to": ..., "times": ...}')
+    try:
+        Attributes(content, ("from", "to", "times"), kind="entry")
+        first, last = (
+            checked_count(key, content.get(key), upper=MOST, unit="") for key in ("from", "to")
+        )
+        times = checked_count("times", content.get("times"), lower=2)
+        return Loop(first=first - 1, last=last - 1, times=times)
+    except ConfigError as error:
+        raise ConfigError(f"{what}: {error.key}", error.value, error.reason) from None
 
 
 def delete(name: str) -> None:
@@ -144,9 +181,9 @@ def rounds_from(given: object) -> int | None:
     """A number of rounds from a JSON value; None for endless."""
     if given == _ENDLESS:
         return None
-    if isinstance(given, bool) or not isinstance(given, int):
+    if isinstance(given, bool) or not isinstance(given, (int, float)):
         raise ConfigError("rounds", given, f'must be a whole number, or "{_ENDLESS}"')
-    return given
+    return checked_count("rounds", given)  # Viam's requests know no whole numbers
 
 
 def waypoint_to(waypoint: Waypoint) -> dict[str, object]:

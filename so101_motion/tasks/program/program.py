@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import count
+from typing import NamedTuple
 
 from so101_motion.common.attributes import checked_number
 from so101_motion.common.errors import ConfigError
 from so101_motion.common.geometry import Array, frozen_array
 from so101_motion.files.user_storage import checked_name
+from so101_motion.tasks.program.loops import Loop, checked_count, checked_loops
 
 MOST = 200
 """How many waypoints a program may have. Chosen; beyond that it is a path, see ``guided``."""
@@ -19,20 +22,31 @@ LONGEST_PAUSE = 3600.0
 SLOWEST = 0.05
 """The least share of the arm's caps that a step may be given. Chosen."""
 
-MOST_ROUNDS = 10_000
-"""How often a program may be run in a row unless it is endless. Chosen."""
-
 
 def check_rounds(rounds: int | None) -> None:
-    """Refuse a number of rounds that cannot be meant; None is endless.
+    """Refuse a number of rounds that is not valid; None is endless.
 
     Raises:
         ConfigError: It is too large, too small, or no whole number.
     """
     if rounds is not None:
-        checked_number("rounds", rounds, lower=1, upper=MOST_ROUNDS, unit="times")
-        if rounds != int(rounds):
-            raise ConfigError("rounds", rounds, "must be a whole number")
+        checked_count("rounds", rounds)
+
+
+class Visit(NamedTuple):
+    """One arrival at a stop, in the order in which a program is gone through.
+
+    Attributes:
+        round: Which time through the program, from 0.
+        laps: Which time through each loop that the stop is in, from 0, the outer loop first.
+        origin: Index of the stop before; None for where the arm stands at the beginning.
+        indices: The waypoints from there on: those that are passed, then the one stopped at.
+    """
+
+    round: int
+    laps: tuple[int, ...]
+    origin: int | None
+    indices: range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,11 +93,16 @@ class Program:
 
     Attributes:
         waypoints: At most ``MOST``.
-        rounds: How often; None for until it is stopped.
+        rounds: How often all of it is gone through; None for until it is stopped.
+        loops: Waypoints that are repeated within each round, in order, outer loops first.
+
+    Raises:
+        ConfigError: There are too many waypoints, or a loop is not valid.
     """
 
     waypoints: tuple[Waypoint, ...] = ()
     rounds: int | None = 1
+    loops: tuple[Loop, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.waypoints) > MOST:
@@ -91,6 +110,7 @@ class Program:
                 "waypoints", len(self.waypoints), f"are more than {MOST}; make two programs"
             )
         check_rounds(self.rounds)
+        object.__setattr__(self, "loops", checked_loops(self.loops, len(self.waypoints)))
 
     def __len__(self) -> int:
         return len(self.waypoints)
@@ -100,16 +120,50 @@ class Program:
         return f"waypoint {index + 1} ({self.waypoints[index].name})"
 
     def stops_at(self, index: int) -> bool:
-        """Whether the arm stops at a waypoint; at the last it does, even if that may be passed."""
-        return index == len(self.waypoints) - 1 or not self.waypoints[index].passes
+        """Whether the arm stops at a waypoint.
 
-    def stretches(self) -> Iterator[range]:
-        """The waypoints from one stop to the next: those passed, then the one stopped at."""
-        begin = 0
-        for index in range(len(self.waypoints)):
+        At the last one of the program or of a loop it does, even if that may be passed.
+        """
+        is_last = index == len(self.waypoints) - 1 or any(index == each.last for each in self.loops)
+        return is_last or not self.waypoints[index].passes
+
+    def loops_around(self, index: int) -> tuple[Loop, ...]:
+        """The loops that a waypoint is in, the outer one first."""
+        return tuple(loop for loop in self.loops if index in loop)
+
+    def visits(self, most: int | None = None) -> Iterator[Visit]:
+        """Every arrival at a stop, in order; without end if the program is endless.
+
+        Args:
+            most: Loops and rounds are repeated at most so often. Two times show every path there
+                is, because a jaw that is told something in a loop is so from its second time on.
+        """
+        origin: int | None = None
+        for lap in count():
+            if len(self) == 0 or lap in (most, self.rounds):
+                return
+            for laps, indices in self._round(most):
+                yield Visit(lap, laps, origin, indices)
+                origin = indices[-1]
+
+    def _round(self, most: int | None) -> Iterator[tuple[tuple[int, ...], range]]:
+        laps = [0] * len(self.loops)
+        begin = index = 0
+        while index < len(self):
             if self.stops_at(index):
-                yield range(begin, index + 1)
+                around = (lap for lap, loop in zip(laps, self.loops, strict=True) if index in loop)
+                yield tuple(around), range(begin, index + 1)
                 begin = index + 1
+                for k, loop in reversed([*enumerate(self.loops)]):  # the inner one first
+                    if loop.last == index:
+                        laps[k] += 1
+                        if laps[k] < loop.times and laps[k] != most:
+                            begin = loop.first
+                            break
+                        laps[k] = 0
+                index = begin
+            else:
+                index += 1
 
     def with_waypoint(self, waypoint: Waypoint) -> Program:
         """This program with one more waypoint at the end."""
@@ -118,7 +172,8 @@ class Program:
     def without(self, index: int) -> Program:
         """This program without one waypoint."""
         self._check(index)
-        return replace(self, waypoints=self.waypoints[:index] + self.waypoints[index + 1 :])
+        others = self.waypoints[:index] + self.waypoints[index + 1 :]
+        return replace(self, waypoints=others, loops=_left(x.without(index) for x in self.loops))
 
     def with_changed(self, index: int, waypoint: Waypoint) -> Program:
         """This program with one waypoint replaced."""
@@ -132,14 +187,38 @@ class Program:
         self._check(to)
         others = [*self.waypoints]
         others.insert(to, others.pop(index))
-        return replace(self, waypoints=tuple(others))
+        loops = _left(loop.moved(index, to) for loop in self.loops)
+        return replace(self, waypoints=tuple(others), loops=loops)
 
     def with_rounds(self, rounds: int | None) -> Program:
         """This program with another number of rounds."""
         return replace(self, rounds=rounds)
+
+    def with_loop(self, loop: Loop) -> Program:
+        """This program with one more loop, or with another number of times for the same steps."""
+        others = [each for each in self.loops if (each.first, each.last) != (loop.first, loop.last)]
+        return replace(self, loops=(*others, loop))
+
+    def without_loop(self, loop: Loop) -> Program:
+        """This program without one of its loops; its waypoints stay."""
+        return replace(self, loops=tuple(each for each in self.loops if each is not loop))
+
+    def part(self, begin: int, end: int) -> Program:
+        """The waypoints from ``begin`` to before ``end``, once, with the loops that are in it."""
+        loops = (loop for loop in self.loops if begin <= loop.first and loop.last < end)
+        return Program(
+            waypoints=self.waypoints[begin:end],
+            loops=tuple(
+                replace(loop, first=loop.first - begin, last=loop.last - begin) for loop in loops
+            ),
+        )
 
     def _check(self, index: int) -> None:
         if not 0 <= index < len(self.waypoints):
             raise ConfigError(
                 "waypoint", index + 1, f"is not one of the program's {len(self.waypoints)}"
             )
+
+
+def _left(loops: Iterable[Loop | None]) -> tuple[Loop, ...]:
+    return tuple(loop for loop in loops if loop is not None)

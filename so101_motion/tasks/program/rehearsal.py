@@ -1,10 +1,10 @@
 """Plan a whole program before any of it moves.
 
 A *leg* leads from one stop to the next, through the waypoints that are passed on the path and with
-the jaw as the stop before leaves it. The first leg starts where the arm stands; a program that is
-gone through more than once has one more, from the last waypoint back to the first stop, so from the
-second round on nothing is left to chance. What cannot be planned is refused here, by the name of
-its waypoint.
+the jaw as the stop before leaves it. The first leg starts where the arm stands. Rounds and loops
+add the legs back to where they begin, and those on which the jaw stands differently the second
+time, so nothing is left to chance. What cannot be planned is refused here, by the name of its
+waypoint.
 
 How a leg with passed waypoints is planned. The path to each of them is looked for like any other,
 around what is in the way; all these ways in a row are one path, and along that the planner makes
@@ -14,8 +14,10 @@ one motion that may be ``PASSING`` off it. Where not even that is free, it stops
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from math import prod
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -23,11 +25,12 @@ from so101_motion.arm.arm import START_TOLERANCE, Arm
 from so101_motion.common.errors import ConfigError, PlanningError, So101Error
 from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_rad
+from so101_motion.planning.collision.scene import Scene
 from so101_motion.planning.goals import JointGoal, PathGoal
-from so101_motion.planning.request import Plan
+from so101_motion.planning.request import Plan, Search
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.protocols import GripperLike
-from so101_motion.tasks.program.program import Program
+from so101_motion.tasks.program.program import Program, Visit
 
 E = TypeVar("E", bound=So101Error)
 
@@ -52,34 +55,73 @@ class ProgramLeg:
     at: tuple[float, ...]
 
 
+class LegKey(NamedTuple):
+    """What tells the legs of a program apart.
+
+    Attributes:
+        origin: Index of the stop that it begins at; None for where the arm stood.
+        indices: Its waypoints.
+        q_jaw: Where the jaw stands [rad].
+    """
+
+    origin: int | None
+    indices: range
+    q_jaw: float
+
+
+class PlannedVisit(NamedTuple):
+    """An arrival at a stop with the path to it.
+
+    Attributes:
+        visit: Which.
+        leg: The path.
+        times: How often it comes in a round: several times where a loop repeats it.
+    """
+
+    visit: Visit
+    leg: ProgramLeg
+    times: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rehearsal:
     """A planned program.
 
     Attributes:
         program: What was planned.
-        legs: The path to each stop, the first from where the arm stood.
-        back: The path from the last waypoint to the first stop, for further rounds; else None.
+        legs: Every path that there is, in the order in which they come.
+        visits: All arrivals, but of loops and rounds the first two times only; the second stands
+            for all later ones.
         q_start: Where the arm stood, shape (5,), [rad].
         q_jaw_start: Where the jaw stood [rad].
+        scene: What it was planned around; None for the arm's own scene.
     """
 
     program: Program
-    legs: tuple[ProgramLeg, ...]
-    back: ProgramLeg | None
+    legs: Mapping[LegKey, ProgramLeg]
+    visits: tuple[PlannedVisit, ...]
     q_start: Array
     q_jaw_start: float
+    scene: Scene | None = None
+
+    @property
+    def first_round(self) -> tuple[PlannedVisit, ...]:
+        """The arrivals of the first round, of loops the first two times only."""
+        return tuple(each for each in self.visits if each.visit.round == 0)
 
     @property
     def plans(self) -> tuple[Plan, ...]:
-        """The paths of one round, one after the other."""
-        return tuple(leg.plan for leg in self.legs if leg.plan is not None)
+        """The paths of the first round, one after the other, of loops the first two times only."""
+        return tuple(each.leg.plan for each in self.first_round if each.leg.plan is not None)
 
     @property
     def duration(self) -> float:
         """How long the arm moves and pauses in the first round [s]; the jaw's time comes on top."""
-        pauses = sum(waypoint.pause for waypoint in self.program.waypoints)
-        return sum(plan.duration for plan in self.plans) + pauses
+        return sum(each.times * self._lasts(each.leg) for each in self.first_round)
+
+    def _lasts(self, leg: ProgramLeg) -> float:
+        moves = 0.0 if leg.plan is None else leg.plan.duration
+        return moves + self.program.waypoints[leg.indices[-1]].pause
 
 
 class LegPlanner(Protocol):
@@ -100,13 +142,40 @@ class LegPlanner(Protocol):
         """Plan within ``limits`` from joint angles, shape (5,), with the jaw at an angle [rad]."""
 
 
-def rehearse(arm: Arm, gripper: GripperLike | None, program: Program) -> Rehearsal:
+class SceneArm:
+    """Plans the legs of an arm in a scene; in the arm's own if None."""
+
+    def __init__(self, arm: Arm, scene: Scene | None) -> None:
+        self._arm, self._search = arm, Search(scene=scene)
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The caps of its motions."""
+        return self._arm.limits
+
+    def plan(
+        self,
+        goal: JointGoal | PathGoal,
+        *,
+        limits: MotionLimits | None,
+        q_start: Array | None,
+        q_jaw: float | None,
+    ) -> Plan:
+        """Plan within ``limits`` from joint angles, shape (5,), with the jaw at an angle [rad]."""
+        arm, search = self._arm, self._search
+        return arm.plan(goal, limits=limits, search=search, q_start=q_start, q_jaw=q_jaw)
+
+
+def rehearse(
+    arm: Arm, gripper: GripperLike | None, program: Program, *, scene: Scene | None = None
+) -> Rehearsal:
     """Plan all of a program; moves nothing.
 
     Args:
         arm: Whose caps, range and scene count, and where it begins.
         gripper: The arm's jaw; None for an arm without one.
         program: What is to be done.
+        scene: What is around the arm; the arm's own if not given.
 
     Raises:
         PlanningError: A waypoint cannot be gone to, and which.
@@ -116,20 +185,27 @@ def rehearse(arm: Arm, gripper: GripperLike | None, program: Program) -> Rehears
         raise ConfigError("program", "empty", "has no waypoint; record one first")
     if gripper is None and any(each.aperture is not None for each in program.waypoints):
         raise ConfigError("program", "jaw", "moves a jaw, but this arm has none")
-    state = arm.state
-    q, q_jaw = state.q_ref, state.q_jaw_ref
-    legs: list[ProgramLeg] = []
-    for indices in program.stretches():
-        legs.append(plan_leg(arm, program, indices, q, q_jaw))
-        stop = program.waypoints[indices[-1]]
-        q, q_jaw = stop.q, jaw_after(gripper, stop.aperture, q_jaw)
-    back = None if program.rounds == 1 else plan_leg(arm, program, legs[0].indices, q, q_jaw)
+    state, planner = arm.state, SceneArm(arm, scene)
+    q_jaw = state.q_jaw_ref
+    legs: dict[LegKey, ProgramLeg] = {}
+    visits: list[PlannedVisit] = []
+    for visit in program.visits(most=2):
+        key = LegKey(visit.origin, visit.indices, q_jaw)
+        stop = program.waypoints[visit.indices[-1]]
+        if key not in legs:
+            q = state.q_ref if visit.origin is None else program.waypoints[visit.origin].q
+            legs[key] = plan_leg(planner, program, visit.indices, q, q_jaw)
+        loops = zip(visit.laps, program.loops_around(visit.indices[-1]), strict=True)
+        times = prod(1 if lap == 0 else loop.times - 1 for lap, loop in loops)
+        visits.append(PlannedVisit(visit, legs[key], times))
+        q_jaw = jaw_after(gripper, stop.aperture, q_jaw)
     return Rehearsal(
         program=program,
-        legs=tuple(legs),
-        back=back,
+        legs=legs,
+        visits=tuple(visits),
         q_start=state.q_ref,
         q_jaw_start=state.q_jaw_ref,
+        scene=scene,
     )
 
 

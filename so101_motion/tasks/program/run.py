@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
 
 import numpy as np
 
@@ -27,8 +26,10 @@ from so101_motion.planning.request import Plan
 from so101_motion.rig.protocols import GripperLike
 from so101_motion.tasks.program.program import Program
 from so101_motion.tasks.program.rehearsal import (
+    LegKey,
     ProgramLeg,
     Rehearsal,
+    SceneArm,
     error_about,
     jaw_after,
     plan_leg,
@@ -43,6 +44,10 @@ ARRIVED = to_rad(2.0)
 """An arm that stands nearer than this to its waypoint has arrived [rad], for not every arm keeps to
 the last digit where it was sent; beyond, somebody has moved it. Chosen."""
 
+_LEAST = 0.01
+"""How long a step takes at least that leads to where the arm is [s]: many of them in a row, or
+without end, would leave no time to anybody else. Chosen: a control cycle."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Where:
@@ -50,42 +55,53 @@ class Where:
 
     Attributes:
         round: Which time through, from 0.
+        laps: Which time through each loop around the next stop, from 0, the outer loop first.
         index: The waypoint it is on its way to, or at, from 0.
         doing: ``"moving"``, ``"jaw"`` or ``"pausing"``.
     """
 
     round: int = 0
+    laps: tuple[int, ...] = ()
     index: int = 0
     doing: str = "moving"
 
 
 class ProgramRun:
-    """A running program; made by ``start_program``.
+    """A running program; made by ``start_program`` and ``run_once_planned``.
 
     Attributes:
         program: What is run.
+        rehearsal: How; None while that is being planned.
         future: Completes after the last round, or raises what ended it; its message then begins
             with the waypoint.
         plan: What the arm is moving along, or moved along last; None before.
+        motion: The run as the arm knows it, to wait for or to interrupt.
     """
 
     def __init__(
-        self, arm: Arm, gripper: GripperLike | None, clock: Clock, rehearsal: Rehearsal
+        self,
+        arm: Arm,
+        gripper: GripperLike | None,
+        clock: Clock,
+        program: Program,
+        planned: Callable[[Motion], Rehearsal],
     ) -> None:
-        self.program: Program = rehearsal.program
+        self.program = program
+        self.rehearsal: Rehearsal | None = None
         self.future: Future[None] = Future()
         self.plan: Plan | None = None
         self._where = Where()
         self._under_way: tuple[ProgramLeg, float] | None = None  # and when it began
-        self._error: PlanningError | None = None  # says itself which waypoint it is about
+        self._done = 0  # waypoints that were passed or reached, in all rounds
+        self._error: So101Error | None = None  # says itself which waypoint it is about
         self._arm, self._gripper, self._clock = arm, gripper, clock
-        self._rehearsal = rehearsal
-        self._motion = arm.start_series(self._steps())
-        self._motion.future.add_done_callback(self._ended)
+        self._planned = planned
+        self.motion = arm.start_series(self._steps())
+        self.motion.future.add_done_callback(self._ended)
 
     def stop(self) -> None:
         """End the run early; the arm slows to rest. Like ``Arm.stop``, but returns at once."""
-        self._motion.interrupt("stop")
+        self.motion.interrupt("stop")
 
     @property
     def where(self) -> Where:
@@ -100,30 +116,44 @@ class ProgramRun:
     @property
     def share(self) -> float:
         """How much of the run is done, 0 to 1; of an endless one, how much of this round."""
-        where, n = self.where, len(self.program)
-        if self.program.rounds is None:
-            return where.index / n
-        return (where.round * n + where.index) / (self.program.rounds * n)
+        rehearsal, rounds, where = self.rehearsal, self.program.rounds, self.where
+        if rehearsal is None:
+            return 0.0
+        all_of_it = sum(each.times * len(each.visit.indices) for each in rehearsal.first_round)
+        under_way = self._under_way
+        passed = 0 if under_way is None else max(where.index - under_way[0].indices[0], 0)
+        done = (self._done + passed) / all_of_it
+        return done % 1.0 if rounds is None else done / rounds
 
     # The arm's thread
 
     def _steps(self) -> Iterator[Plan | Callable[[Motion], None]]:
-        rehearsal, program = self._rehearsal, self.program
+        yield self._prepare
+        rehearsal, waypoints = self.rehearsal, self.program.waypoints
+        assert rehearsal is not None
         q, q_jaw = rehearsal.q_start, rehearsal.q_jaw_start
-        for lap in count() if program.rounds is None else range(program.rounds):
-            first = rehearsal.legs[0] if lap == 0 else rehearsal.back
-            for rehearsed in filter(None, (first, *rehearsal.legs[1:])):
-                self._under_way = None
-                self._where = Where(round=lap, index=rehearsed.indices[0])
-                leg = self._checked(rehearsed, q, q_jaw)
-                if leg.plan is not None:
-                    self.plan = leg.plan
-                    self._under_way = leg, self._clock.now()
-                    yield leg.plan
-                stop = leg.indices[-1]
-                yield partial(self._stay, stop)
-                q = program.waypoints[stop].q
-                q_jaw = jaw_after(self._gripper, program.waypoints[stop].aperture, q_jaw)
+        for visit in self.program.visits():
+            self._under_way = None
+            self._where = Where(round=visit.round, laps=visit.laps, index=visit.indices[0])
+            rehearsed = rehearsal.legs[LegKey(visit.origin, visit.indices, q_jaw)]
+            leg = self._checked(rehearsed, q, q_jaw)
+            if leg.plan is not None:
+                self.plan = leg.plan
+                self._under_way = leg, self._clock.now()
+                yield leg.plan
+            stop = waypoints[leg.indices[-1]]
+            least = _LEAST if leg.plan is None else 0.0
+            yield partial(self._stay, leg.indices[-1], max(stop.pause, least))
+            self._under_way = None
+            self._done += len(leg.indices)
+            q, q_jaw = stop.q, jaw_after(self._gripper, stop.aperture, q_jaw)
+
+    def _prepare(self, motion: Motion) -> None:
+        try:
+            self.rehearsal = self._planned(motion)
+        except So101Error as error:
+            self._error = error
+            raise
 
     def _checked(self, leg: ProgramLeg, q: Array, q_jaw: float) -> ProgramLeg:
         """The planned leg, or a new plan if arm and jaw are elsewhere."""
@@ -134,19 +164,21 @@ class ProgramRun:
         if leg.plan is None or as_planned:
             return leg
         try:
-            return plan_leg(self._arm, self.program, leg.indices, state.q_ref, state.q_jaw_ref)
+            scene = None if self.rehearsal is None else self.rehearsal.scene
+            planner = SceneArm(self._arm, scene)
+            return plan_leg(planner, self.program, leg.indices, state.q_ref, state.q_jaw_ref)
         except PlanningError as error:
             self._error = error
             raise
 
-    def _stay(self, index: int, motion: Motion) -> None:
+    def _stay(self, index: int, pause: float, motion: Motion) -> None:
         waypoint, gripper = self.program.waypoints[index], self._gripper
         if gripper is not None and waypoint.aperture is not None:
-            self._where = Where(round=self._where.round, index=index, doing="jaw")
+            self._where = replace(self._where, index=index, doing="jaw")
             set_jaw(gripper, waypoint.aperture, motion)
-        if waypoint.pause > 0.0:
-            self._where = Where(round=self._where.round, index=index, doing="pausing")
-            motion.pause(self._clock, waypoint.pause)
+        if pause > 0.0:
+            self._where = replace(self._where, index=index, doing="pausing")
+            motion.pause(self._clock, pause)
 
     def _ended(self, done: Future[None]) -> None:
         error = done.exception()
@@ -176,4 +208,25 @@ def start_program(
         clock: Whose time the pauses take.
         rehearsal: What is run.
     """
-    return ProgramRun(arm, gripper, clock, rehearsal)
+    return ProgramRun(arm, gripper, clock, rehearsal.program, lambda _: rehearsal)
+
+
+def run_once_planned(
+    arm: Arm,
+    gripper: GripperLike | None,
+    clock: Clock,
+    program: Program,
+    planned: Callable[[Motion], Rehearsal],
+) -> ProgramRun:
+    """Plan a program as a whole once the arm rests, then run it; supersedes what is under way.
+
+    What ends a run ends it while it is being planned as well.
+
+    Args:
+        arm: What moves.
+        gripper: Its jaw; None for an arm without one.
+        clock: Whose time the pauses take.
+        program: What is to be done.
+        planned: Plans it, with ``rehearse``; called on the arm's thread with the motion.
+    """
+    return ProgramRun(arm, gripper, clock, program, planned)

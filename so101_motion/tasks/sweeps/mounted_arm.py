@@ -326,7 +326,8 @@ class MountedArm:
 
     def _stretches(self) -> Iterator[range]:
         """The poses of each motion; the pose before them is where it begins."""
-        for indices in self._task.program(np.zeros((len(self._task.poses), 5))).stretches():
+        for visit in self._task.program(np.zeros((len(self._task.poses), 5))).visits(most=1):
+            indices = visit.indices
             if indices[0] > 0 or self._closed:
                 yield indices
             elif len(indices) > 1:

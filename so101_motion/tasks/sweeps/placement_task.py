@@ -153,7 +153,14 @@ def task_of(program: Program, *, approach_tolerance: float = APPROACH_TOLERANCE)
 
     The tool comes to the points of the waypoints again with its approach as it was, within
     ``approach_tolerance`` [rad], turned about it as it likes.
+
+    Raises:
+        ConfigError: It has loops, which a task does not know.
     """
+    if program.loops:
+        raise ConfigError(
+            "loops", len(program.loops), "are not known here; save the program without them"
+        )
     model = RobotModel.load()
     poses = []
     for each in program.waypoints:

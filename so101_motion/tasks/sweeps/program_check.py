@@ -1,9 +1,9 @@
 """Check a program in another scene, or with another calibration: which waypoints and paths fail.
 
 A program is planned anew whenever it runs, so what counts is whether each waypoint can still be
-stood at, and whether there still is a way to it. A shard is the way to one stop. The way to the
-first stop of a program that runs once begins wherever the arm stands, so only its waypoints are
-looked at.
+stood at, and whether there still is a way to it. A shard is the way to one stop, or back to where a
+loop begins. The way to the first stop of a program that runs once begins wherever the arm stands,
+so only its waypoints are looked at.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ class ProgramCheckSweep:
 
     @property
     def items(self) -> int:
-        """How many stops it has."""
-        return len(list(self.taught.stretches()))
+        """How many ways from stop to stop it has."""
+        return len(_ways(self.taught))
 
     shards = items
 
@@ -98,7 +98,7 @@ class _Check:
             q = self._reading.angles(np.array([each.q for each in program.waypoints]))
             moved = zip(program.waypoints, q, strict=True)
             program = replace(program, waypoints=tuple(replace(each, q=of) for each, of in moved))
-        self._program, self._stretches = program, list(program.stretches())
+        self._program, self._ways = program, _ways(program)
         self._model, self._sweep = RobotModel.load(), sweep
         self._scene = scene_from(json.loads(sweep.scene), folder=None)
         self._collision = CollisionModel(self._model, self._scene)
@@ -112,13 +112,15 @@ class _Check:
         there, empty if it can. Of the way to the stop: ``way``, why there is none, empty if there
         is, or if it was not looked for because of a waypoint; ``duration`` [s], 0 without a way.
         """
-        indices = self._stretches[number]
-        whys = [self._blocked(index) for index in indices]
+        origin, indices = self._ways[number]
+        whys = [
+            self._blocked(index, before)
+            for index, before in zip(indices, (origin, *indices), strict=False)
+        ]
         way, duration = "", 0.0
         # Of a program that runs once, nobody knows where the arm comes from.
-        leg = indices if number or self._program.rounds != 1 else indices[1:]
-        begin = indices[0] - 1 if leg == indices else indices[0]
-        if len(leg) and not any(whys) and not self._blocked(begin % len(self._program)):
+        begin, leg = (indices[0], indices[1:]) if origin is None else (origin, indices)
+        if len(leg) and not any(whys) and not self._blocked(begin, None):
             way, duration = self._planned(leg, self._program.waypoints[begin].q, self._jaws[begin])
         return {
             "waypoint": np.array(indices, dtype=np.int64),
@@ -127,7 +129,7 @@ class _Check:
             "duration": np.array([duration]),
         }
 
-    def _blocked(self, index: int) -> str:
+    def _blocked(self, index: int, before: int | None) -> str:
         q = self._program.waypoints[index].q
         if self._reading is not None and (beyond := self._reading.beyond(q)) is not None:
             joint, over = beyond
@@ -136,8 +138,8 @@ class _Check:
             self._model.check_limits(q)
         except PlanningError as error:
             return str(error)
-        known = index > 0 or self._program.rounds != 1  # how the jaw arrives there
-        for jaw in {self._jaws[index - known], self._jaws[index]}:
+        arrives = index if before is None else before  # with the jaw as it is there
+        for jaw in {self._jaws[arrives], self._jaws[index]}:
             if self._collision.touching(q[None], jaw).any():
                 return self._collision.clearance(q, jaw).message()
         return ""
@@ -160,6 +162,16 @@ class _Check:
         return "", 0.0 if plan is None else plan.duration
 
 
+def _ways(program: Program) -> list[tuple[int | None, range]]:
+    """The ways of a program: the stop that each begins at, and the waypoints on it.
+
+    None is where the arm stands; a program of several rounds comes from its last stop.
+    """
+    first = None if program.rounds == 1 else len(program) - 1
+    ways = ((each.origin, each.indices) for each in program.visits(most=2))
+    return [*dict.fromkeys((first if origin is None else origin, way) for origin, way in ways)]
+
+
 def program_check_summary(
     folder: Path, program: Program
 ) -> tuple[dict[str, float], dict[str, str]]:
@@ -172,12 +184,12 @@ def program_check_summary(
     manifest: dict[str, Any] = place.manifest()
     if manifest.get("kind") != ProgramCheckSweep.kind:
         raise ConfigError("check", str(folder), f"is a sweep of {manifest.get('kind')}")
-    waypoints, stops, duration, failed = 0, 0, 0.0, dict[str, str]()
+    waypoints, stops, duration, failed = set[int](), 0, 0.0, dict[str, str]()
     for number in range(int(manifest["shards"])):
         shard = place.read(number)
         if shard is None:
             continue
-        waypoints, stops = waypoints + len(shard["waypoint"]), stops + 1
+        waypoints, stops = waypoints | {*shard["waypoint"].tolist()}, stops + 1
         duration += float(shard["duration"][0])
         for index, why in zip(shard["waypoint"].tolist(), shard["why"].tolist(), strict=True):
             if why:
@@ -187,7 +199,7 @@ def program_check_summary(
                 shard["way"][0]
             )
     figures: dict[str, float] = {
-        "waypoints": waypoints,
+        "waypoints": len(waypoints),
         "stops": stops,
         "failed": len(failed),
         "planned motion [s]": round(duration, 3),

@@ -56,6 +56,7 @@ from so101_motion.viam.requests.commands import (
 )
 from so101_motion.viam.requests.guided import PathCommands
 from so101_motion.viam.requests.manual import LONGEST, ManualMode
+from so101_motion.viam.requests.programs import ProgramCommands
 from so101_motion.viam.requests.streaming import played
 from so101_motion.viam.surroundings.machine_bodies import MachineBodies
 from so101_motion.viam.surroundings.machine_cell import MachineCell
@@ -106,6 +107,7 @@ class ArmResource(Configured, Arm):
             "get_planning_setup": self._get_planning_setup,
             "leave_contact": self._leave_contact,
             **self.paths.commands,
+            **ProgramCommands(self).commands,
         }
 
     @classmethod

@@ -13,7 +13,7 @@ from so101_motion.cli import main
 from so101_motion.cli.program import _wait
 from so101_motion.common.errors import NoReply
 from so101_motion.files.saved_poses import SavedPoses
-from so101_motion.tasks.program import Program, Waypoint, files
+from so101_motion.tasks.program import Loop, Program, Waypoint, files
 
 A = np.radians([3.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -48,6 +48,20 @@ def test_what_is_passed_is_told_before_anything_moves() -> None:
     assert passed.split()[1] == "aside"
     assert passed.endswith(" s  passed")
     assert stopped.endswith(" s")
+
+
+def test_loops_are_told_before_anything_moves_and_gone_through() -> None:
+    made = Program(waypoints=(Waypoint(name="aside", q=A), Waypoint(name="back", q=-A)))
+    made = made.with_loop(Loop(first=0, last=1, times=2)).with_loop(Loop(first=1, last=1, times=3))
+    files.write(made, files.file_of("nod"))
+    result = so101("run", "nod", "--sim", "--yes", "--json", "--speed", "120")
+    assert result.exit_code == 0, result.output
+    loops = [{"from": 1, "to": 2, "times": 2}, {"from": 2, "to": 2, "times": 3}]
+    assert json.loads(result.stdout)["loops"] == loops
+    lines = CliRunner().invoke(main, ["run", "nod", "--sim"], input="n\n").stderr.splitlines()
+    assert [line.split()[0] for line in lines[:2]] == ["1", "2"]
+    told = ["steps 2 to 2 3 times in all", "steps 1 to 2 2 times in all"]
+    assert [line.strip() for line in lines[2:4]] == told
 
 
 def test_a_program_that_cannot_be_run_moves_nothing_and_names_the_waypoint() -> None:

@@ -1,7 +1,9 @@
-// Waypoints are put into another order by dragging their rows; the chosen one is kept in sight.
+// Waypoints are put into another order by dragging their rows, with a finger by their numbers; the
+// chosen one is kept in sight.
 (() => {
   const link = window.so101;
   const FAR = 6;  // px until it is a drag, and no click
+  const EDGE = 14;  // px at either end of the list where it scrolls
   let row = null;
   let start = 0;
   let over = null;
@@ -19,7 +21,8 @@
 
   addEventListener('pointerdown', (event) => {
     const found = event.target.closest?.('.so101-steps[data-move] button');
-    if (!found || event.button !== 0 || event.pointerType === 'touch') return;  // fingers scroll
+    if (!found || event.button !== 0) return;
+    if (event.pointerType === 'touch' && !event.target.closest('i')) return;  // fingers scroll
     [row, start] = [found, event.clientY];
   }, true);
 
@@ -29,6 +32,10 @@
     over?.classList.remove('over');
     over = found ?? row;
     over.classList.add('over');
+    const list = over.parentElement?.parentElement;
+    if (!list) return;
+    const { top, bottom } = list.getBoundingClientRect();
+    list.scrollTop += event.clientY < top + EDGE ? -EDGE : event.clientY > bottom - EDGE ? EDGE : 0;
   }, true);
 
   addEventListener('pointerup', () => {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from so101_motion.common.errors import ConfigError
-from so101_motion.tasks.program import Program, Waypoint, files
+from so101_motion.tasks.program import Loop, Program, Waypoint, files
 
 PROGRAM = Program(
     waypoints=(
@@ -17,6 +17,7 @@ PROGRAM = Program(
         Waypoint(name="aside", q=np.zeros(5), passes=True),
     ),
     rounds=3,
+    loops=(Loop(first=0, last=2, times=5), Loop(first=1, last=1, times=2)),
 )
 
 
@@ -39,7 +40,7 @@ def test_a_program_is_the_same_after_writing_and_reading(rounds: int | None) -> 
     files.write(PROGRAM.with_rounds(rounds), file)
     again = files.read(file)
     assert told(again) == told(PROGRAM)
-    assert again.rounds == rounds
+    assert (again.rounds, again.loops) == (rounds, PROGRAM.loops)
     for one, other in zip(again.waypoints, PROGRAM.waypoints, strict=True):
         np.testing.assert_allclose(one.q, other.q, atol=1e-6)
 
@@ -72,7 +73,13 @@ def test_a_name_that_leads_elsewhere_is_no_program(name: str) -> None:
         ({"rounds": 0}, "rounds"),
         ({"rounds": True}, "whole number"),
         ({"rounds": "forever"}, '"endless"'),
-        ({"loops": 3}, "unknown entry of a program"),
+        ({"laps": 3}, "unknown entry of a program"),
+        ({"rounds": 2.5}, "whole number"),
+        ({"loops": 3}, "must be a list such as"),
+        ({"loops": [3]}, 'loop 1.*must be {"from"'),
+        ({"loops": [{"from": 1, "to": 2}]}, "loop 1: times"),
+        ({"loops": [{"from": 0, "to": 2, "times": 2}]}, "loop 1: from"),
+        ({"loops": [{"from": 1, "to": 2, "times": 2}]}, "within the program's 0 steps"),
         ({"waypoints": {}}, "must be a list"),
         ({"waypoints": [{"name": "a", "q_deg": [0] * 4}]}, "waypoint 1: q_deg"),
         ({"waypoints": [{"name": "a", "q_deg": [0] * 5, "pause_s": -1}]}, "waypoint 1: pause"),

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from so101_motion.common.errors import ConfigError
+from so101_motion.tasks.program.loops import Loop
 from so101_motion.tasks.program.program import MOST, Program, Waypoint
 
 
@@ -45,16 +48,83 @@ def test_moving_a_waypoint_keeps_the_order_of_the_others_and_can_be_undone(
 
 
 @given(st.lists(st.booleans(), min_size=1, max_size=12))
-def test_every_waypoint_is_in_one_stretch_and_a_stretch_ends_where_the_arm_stops(
+def test_every_waypoint_is_on_one_way_and_a_way_ends_where_the_arm_stops(
     passes: list[bool],
 ) -> None:
     made = Program(
         waypoints=tuple(Waypoint(name="a", q=np.zeros(5), passes=each) for each in passes)
     )
-    stretches = [*made.stretches()]
-    assert [index for each in stretches for index in each] == [*range(len(passes))]
-    for each in stretches:
+    ways = [each.indices for each in made.visits()]
+    assert [index for each in ways for index in each] == [*range(len(passes))]
+    for each in ways:
         assert [made.stops_at(index) for index in each] == [False] * (len(each) - 1) + [True]
+
+
+def looped(names: str, *loops: tuple[int, int, int], passed: str = "") -> Program:
+    """A program of one-letter waypoints; loops say first, last and times."""
+    return Program(
+        waypoints=tuple(replace(waypoint(name), passes=name in passed) for name in names),
+        loops=tuple(Loop(first=first, last=last, times=times) for first, last, times in loops),
+    )
+
+
+def order(made: Program, most: int | None = None) -> str:
+    """The waypoints as they are gone through; a comma where the arm stops."""
+    ways = (made.waypoints[each.indices.start : each.indices.stop] for each in made.visits(most))
+    return ",".join("".join(each.name for each in way) for way in ways)
+
+
+@pytest.mark.parametrize(
+    ("made", "goes"),
+    [
+        (looped("abcd", (1, 2, 3)), "a,b,c,b,c,b,c,d"),
+        (looped("ab", (0, 1, 2)), "a,b,a,b"),
+        (looped("abc", (1, 1, 3)), "a,b,b,b,c"),
+        (looped("abcd", (0, 3, 2), (1, 2, 2)), "a,b,c,b,c,d,a,b,c,b,c,d"),
+        (looped("abc", (0, 2, 2), (0, 1, 2)), "a,b,a,b,c,a,b,a,b,c"),  # they begin together
+        (looped("abc", (0, 2, 2), (1, 2, 2)), "a,b,c,b,c,a,b,c,b,c"),  # they end together
+        (looped("abcd", (0, 1, 2), (2, 3, 2)), "a,b,a,b,c,d,c,d"),
+        (looped("abcd", (1, 2, 2), passed="abc"), "abc,bc,d"),  # it turns back, so it stops
+    ],
+)
+def test_loops_are_gone_through_where_they_stand(made: Program, goes: str) -> None:
+    assert order(made) == goes
+    again = made.with_rounds(2)
+    assert order(again) == f"{goes},{goes}"
+    assert order(again.with_rounds(None), most=2) == order(again, most=2)
+    laps = [each.laps for each in made.visits()]
+    assert len({*laps}) > 1
+    assert {len(each) for each in laps} <= {0, 1, 2}
+
+
+PLACES = st.integers(0, 6)
+LOOPS = st.lists(
+    st.tuples(PLACES, PLACES, st.integers(2, 4)).map(lambda a: (min(a[:2]), max(a[:2]), a[2])),
+    max_size=3,
+)
+
+
+@given(LOOPS, PLACES, PLACES, st.lists(st.sampled_from([None, 0.0, 1.0]), min_size=7, max_size=7))
+def test_loops_survive_every_edit_and_two_times_show_every_way_with_every_jaw(
+    loops: list[tuple[int, int, int]], index: int, to: int, apertures: list[float | None]
+) -> None:
+    try:
+        made = looped("abcdefg", *loops)
+    except ConfigError:
+        assume(False)
+    for edited in (made.without(index), made.moved(index, to), made.part(min(index, to), 7)):
+        assert len(edited.loops) <= len(made.loops)
+        assert all(loop.last < len(edited) for loop in edited.loops)
+
+    def ways(most: int | None) -> set[tuple[object, ...]]:
+        found, jaw = set(), 0.5
+        for visit in made.with_rounds(3).visits(most):
+            found.add((visit.origin, visit.indices, jaw))
+            told = apertures[visit.indices[-1]]
+            jaw = jaw if told is None else told
+        return found
+
+    assert ways(2) == ways(None)
 
 
 @pytest.mark.parametrize(
@@ -70,6 +140,11 @@ def test_every_waypoint_is_in_one_stretch_and_a_stretch_ends_where_the_arm_stops
         (lambda: Program(rounds=0), "rounds"),
         (lambda: program("ab").without(2), "is not one of the program's 2"),
         (lambda: program("ab").moved(0, 2), "is not one of the program's 2"),
+        (lambda: looped("ab", (1, 0, 2)), "not after its end"),
+        (lambda: looped("ab", (0, 2, 2)), "within the program's 2 steps"),
+        (lambda: looped("ab", (0, 1, 1)), "times"),
+        (lambda: looped("abc", (0, 1, 2), (1, 2, 2)), "overlaps the loop 2 to 3; put one inside"),
+        (lambda: looped("abc", (0, 2, 2), (0, 1, 2), (0, 0, 2)), "in more than 2 loops"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(make: object, reason: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 
 import numpy as np
@@ -17,7 +18,16 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.collision.scene import Capsule, Obstacle
 from so101_motion.planning.goals import JointGoal
 from so101_motion.rig.hardware_rig import Rig, open_simulated
-from so101_motion.tasks.program import Program, ProgramRun, Waypoint, rehearse, start_program
+from so101_motion.tasks.program import (
+    Loop,
+    Program,
+    ProgramRun,
+    Rehearsal,
+    Waypoint,
+    rehearse,
+    run_once_planned,
+    start_program,
+)
 from so101_motion.tasks.program.rehearsal import PASSING
 
 A = np.radians([20.0, -20.0, 20.0, 20.0, 0.0])
@@ -105,9 +115,9 @@ def test_a_rehearsal_plans_every_leg_and_moves_nothing(rig: Rig, clock: PausesKn
     first, second = made.plans
     np.testing.assert_allclose(first.q_goal, A)
     np.testing.assert_array_equal(second.q_start, first.q_goal)
-    assert made.back is not None
-    assert made.back.plan is not None
-    np.testing.assert_allclose([made.back.plan.q_start, made.back.plan.q_goal], [B, A])
+    back = made.visits[2].leg.plan
+    assert back is not None
+    np.testing.assert_allclose([back.q_start, back.q_goal], [B, A])
     assert made.duration == pytest.approx(first.duration + second.duration + 2.0)
 
 
@@ -225,7 +235,7 @@ def test_a_jaw_that_gripped_something_has_the_next_leg_planned_anew(
     rig.gripper.start_move(0.5)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
-    assert run.plan is not rehearsal.legs[1].plan
+    assert run.plan is not rehearsal.plans[1]
     np.testing.assert_allclose(rig.arm.state.q, B, atol=to_rad(0.1))
 
 
@@ -234,6 +244,67 @@ def test_nothing_and_a_jaw_that_is_not_there_cannot_be_rehearsed(rig: Rig) -> No
         rehearse(rig.arm, rig.gripper, Program())
     with pytest.raises(ConfigError, match="this arm has none"):
         rehearse(rig.arm, None, program(at(A, aperture=1.0)))
+
+
+# Loops
+
+
+def test_a_loop_is_rehearsed_with_the_way_back_and_the_jaw_of_its_second_time(rig: Rig) -> None:
+    def loop(times: int) -> Rehearsal:
+        made = program(at(A, pause=1.0), at(B, aperture=1.0), at(np.zeros(5)))
+        again = Loop(first=0, last=1, times=times)
+        return rehearse(rig.arm, rig.gripper, made.with_loop(again))
+
+    made, opened = loop(4), rig.gripper.opened
+    keys = [(each.origin, each.indices[-1], each.q_jaw == opened) for each in made.legs]
+    there, back = [(None, 0, False), (0, 1, False)], [(1, 0, True), (0, 1, True)]
+    assert keys == [*there, *back, (1, 2, True)]
+    assert made.duration - loop(3).duration == pytest.approx(loop(3).duration - loop(2).duration)
+
+
+def test_a_run_goes_through_loops_and_says_which_time_it_is(rig: Rig) -> None:
+    made = program(at(A), at(B, pause=0.1), at(np.zeros(5)), rounds=2)
+    inner, outer = Loop(first=1, last=1, times=2), Loop(first=0, last=1, times=2)
+    run = start(rig, made.with_loop(outer).with_loop(inner))
+    seen: list[tuple[int, int, tuple[int, ...]]] = []
+    shares = [0.0]
+
+    def look() -> bool:
+        now = run.where
+        where = (now.round, now.index, now.laps)
+        if not seen or seen[-1] != where:
+            seen.append(where)
+        shares.append(run.share)
+        return run.future.done()
+
+    until(rig, look)
+    run.future.result()
+    there = [(0, (0,)), (1, (0, 0)), (1, (0, 1)), (0, (1,)), (1, (1, 0)), (1, (1, 1)), (2, ())]
+    rounds = [(lap, *each) for lap in (0, 1) for each in there]
+    assert [where for where in seen if where in rounds] == rounds
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_a_run_that_goes_nowhere_is_ended_by_a_stop(rig: Rig) -> None:
+    run = start(rig, program(at(np.zeros(5)), rounds=None))
+    until(rig, lambda: run.where.round > 2)
+    run.stop()
+    until(rig, run.future.done)
+    assert isinstance(run.future.exception(), Interrupted)
+
+
+def test_a_run_that_is_still_planned_is_ended_by_a_stop_and_moves_nothing(rig: Rig) -> None:
+    planning: Future[Rehearsal] = Future()
+    made = program(at(A))
+    run = run_once_planned(
+        rig.arm, rig.gripper, rig.clock, made, lambda motion: motion.wait_for(planning)
+    )
+    until(rig, lambda: not rig.arm.newest_motion.future.done())
+    run.stop()
+    until(rig, run.future.done)
+    assert isinstance(run.future.exception(), Interrupted)
+    np.testing.assert_array_equal(rig.arm.state.q, np.zeros(5))
 
 
 # Waypoints that are passed
@@ -253,30 +324,31 @@ def passing(*places: np.ndarray, passes: bool = True) -> tuple[Waypoint, ...]:
 
 def test_passed_waypoints_are_one_motion_with_the_stop_behind_them(rig: Rig) -> None:
     made = rehearse(rig.arm, rig.gripper, program(*passing(*AROUND), at(A, pause=1.0), rounds=2))
-    first, second = made.legs
+    first, second, back = made.legs.values()
     assert [list(first.indices), list(second.indices)] == [[0, 1, 2, 3], [4]]
     assert first.plan is not None
     np.testing.assert_allclose(first.plan.q_goal, AROUND[-1])
     assert first.at[-1] == first.plan.duration
-    assert made.back is not None
-    assert made.back.plan is not None
-    np.testing.assert_allclose(made.back.plan.q_start, A)
-    np.testing.assert_allclose(made.back.plan.q_goal, AROUND[-1])
+    assert back.plan is not None
+    np.testing.assert_allclose(back.plan.q_start, A)
+    np.testing.assert_allclose(back.plan.q_goal, AROUND[-1])
 
 
 def test_a_last_waypoint_that_may_be_passed_is_stopped_at(rig: Rig) -> None:
     made = rehearse(rig.arm, rig.gripper, program(at(A), at(B, passes=True), rounds=None))
-    assert [list(leg.indices) for leg in made.legs] == [[0], [1]]
-    np.testing.assert_allclose(made.legs[1].plan.q_goal, B)
+    first, second, back = made.legs.values()
+    assert [list(leg.indices) for leg in (first, second, back)] == [[0], [1], [0]]
+    assert second.plan is not None
+    np.testing.assert_allclose(second.plan.q_goal, B)
 
 
 def test_passing_where_the_arm_stands_is_no_motion(rig: Rig) -> None:
     there = np.zeros(5)
     made = rehearse(rig.arm, rig.gripper, program(*passing(there, there)))
-    (leg,) = made.legs
+    (leg,) = made.legs.values()
     assert leg.plan is None
     made = rehearse(rig.arm, rig.gripper, program(*passing(there, A, A)))
-    (leg,) = made.legs
+    (leg,) = made.legs.values()
     np.testing.assert_allclose(leg.at, [0.0, leg.plan.duration, leg.plan.duration], atol=0.02)
 
 
@@ -290,7 +362,9 @@ def test_a_passed_waypoint_behind_something_is_gone_to_around_it(
     moved = rig.arm.start_move(JointGoal(q=aside))
     until(rig, moved.future.done)
     rig.arm.scene = rig.arm.scene.with_obstacles([post])
-    (leg,) = rehearse(rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))).legs
+    (leg,) = rehearse(
+        rig.arm, rig.gripper, program(*passing(-aside, A * [-1, 1, 1, 1, 1]))
+    ).legs.values()
     assert len(leg.plan.path) > 3
     near = np.abs(leg.plan.trajectory.q + aside).max(axis=1).min()
     assert near <= PASSING
@@ -331,6 +405,6 @@ def test_a_leg_with_passed_waypoints_is_planned_anew_as_a_whole(
     rig.gripper.start_move(0.5)
     until(rig, lambda: run.where.index == 1 and run.where.doing == "moving")
     finish(rig, run)
-    assert run.plan is not rehearsal.legs[1].plan
+    assert run.plan is not rehearsal.plans[1]
     assert run.plan is not None
     assert len(run.plan.path) == 4

@@ -14,7 +14,7 @@ from so101_motion.common.state import ARM_JOINTS
 from so101_motion.drivers.bus.ticks import RAD_PER_TICK
 from so101_motion.planning.collision.scene import Box, Obstacle, Scene
 from so101_motion.planning.kinematics.model import RobotModel
-from so101_motion.tasks.program import Program, Waypoint
+from so101_motion.tasks.program import Loop, Program, Waypoint
 from so101_motion.tasks.sweeps import (
     CheckSweep,
     PlansSweep,
@@ -92,6 +92,15 @@ def test_what_comes_before_the_first_stop_of_a_single_run_is_not_looked_at(tmp_p
     alone = Program(waypoints=(WAYPOINTS[0], WAYPOINTS[2]), rounds=1)
     shard = ProgramCheckSweep(program=program_text(alone), scene=FREE).open()(0)
     assert (shard["way"][0], shard["duration"][0]) == ("", 0.0)
+
+
+def test_the_way_back_to_where_a_loop_begins_is_looked_at(tmp_path):
+    looped = Program(waypoints=(*WAYPOINTS, WAYPOINTS[0])).with_loop(Loop(first=0, last=2, times=3))
+    figures, failed = checked(tmp_path, looped)
+    assert failed == {}
+    assert (figures["waypoints"], figures["stops"]) == (4, 4)  # one of the ways leads back
+    _, failed = checked(tmp_path / "heavy", looped, payload=5.0)
+    assert any("the way to waypoint 1 " in each for each in failed)
 
 
 def test_an_arm_that_is_calibrated_anew_reads_where_it_stood_at_the_same_ticks():

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from so101_viewer.page import markup
 from so101_viewer.page.guiding import GUIDED_FOR
 from so101_viewer.page.screen_state import Tone
 from so101_viewer.program import program_texts as words
@@ -206,8 +207,7 @@ def test_a_rehearsal_shows_jaw_and_pauses_to_the_end_of_a_round(tab: Tab) -> Non
     timeline, opened = tab.planned, tab.rig.gripper.opened
     to_a, to_b = (plan.duration for plan in timeline.rehearsal.plans)
     at_a = (opened - tab.rig.gripper.q_jaw) / JAW_LIMITS.velocity[0] + SHOWN_PAUSE
-    back = timeline.rehearsal.back
-    assert back is not None
+    back = timeline.rehearsal.visits[2].leg
     assert back.plan is not None
     assert timeline.duration == pytest.approx(to_a + at_a + to_b + back.plan.duration)
     seen = [timeline.at(t) for t in (0.0, to_a, to_a + at_a, to_a + at_a + to_b, 1e9)]
@@ -217,6 +217,37 @@ def test_a_rehearsal_shows_jaw_and_pauses_to_the_end_of_a_round(tab: Tab) -> Non
     assert [q_jaw for _, _, q_jaw in seen[2:]] == pytest.approx([opened] * 3)
     tab.model.play(1.0)
     tab.until(lambda: tab.model.screen().t == timeline.duration)  # to the end, by itself
+
+
+def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: Tab) -> None:
+    tab.record(A, B, A)
+    tab.model.set_loop(0, 1, 3)
+    tab.plan()
+    line = words.timeline(tab.planned)
+    assert "".join(part.name for part in line.parts) == "ABABC"
+    ((name, begins, ends, depth),) = line.loops
+    assert (name, begins, depth) == ("3×", 0.0, 0)
+    assert ends == pytest.approx(line.parts[3].ends)
+    assert line.parts[-1].ends == pytest.approx(1.0)
+    program = tab.model.screen().program
+    assert [words.line(program, k) for k in range(3)] == ["", "1 to 2 3×", ""]
+    html = markup.timeline(line._replace(parts=(markup.Span("<i>", 0.0, 1.0),)), "uuid")
+    assert "<i>" not in html.replace('<i class="span deep0"', "")
+    tab.model.run()
+    tab.until(lambda: "Going to waypoint 1 (A). Time 3 of 3." in tab.said)
+    tab.model.choose(1)
+    with pytest.raises(ConfigError, match="stop the program"):
+        tab.model.end_loop()
+    tab.until(lambda: tab.model.screen().run is None)
+    tab.model.plan("from here")
+    tab.until(lambda: tab.model.screen().can_run)
+    assert tab.said.startswith("Planned, no collisions; a loop that began earlier")
+    tab.model.end_loop()
+    assert tab.model.screen().program.loops == ()
+    with pytest.raises(ConfigError, match="is in none"):
+        tab.model.end_loop()
+    tab.model.undo()
+    assert tab.model.screen().program.loops[0].times == 3
 
 
 def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab) -> None:
@@ -232,8 +263,8 @@ def test_each_step_has_a_speed_and_tells_how_near_it_comes_to_anything(tab: Tab)
     near = tab.model.screen().clearances
     assert [*near] == [0, 2]  # the second is where the first is
     assert 0.0 < near[0] < 0.2
-    first = tab.planned.rehearsal.program.waypoints[0]
-    assert words.line(first, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
+    program = tab.planned.rehearsal.program
+    assert words.line(program, 0, near[0]) == f"25 % speed, {1000.0 * near[0]:.0f} mm clear"
     tab.model.undo()
     assert tab.model.screen().program.waypoints[0].speed == 1.0
 
@@ -245,8 +276,8 @@ def test_a_program_that_passes_a_waypoint_says_so(tab: Tab) -> None:
     tab.plan()
     rehearsal = tab.planned.rehearsal
     assert dict(words.facts(rehearsal))["Waypoints"] == "2, 1 of them passed"
-    assert words.line(rehearsal.program.waypoints[0]) == "passed"
-    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.legs[0].at[0] + 0.01)] == [0, 1]
+    assert words.line(rehearsal.program, 0) == "passed"
+    assert [tab.planned.at(t)[0] for t in (0.0, rehearsal.visits[0].leg.at[0] + 0.01)] == [0, 1]
 
 
 def test_choosing_a_waypoint_shows_the_ghost_there(tab: Tab) -> None:
