@@ -18,10 +18,13 @@ from so101_motion.planning.collision.apart import (
     EARLY,
     GUARDED,
     GUARDED_EARLY,
+    PARTING,
     ArmBodies,
     Meeting,
     bodies_of,
     first_meeting,
+    nearness,
+    only_part,
 )
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
 from so101_motion.planning.collision.scene import Attached, as_seen_by
@@ -40,10 +43,6 @@ ALL = "*"
 
 LATER, LATEST = 0.1, 2.0
 """By how much a motion may begin later than it was planned [s], and at the most; chosen."""
-
-PARTING, TENTH = 5e-4, 1e-4
-"""Arms that are too near already may come so much nearer [m], because parts that slide along each
-other do; distances are known to the second. Chosen."""
 
 PUSHED = 0.7
 """Arms that are nearer than this share of what they have gained were moved by others; chosen, a
@@ -143,6 +142,8 @@ class Place:
             InCollision: It crosses another arm's motion, also when it begins later.
         """
         with self.cell.entry:
+            with self.cell.lock:
+                self._gained.clear()  # a plan begins where the arm rests, and only leads away
             planned, expected, wait = self._planned, self._expected, 0.0
             self._expected = None
             if expected is not trajectory or planned is None or self._now() > planned.t + PROMPT:
@@ -224,7 +225,8 @@ class Place:
     def _meeting(self, course: Course, other: Place, now: float) -> Meeting | None:
         """Where a course would come too near to another arm's.
 
-        Arms that are too near already may part.
+        Arms that are too near already may part: what they have gained they keep, and those that
+        have less, such as one that braked into that, may do nothing but part.
         """
         seen = other.seen_from(self, other.course_at(now))
         bodies = bodies_of(self.attached_to(self), other.name)
@@ -233,39 +235,21 @@ class Place:
         meeting = first_meeting(mine, theirs, T, since=now, room=GUARDED, early=GUARDED_EARLY)
         if meeting is None:
             return None
-        room = self._kept(other.name, mine, theirs, T, now)
-        if room is None:
+        nearest = nearness(mine, theirs, T, at=now, room=GUARDED)
+        if nearest is None:
+            self._gained.pop(other.name, None)
             return meeting
-        return first_meeting(mine, theirs, T, since=now, room=room, early=0.0)
-
-    def _kept(
-        self,
-        name: str,
-        mine: tuple[ArmBodies, Course],
-        theirs: tuple[ArmBodies, Course],
-        T: SE3,
-        now: float,
-    ) -> float | None:
-        """What must stay free of what there is between two arms that are too near already [m].
-
-        What they have gained they keep. None if they are not, or so near that nobody can tell.
-        """
-        at = np.array([now])
-        here, there = ((each, Course(t=now, dt=1.0, q=c.at(at))) for each, c in (mine, theirs))
-        nearest, nearer = GUARDED, first_meeting(here, there, T, since=now, room=GUARDED)
-        if nearer is None:
-            self._gained.pop(name, None)
-            return None
-        while nearer is not None and nearest > PARTING:
-            nearest = min(nearer.distance, nearest - TENTH)
-            nearer = first_meeting(here, there, T, since=now, room=nearest)
-        if nearest <= PARTING:
-            return None
-        gained = self._gained.get(name, 0.0)
-        if nearest < PUSHED * gained:
-            gained = 0.0  # the other was moved towards this one
-        self._gained[name] = max(gained, nearest - PARTING)
-        return self._gained[name]
+        kept = self._gained.get(other.name, 0.0)
+        if nearest < PUSHED * kept:
+            kept = 0.0  # the other was moved towards this one
+        kept = max(kept, nearest - PARTING)
+        if kept > 0.0:
+            meeting = first_meeting(mine, theirs, T, since=now, room=kept, early=0.0)
+        if meeting is not None and only_part(mine, theirs, T, since=now, room=GUARDED):
+            meeting = None
+        if meeting is None:
+            self._gained[other.name] = kept
+        return meeting
 
     @property
     def bodies(self) -> ArmBodies:

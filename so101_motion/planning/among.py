@@ -5,6 +5,9 @@ Around that two motions are planned. One knows nothing else of the others and wa
 is free; the other goes around all places that they will be at, and need not wait. Whichever ends
 earlier is taken. Both are proven against the timed motions of the others (``apart.py``).
 
+Who stands too near to another already may only leave: from then on the two never come any nearer to
+each other than they are, until there is room between them again.
+
 A proof needs more than everybody's keeping to his time. Any arm may be stopped, and those that it
 is in the way of have to stop as well. So at every instant all arms must be able to brake at once,
 each along its own path, without coming near each other: that is looked at, too.
@@ -18,14 +21,18 @@ from dataclasses import replace
 import numpy as np
 
 from so101_motion.common.errors import InCollision, PlanningError
-from so101_motion.common.geometry import Array
+from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.collision.apart import (
+    EARLY,
     GUARDED,
     GUARDED_EARLY,
+    PARTING,
     ROOM,
+    ArmBodies,
     Meeting,
     bodies_of,
     first_meeting,
+    nearness,
     stops_meeting,
 )
 from so101_motion.planning.collision.course import Course, OtherArm
@@ -49,6 +56,9 @@ and searches that succeed take some milliseconds."""
 
 BRAKES = 0.1
 """How far apart the instants are at which all brake [s]; chosen."""
+
+LEAVING = 0.1
+"""How far apart the instants are from which on two arms that were too near may be apart [s]."""
 
 DETOURS = 2
 """So many ways around are tried; chosen."""
@@ -111,7 +121,8 @@ def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:
         if met is not None and _still_meet(held, course, request.others, *met):
             return False
         found = crossing(held, course, request.others)
-        met = None if found is None else (found[0], found[1].t - wait)
+        is_later = found is not None and found[1].t > 0.0  # who is too near already may leave
+        met = (found[0], found[1].t - wait) if found is not None and is_later else None
         return found is None
 
     for long in np.arange(0.0, last + (COARSE + 1.0) * WAIT, COARSE * WAIT):
@@ -167,15 +178,45 @@ def _meeting(
         (bodies_of(other.attached), other.course),
         other.T_base_other,
     )
-    if other.course.end <= since:
-        found = first_meeting(mine, theirs, T, since=since, room=GUARDED, early=0.0)
-        # Arms that are too near already may part; the control loop sees that they only do that.
-        return None if found is not None and found.t <= since else found
-    found = first_meeting(mine, theirs, T, since=since)
-    if found is not None:
+    stands = other.course.end <= since
+    room, early = (GUARDED, 0.0) if stands else (ROOM, EARLY)
+    found = first_meeting(mine, theirs, T, since=since, room=room, early=early)
+    if found is not None and found.t <= since:
+        left = _leaving(mine, theirs, T, since, room, early)
+        if left is None:
+            return found
+        since, found = left, None
+    if stands or found is not None:
         return found
     room = 0.5 * (ROOM + GUARDED)
     return stops_meeting(mine, theirs, T, since=since, every=BRAKES, room=room, early=GUARDED_EARLY)
+
+
+def _leaving(
+    mine: tuple[ArmBodies, Course],
+    theirs: tuple[ArmBodies, Course],
+    T: SE3,
+    since: float,
+    room: float,
+    early: float,
+) -> float | None:
+    """From when on two arms that are too near keep their room, coming no nearer before [s].
+
+    None if they do come nearer, or stay too near.
+    """
+    near = nearness(mine, theirs, T, at=since, room=room)
+    if near is None or near <= PARTING:
+        return None
+    end = max(mine[1].end, theirs[1].end)
+    if first_meeting(mine, theirs, T, since=since, room=near - PARTING, early=0.0) is not None:
+        return None
+    for t in np.arange(since + LEAVING, end + LEAVING, LEAVING):
+        met = first_meeting(mine, theirs, T, since=float(t), room=room, early=early)
+        if met is None:
+            return float(t)
+        if met.t > t + LEAVING:
+            return None  # they had left each other, and meet again
+    return None
 
 
 def _around(

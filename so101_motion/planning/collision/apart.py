@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -43,6 +43,16 @@ GUARDED_EARLY = 0.01
 STEP = 0.02
 """Time between the samples at which two courses are held against each other [s]. Chosen: a joint
 that accelerates at 10 rad/s^2 is then within 0.2 mm of the straight line between."""
+
+PARTING, TENTH = 5e-4, 1e-4
+"""Arms that are too near already may come so much nearer [m], because parts that slide along each
+other do; distances are known to the second. Chosen."""
+
+LOOKS = 4
+"""At so many instants of a stop it is looked whether arms only part; chosen."""
+
+_SAME = 1e-7
+"""Distances that differ by less are equal [m]; coal's rounding."""
 
 _PART, _UNKNOWN = 0.5, 2  # as in apart.c and native.h
 
@@ -214,6 +224,37 @@ def _first_meeting(
     return Meeting(since + STEP * step, gap, a.names[i], b.names[j])
 
 
+def nearness(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    at: float,
+    room: float,
+) -> float | None:
+    """How near two arms are at an instant that are nearer than ``room``; None if they are not.
+
+    Args:
+        first: An arm's bodies and its course.
+        second: Another's.
+        T_first_second: Where the second's base is in the first's.
+        at: The instant [s].
+        room: How near [m].
+
+    Returns:
+        At most so far are they apart, to ``TENTH``; 0 or less if they touch, or nearly [m].
+    """
+    when = np.array([at])
+    here, there = ((each, Course(t=at, dt=1.0, q=c.at(when))) for each, c in (first, second))
+    found, nearest = None, room
+    while nearest > 0.0:
+        met = first_meeting(here, there, T_first_second, since=at, room=nearest)
+        if met is None:
+            break
+        found = nearest = min(met.distance, nearest - TENTH)
+    return found
+
+
 def are_apart(a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, *, room: float) -> bool:
     """Whether two arms keep apart while both go straight from one configuration to the next.
 
@@ -245,22 +286,64 @@ def clearance_over_time(
         T_first_second: Where the second's base is in the first's.
         times: When, shape (n,), [s].
     """
+    (a, _), (b, _) = first, second
+    found = []
+    for t, gaps in zip(times, _gaps(first, second, T_first_second, times), strict=True):
+        i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
+        found.append(Meeting(float(t), float(gaps[i, j]), a.names[i], b.names[j]))
+    return found
+
+
+def only_part(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T_first_second: SE3,
+    *,
+    since: float,
+    room: float,
+) -> bool:
+    """Whether no two bodies come nearer than they are, or nearer than ``room`` [m].
+
+    Looked at by coal at some instants of the first arm's course. Never while something is passed
+    from hand to hand.
+
+    Args:
+        first: An arm's bodies and its course.
+        second: Another's.
+        T_first_second: Where the second's base is in the first's.
+        since: From when on to look [s].
+        room: What is far enough [m].
+    """
+    if first[0].passed | second[0].passed:
+        return False
+    times = np.linspace(since, max(first[1].end, since), LOOKS)
+    now, *after = _gaps(first, second, T_first_second, times)
+    enough = np.minimum(now, room) - _SAME
+    return all(bool(np.all(each >= enough)) for each in after)
+
+
+def _gaps(
+    first: tuple[ArmBodies, Course],
+    second: tuple[ArmBodies, Course],
+    T: SE3,
+    times: Array,
+) -> Iterator[Array]:
+    """How far apart the bodies of two arms are at some times, shape (n, m), [m], by coal.
+
+    Those of the bases, which stay where they are, are infinitely far from each other.
+    """
     (a, one), (b, other) = first, second
     data, request = (a.model.createData(), b.model.createData()), coal.DistanceRequest()
-    found = []
-    for t, qa, qb in zip(times, one.at(times), other.at(times), strict=True):
-        place_a, place_b = (
-            a.placed(qa, SE3.identity(), data[0]),
-            b.placed(qb, T_first_second, data[1]),
-        )
-        gap, i, j = min(
-            (coal.distance(x.geometry, at, y.geometry, to, request, coal.DistanceResult()), i, j)
-            for i, (x, at) in enumerate(zip(a.objects, place_a, strict=True))
-            for j, (y, to) in enumerate(zip(b.objects, place_b, strict=True))
-            if x.parentJoint or y.parentJoint  # two bases stay where they are
-        )
-        found.append(Meeting(float(t), gap, a.names[i], b.names[j]))
-    return found
+    for qa, qb in zip(one.at(times), other.at(times), strict=True):
+        place_a, place_b = a.placed(qa, SE3.identity(), data[0]), b.placed(qb, T, data[1])
+        gaps = np.full((len(a.objects), len(b.objects)), np.inf)
+        for i, (x, at) in enumerate(zip(a.objects, place_a, strict=True)):
+            for j, (y, to) in enumerate(zip(b.objects, place_b, strict=True)):
+                if x.parentJoint or y.parentJoint:
+                    gaps[i, j] = coal.distance(
+                        x.geometry, at, y.geometry, to, request, coal.DistanceResult()
+                    )
+        yield gaps
 
 
 def stops_meeting(

@@ -19,10 +19,11 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.collision.apart import GUARDED, first_meeting
+from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM, first_meeting, nearness
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal
+from so101_motion.planning.motion_builder import DEPARTURE_SPEED
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.rig.hardware_rig import open_simulated
 
@@ -65,6 +66,16 @@ class Pair:
 
     def are_apart(self, room):
         return self.facing.are_apart(self.left.state.q_ref, self.right.state.q_ref, room)
+
+    def gap(self):
+        """How near they are, up to 30 mm [m]."""
+        left, right = (
+            Course.resting(each.state.q_ref, each.state.q_jaw_ref)
+            for each in (self.left, self.right)
+        )
+        pair = (self.facing.bodies, left), (self.facing.bodies, right)
+        found = nearness(*pair, T_LEFT_RIGHT, at=0.0, room=0.03)
+        return 0.03 if found is None else found
 
     def finish(self, *motions):
         for _ in range(3000):
@@ -255,6 +266,52 @@ def test_arms_that_are_too_near_already_may_part(pair_of):
         pair.clock.advance(0.01)
         assert pair.are_apart(0.002)
     motion.result()
+
+
+@pytest.fixture
+def pair_led_up_close(pair_of, clock):
+    """The left arm was led up to the right one, and braked into what must stay free."""
+    starts = np.radians([[-50.0, -30.0, 40.0, 30.0, 0.0], [80.0, -60.0, 60.0, 40.0, 0.0]])
+    pair = pair_of(Facing(0), *starts)
+    pair.following = in_time(clock, partial(pair.left.open_following, limits=FAST, gate=9.0))
+    for _ in range(60):
+        pair.following.aim(np.radians([0.0, 10.0, 0.0, 0.0, 0.0]))
+        pair.clock.advance(0.01)
+    assert any("right's" in each for each in pair.following.held_by)
+    assert 0.7 * GUARDED < pair.gap() < GUARDED
+    return pair
+
+
+def test_an_arm_that_was_led_up_to_another_backs_out_slowly_and_goes_where_it_is_sent(
+    pair_led_up_close,
+):
+    pair = pair_led_up_close
+    begin = pair.gap()
+    motion = pair.left.start_move(JointGoal(q=np.radians([-60.0, -40.0, 50.0, 40.0, 0.0])))
+    while not motion.future.done():
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    motion.result()
+    assert motion.plan.report.departure
+    assert np.abs(motion.plan.trajectory.qd[:30]).max() <= DEPARTURE_SPEED
+    assert pair.gap() >= ROOM
+
+
+def test_an_arm_that_was_led_up_to_another_is_led_away_and_no_nearer(pair_led_up_close):
+    pair = pair_led_up_close
+    begin, following = pair.gap(), pair.following
+    for _ in range(3):  # again and again
+        for aim in (pair.left.state.q_ref, np.radians([0.0, 10.0, 0.0, 0.0, 0.0])):
+            for _ in range(8):
+                following.aim(aim)
+                pair.clock.advance(0.01)
+                assert pair.gap() > begin - 2.0 * PARTING
+    for _ in range(40):
+        following.aim(np.radians([-50.0, -30.0, 40.0, 30.0, 0.0]))
+        pair.clock.advance(0.01)
+        assert pair.gap() > begin - 2.0 * PARTING
+    assert pair.gap() > 2.0 * GUARDED
+    assert following.held_by == ()
 
 
 def test_an_arm_that_left_the_cell_is_not_minded(pair_of):

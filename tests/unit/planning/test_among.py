@@ -7,7 +7,7 @@ import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.errors import InCollision
-from so101_motion.planning.collision.apart import ROOM, first_meeting
+from so101_motion.planning.collision.apart import PARTING, ROOM, first_meeting, nearness
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Scene, StandingArm
@@ -68,6 +68,29 @@ def test_a_goal_where_another_arm_will_rest_is_refused_by_its_name(planner):
         planner.plan(request(q_left, q_goal, right(Course.resting(q_right, 0.0))))
     assert caught.value.second.startswith("right's ")
     assert f"from {caught.value.second}" in str(caught.value) or "into right's" in str(caught.value)
+
+
+def test_who_stands_too_near_to_an_arm_that_moves_leaves_and_never_comes_nearer(planner):
+    facing = Facing(14)
+    for _ in range(2):
+        while True:
+            (q_left, q_right), goals = (facing.near(), facing.near()), facing.task()[1]
+            is_near = not facing.are_apart(q_left, q_right, 0.018)
+            can_go = facing.are_apart(q_left, goals[1], 0.03)
+            if is_near and can_go and facing.are_apart(q_left, q_right, 0.008):
+                break
+        away = planner.plan(request(q_right, goals[1], left(Course.resting(q_left, 0.0))))
+        course = Course.along(away.trajectory, 0.0)
+        plan = planner.plan(request(q_left, goals[0], right(course)))
+        own = Course.along(plan.trajectory, 0.0)
+        pair = (facing.bodies, own), (facing.bodies, course)
+        gaps = [
+            nearness(*pair, T_LEFT_RIGHT, at=t, room=ROOM) or ROOM
+            for t in np.arange(0.0, max(own.end, course.end) + 0.02, 0.02)
+        ]
+        assert min(gaps) > gaps[0] - 2.0 * PARTING
+        assert gaps[-1] == ROOM
+        assert min(gaps[gaps.index(ROOM) + 15 :]) > 0.75 * ROOM
 
 
 def test_an_arm_that_stands_blocks_like_its_bodies_do(planner):
