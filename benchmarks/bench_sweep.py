@@ -170,7 +170,7 @@ def dask() -> Iterator[_common.Row]:
 
 
 def two_at_the_wall() -> Iterator[_common.Row]:
-    """One worker, two, and two of a Dask LocalCluster, in turn, three times; the clock on the wall.
+    """One worker, two, and two of a Dask LocalCluster, in turn, five times; the clock on the wall.
 
     The cluster is started before, its workers load the arm while the clock runs, as processes do.
     """
@@ -179,7 +179,7 @@ def two_at_the_wall() -> Iterator[_common.Row]:
     start: Any = LocalCluster
     connect: Any = Client
     rows: dict[str, list[float]] = {"one": [], "two": [], "dask": []}
-    for _ in range(3):
+    for _ in range(5):
         for workers, name in ((1, "one"), (2, "two")):
             rows[name].append(wall(WALL, workers=workers))
         options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
