@@ -384,7 +384,8 @@ def _in_words(progress: Progress, unit: str) -> str:
         hours, minutes = divmod(minutes, 60)
         left = f", {hours}:{minutes:02}:{seconds:02} left"
     failed = f", {progress.failed} failed" if progress.failed else ""
-    return f"{progress.rate:.3g} {unit} a second{left}{failed}"
+    rate = f"{progress.rate:,.0f}" if progress.rate >= 10.0 else f"{progress.rate:.2g}"
+    return f"{rate} {unit} a second{left}{failed}"
 
 
 def _print_result(

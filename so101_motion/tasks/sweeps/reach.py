@@ -46,8 +46,8 @@ POINTS = 4096
 """Points of a shard. Chosen: a quarter of a second of work, and some fifty kilobytes."""
 
 _AT_ONCE = 256
-"""Points that are looked at together. Chosen: what they need stays in the caches, and little of it is
-given back to the system each time, which takes a tenth of a Dask worker's time with 1,024."""
+"""Points that are looked at together. Chosen: what they need stays in the caches, and little of
+it is given back to the system each time, which takes a tenth of a Dask worker's time at 1,024."""
 
 PITCHES = 24
 """Pitches that are tried at a point, all around. Chosen: 15 degrees apart."""
