@@ -76,12 +76,16 @@ def crosses(arm: str, meeting: Meeting) -> InCollision:
     )
 
 
-def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Plan:
+def plan_among(
+    plan: Callable[[PlanRequest], Plan], request: PlanRequest, *, alone: Plan | None = None
+) -> Plan:
     """Plan among other arms.
 
     Args:
         plan: Plans a motion among things that stand.
         request: What is wanted; ``others`` are the other arms.
+        alone: The plan for the same request without them, if it is known: a straight one that
+            keeps off where they come to rest is the one that would be found.
 
     Returns:
         A motion that keeps ``ROOM`` away from the other arms; where it has to wait for them it
@@ -94,7 +98,7 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
     """
     ends = [_standing(each, each.course.q[-1:], ROOM) for each in request.others]
     known = replace(request, others=(), scene=_with_arms(request.scene, ends))
-    first = plan(known)
+    first = alone if alone is not None and _keeps_off(alone, request) else plan(known)
     if all(each.course.end <= 0.0 for each in request.others):
         return first
     held = request.scene.attached
@@ -108,6 +112,20 @@ def plan_among(plan: Callable[[PlanRequest], Plan], request: PlanRequest) -> Pla
     if wait is None:
         raise crosses(*met)
     return _waiting(first, wait, request.others)
+
+
+def _keeps_off(plan: Plan, request: PlanRequest) -> bool:
+    """Whether a straight plan comes near no arm where it comes to rest."""
+    if not plan.report.straight or plan.report.departure:
+        return False
+    course = Course.along(plan.trajectory, request.q_jaw)
+    room, held = ROOM + request.scene.margin, request.scene.attached
+    for each in request.others:
+        rest = Course(t=0.0, dt=1.0, q=each.course.q[-1:])
+        pair = (bodies_of(held, each.name), course), (bodies_of(each.attached), rest)
+        if first_meeting(*pair, each.T_base_other, since=0.0, room=room, early=0.0) is not None:
+            return False
+    return True
 
 
 def earliest_wait(trajectory: Trajectory, request: PlanRequest) -> float | None:

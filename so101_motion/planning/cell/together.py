@@ -23,7 +23,7 @@ import numpy as np
 
 from so101_motion.common.errors import InCollision, NoPath, PlanningError
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.among import crossing
+from so101_motion.planning.among import crossing, plan_among
 from so101_motion.planning.collision.apart import ROOM, are_apart, bodies_of, first_meeting
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import as_seen_by
@@ -117,10 +117,11 @@ def plan_together(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Pla
             motion was found in time.
     """
     team = _with_goals(planner, team)
-    at_once = _at_once(planner, team)
+    alone = [_alone(planner, each) for each in team]
+    at_once = _at_once(team, alone)
     if at_once is not None:  # nothing is quicker
         return at_once
-    for plans in sorted(_in_turn(planner, team), key=_makespan):
+    for plans in sorted(_in_turn(planner, team, alone), key=_makespan):
         proven = _proven(team, plans, [each.trajectory for each in plans])
         if proven is not None:
             return proven
@@ -171,11 +172,17 @@ def _goal_of(member: TeamMember) -> Array:
     return goal.q
 
 
-def _at_once(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan] | None:
+def _alone(planner: Planner, member: TeamMember) -> Plan | None:
+    """The plan of an arm as if there were no others; None if there is none."""
+    with suppress(PlanningError):
+        return planner.plan(member.request)
+    return None
+
+
+def _at_once(team: Sequence[TeamMember], alone: Sequence[Plan | None]) -> dict[str, Plan] | None:
     """Every arm as if it were alone, all as slow as the slowest; None if they would meet."""
-    try:
-        plans = [planner.plan(each.request) for each in team]
-    except PlanningError:
+    plans = [each for each in alone if each is not None]
+    if len(plans) < len(team):
         return None
     longest = max(each.duration for each in plans)
     steady = [
@@ -187,7 +194,9 @@ def _at_once(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan] | 
     return _proven(team, plans, steady)
 
 
-def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> list[list[Plan]]:
+def _in_turn(
+    planner: Planner, team: Sequence[TeamMember], alone: Sequence[Plan | None]
+) -> list[list[Plan]]:
     """One after the other, in different orders; those that take longer than others are left out."""
     found: list[list[Plan]] = []
     for _, order in zip(range(MOST_ORDERS), permutations(range(len(team))), strict=False):
@@ -206,7 +215,8 @@ def _in_turn(planner: Planner, team: Sequence[TeamMember]) -> list[list[Plan]]:
                     for i, other in enumerate(team)
                     if i != k
                 ]
-                plans[k] = planner.plan(replace(me.request, others=tuple(others)))
+                asked = replace(me.request, others=tuple(others))
+                plans[k] = plan_among(planner.plan, asked, alone=alone[k])
                 if plans[k].duration >= shortest:
                     break
             else:
@@ -257,17 +267,18 @@ class _TeamChecker:
     """Checks configurations of several arms in a row, shape (5 k,), [rad], and lines of them."""
 
     def __init__(self, team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> None:
-        self._team = team
-        self._jaws = np.array([[each.request.q_jaw] for each in team])
-        self._checks = [
-            each.moves.collision.sampled_check(each.request.q_jaw, spacing=SPACING)
-            for each in contexts
+        jaws = [each.request.q_jaw for each in team]
+        self._around = [
+            (each.moves.collision, q_jaw) for each, q_jaw in zip(contexts, jaws, strict=True)
         ]
+        self._checks = [each.sampled_check(jaw, spacing=SPACING) for each, jaw in self._around]
+        self._rows = np.empty((len(team), 2, 6))
+        self._rows[:, :, 5] = np.array(jaws)[:, None]
+        bodies = [bodies_of(each.request.scene.attached) for each in team]
         self._pairs = [
-            (i, j, team[i].T_cell_base.inverse @ team[j].T_cell_base)
+            (bodies[i], bodies[j], team[i].T_cell_base.inverse @ team[j].T_cell_base, i, j)
             for i, j in combinations(range(len(team)), 2)
         ]
-        self._bodies = [bodies_of(each.request.scene.attached) for each in team]
 
     def is_free(self, q: Array) -> bool:
         """Whether nothing is too near at ``q``."""
@@ -278,7 +289,12 @@ class _TeamChecker:
 
     def first_free(self, configurations: Array) -> int | None:
         """The first free one of several configurations (n, 5 k) [rad], None if none is."""
-        return next((i for i, q in enumerate(configurations) if self.is_free(q)), None)
+        met = [
+            collision.touching(configurations[:, 5 * k : 5 * k + 5], q_jaw)
+            for k, (collision, q_jaw) in enumerate(self._around)
+        ]
+        alone = np.flatnonzero(np.logical_not(np.any(met, axis=0)))
+        return next((int(i) for i in alone if self._are_apart(configurations[i : i + 1])), None)
 
     def is_clear(self, q_from: Array, q_to: Array) -> bool:
         """Whether nothing is seen on a line, and the arms are proven to stay apart."""
@@ -288,13 +304,10 @@ class _TeamChecker:
         return self._are_apart(np.array([q_from, q_to]))
 
     def _are_apart(self, q: Array) -> bool:
-        rows = np.empty((len(self._jaws), len(q), 6))
+        rows = self._rows[:, : len(q)]
         rows[:, :, :5] = q.reshape(len(q), -1, 5).transpose(1, 0, 2)
-        rows[:, :, 5] = self._jaws
-        bodies = self._bodies
         return all(
-            are_apart(bodies[i], bodies[j], T, rows[i], rows[j], room=ROOM + SPARE)
-            for i, j, T in self._pairs
+            are_apart(a, b, T, rows[i], rows[j], room=ROOM + SPARE) for a, b, T, i, j in self._pairs
         )
 
 
@@ -341,7 +354,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
         for trajectory in motions or _timed(np.array(points), contexts, first.dt):
             if slower == SLOWER[0]:
                 motions.append(trajectory)
-            parts = _split(slowed(trajectory, slower))
+            parts = _split(slowed(trajectory, slower) if slower > 1.0 else trajectory)
             if not _keep_apart(team, parts):
                 continue
             try:

@@ -419,22 +419,25 @@ def _told(
 def _meet(
     a: ArmBodies, b: ArmBodies, T: SE3, qa: Array, qb: Array, room: float, early: float
 ) -> _Found:
-    library, placement, out = native().library, _placement(T), np.zeros(4)
+    library, count, size = native().library, len(qa), qa.size
     assert library is not None
+    given = np.concatenate((np.zeros(4), _placement(T), qa.ravel(), qb.ravel()))
+    at: int = given.ctypes.data  # asking for an address takes as long as some looks
+    placed, first, second = (at + given.itemsize * k for k in (4, 16, 16 + size))
     found = library.so101_apart(
         a.handle,
         b.handle,
-        pointer(placement),
+        ctypes.c_void_p(placed),
         a.levers_pointer,
         b.levers_pointer,
-        len(qa),
-        pointer(qa),
-        pointer(qb),
+        count,
+        ctypes.c_void_p(first),
+        ctypes.c_void_p(second),
         ctypes.c_double(room),
         ctypes.c_double(early),
-        pointer(out),
+        ctypes.c_void_p(at),
     )
-    return _found(found, out)
+    return _found(found, given)
 
 
 def _found(found: int, out: Array) -> _Found:

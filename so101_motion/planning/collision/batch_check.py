@@ -78,7 +78,7 @@ class BatchCheck:
         self._at_one, self._at_one_verdict = pointer(self._one), pointer(self._one_verdict)
         self._points, self._reach, self._blocked = np.zeros((FEW, 5)), np.zeros(5), np.zeros(5)
         self._at_points, self._at_reach = pointer(self._points), pointer(self._reach)
-        self._at_blocked = pointer(self._blocked)
+        self._at_blocked, self._at_second = pointer(self._blocked), pointer(self._points[1])
         arguments, pair_of = packed(model, bodies, floor_z or 0.0)
         self._pair_of = np.zeros(1 + max(pair_of, default=0), dtype=int)
         self._pair_of[list(pair_of)] = list(pair_of.values())
@@ -169,14 +169,14 @@ class BatchCheck:
         self, levels: Levels, reach: Array, spacing: float, q_from: Array, q_to: Array, q_jaw: float
     ) -> bool:
         """As ``SampledCheck.is_clear``."""
-        a, b = (np.ascontiguousarray(q, dtype=np.float64) for q in (q_from, q_to))
+        self._points[0], self._points[1], self._reach[:] = q_from, q_to, reach
         clear = self.library.so101_is_clear(
             self.scene,
             levels.array,
-            pointer(reach),
+            self._at_reach,
             ctypes.c_double(spacing),
-            pointer(a),
-            pointer(b),
+            self._at_points,
+            self._at_second,
             ctypes.c_double(q_jaw),
             0,
         )

@@ -18,7 +18,7 @@ from each other does not depend on that, so a margin wider than the usual one do
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import product
@@ -144,9 +144,7 @@ class _Mover(NamedTuple):
 
 def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodies:
     """The bodies of an arm (a Pinocchio model with six joints) and of a scene."""
-    # The outermost first: they are hit most often, and bodies are looked at in this order.
-    movers = [*_held(model, scene.attached), *reversed(list(_links(model)))]
-    gathered = _Gathered(model, movers)
+    gathered = _Gathered(model, _carried(_Same(model), scene.attached))
     gathered.pair_movers(scene.attached)
     if scene.floor_z is not None:
         gathered.add_floor(scene.floor_z)
@@ -167,9 +165,9 @@ def bodies_in(model: Any, scene: Scene, checkpoint: Checkpoint = wanted) -> Bodi
 
 def bodies_without(model: Any, attached: tuple[Attached, ...], left_out: frozenset[str]) -> Bodies:
     """The bodies of an arm and of what it holds, but for some; no pair of them is checked."""
-    movers = [*_held(model, attached), *reversed(list(_links(model)))]
-    kept = [each for each in movers if each.name not in left_out]
-    return _Gathered(model, kept).bodies(set(), 0.0)
+    carried = _carried(_Same(model), attached)
+    kept = [each for each in carried.movers if each.name not in left_out]
+    return _Gathered(model, carried._replace(movers=kept)).bodies(set(), 0.0)
 
 
 def _passed(attached: tuple[Attached, ...], other: StandingArm) -> set[frozenset[str]]:
@@ -230,22 +228,15 @@ def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, Any, SE3]]:
 class _Gathered:
     """Bodies and pairs as they come together."""
 
-    def __init__(self, model: Any, movers: list[_Mover]) -> None:
+    def __init__(self, model: Any, carried: _Carried) -> None:
         self._geometry = pin.GeometryModel()
         self._model = model
-        self._movers = movers
+        self._movers, self._levers, self._spans = carried
         self._pairs: list[tuple[int, int]] = []
         self._standing: dict[int, Standing] = {}
-        for each in movers:
+        for each in self._movers:
             self._add(each.name, each.joint, each.placement, each.shape)
-        self._levers = _levers(model, movers)
         self._centre = np.array(model.jointPlacements[1].translation)
-        steps = [float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(2, 7)]
-        # Until where each body can be from the pan's joint: the links between, then itself.
-        self._spans = [
-            sum(steps[: max(0, each.joint - 1)]) + float(np.linalg.norm(each.points, axis=1).max())
-            for each in movers
-        ]
 
     def pair_movers(self, attached: tuple[Attached, ...]) -> None:
         """Pairs of links that can meet, and things held with the links that do not hold them."""
@@ -330,6 +321,48 @@ class _Gathered:
         return int(
             self._geometry.addGeometryObject(pin.GeometryObject(name, joint, placement, shape))
         )
+
+
+class _Same:
+    """A Pinocchio model to look something up by: the very same object."""
+
+    def __init__(self, model: Any) -> None:
+        self.model = model
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and other.model is self.model
+
+    def __hash__(self) -> int:
+        return id(self.model)
+
+
+class _Carried(NamedTuple):
+    """An arm with what it holds, whatever is around.
+
+    Attributes:
+        movers: Its bodies.
+        levers: How far from each joint's axis anything it moves can be.
+        spans: Until where each body can be from the pan's joint [m].
+    """
+
+    movers: Sequence[_Mover]
+    levers: MotionBounds
+    spans: Sequence[float]
+
+
+@lru_cache(maxsize=16)
+def _carried(same: _Same, attached: tuple[Attached, ...]) -> _Carried:
+    """Made once: scenes change more often."""
+    model = same.model
+    # The outermost first: they are hit most often, and bodies are looked at in this order.
+    movers = [*_held(model, attached), *reversed(list(_links(model)))]
+    steps = [float(np.linalg.norm(model.jointPlacements[j].translation)) for j in range(2, 7)]
+    # The links between, then itself.
+    spans = [
+        sum(steps[: max(0, each.joint - 1)]) + float(np.linalg.norm(each.points, axis=1).max())
+        for each in movers
+    ]
+    return _Carried(movers, _levers(model, movers), spans)
 
 
 def _links(model: Any) -> Iterator[_Mover]:

@@ -187,19 +187,55 @@ static Closest closest(const Hull *first, const Hull *second, double enough, dou
     return found;
 }
 
+typedef float V __attribute__((vector_size(4 * LANES)));
+typedef int32_t I __attribute__((vector_size(4 * LANES)));
+
+/* As `furthest`, of a body, several points at a time. They are compared in single precision, so the
+ * one that is found may be nearer than the furthest, by less than half of ROUNDED. */
+#define ROUNDED 1e-6 /* [m] */
+
+static void body_furthest(const Scene *s, const Body *b, const Pose *pose, const double *n,
+                          double sign, double *out) {
+    const double *R = pose->R;
+    float own[3];
+    for (int c = 0; c < 3; c++)
+        own[c] = (float)(sign * (R[c] * n[0] + R[3 + c] * n[1] + R[6 + c] * n[2]));
+    V best;
+    I at, index;
+    for (int k = 0; k < LANES; k++) best[k] = -INFINITY, at[k] = 0, index[k] = k;
+    for (int i = 0; i < b->padded; i += LANES) {
+        V x, y, z;
+        memcpy(&x, b->columns + i, sizeof x);
+        memcpy(&y, b->columns + b->padded + i, sizeof y);
+        memcpy(&z, b->columns + 2 * b->padded + i, sizeof z);
+        const V value = x * own[0] + y * own[1] + z * own[2];
+        const I better = value > best;
+        best = (V)((better & (I)value) | (~better & (I)best));
+        at = (better & index) | (~better & at);
+        index += LANES;
+    }
+    int found = 0;
+    for (int k = 1; k < LANES; k++)
+        if (best[k] > best[found]) found = k;
+    const int i = at[found] < b->count ? at[found] : b->count - 1;
+    for (int r = 0; r < 3; r++)
+        out[r] = pose->p[r] + dot(R + 3 * r, s->points + 3 * (b->first + i));
+}
+
 double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, const Pose *at_b,
                  int body_b, double need, double enough, double *v) {
-    const Hull first = hull_of(a, at_a, body_a), second = hull_of(b, at_b, body_b);
-    const double radii = a->body[body_a].radius + b->body[body_b].radius;
+    const Body *first = &a->body[body_a], *second = &b->body[body_b];
+    const Pose *pose_a = &at_a[first->joint], *pose_b = &at_b[second->joint];
+    const double radii = first->radius + second->radius + ROUNDED;
     double w[4][3], a_of[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
     if (!(dot(v, v) > 0.0))
-        for (int c = 0; c < 3; c++) v[c] = first.p[c] - second.p[c];
+        for (int c = 0; c < 3; c++) v[c] = pose_a->p[c] - pose_b->p[c];
     int n = 0;
     for (int round = 0; round < ROUNDS && n < 4; round++) {
         const double length = sqrt(dot(v, v)); /* from the second round on an upper bound */
         if (!(length > 1e-9) || !(length < last)) break;
-        furthest(&first, v, -1.0, pa);
-        furthest(&second, v, 1.0, pb);
+        body_furthest(a, first, pose_a, v, -1.0, pa);
+        body_furthest(b, second, pose_b, v, 1.0, pb);
         for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c], a_of[n][c] = pa[c];
         low = fmax(low, dot(v, w[n]) / length);
         if (low - radii > enough) break;

@@ -13,6 +13,7 @@
 #define JOINTS 6
 #define MOST_BODIES 32  /* bits of a mask */
 #define MOST_POINTS 512 /* of one body */
+#define LANES 4         /* points that convex.c compares at once */
 #define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
@@ -30,6 +31,8 @@ typedef struct {
     float centre[3], ball;         /* a ball around a point inside the hull that holds the points */
     float box_centre[3], box_half[3]; /* a box that holds the points, along the joint's axes */
     float spine[2][3];                /* a line inside the hull, from end to end */
+    const float *columns; /* the points' x, then y, then z; the last repeated up to `padded` */
+    int padded;
 } Body;
 
 typedef struct {
@@ -71,7 +74,7 @@ typedef struct {
     int bodies, pairs, nodes;
     Body body[MOST_BODIES];
     double *points; /* of bodies, in their joints' frames */
-    float *points_f;
+    float *points_f, *columns;
     Pair *pair;
     uint32_t with_floor;
     double floor_z;

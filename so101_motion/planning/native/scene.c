@@ -51,8 +51,8 @@ int so101_start(int most) {
 
 void so101_free(Scene *s) {
     if (!s) return;
-    free(s->points), free(s->points_f), free(s->pair), free(s->shape), free(s->shape_points);
-    free(s->shape_points_f), free(s->piece), free(s->node);
+    free(s->points), free(s->points_f), free(s->columns), free(s->pair), free(s->shape);
+    free(s->shape_points), free(s->shape_points_f), free(s->piece), free(s->node);
     free(s->nearest), free(s);
 }
 
@@ -69,6 +69,24 @@ static float *in_single(const double *points, int n) {
     float *out = malloc((size_t)(n ? n : 1) * sizeof *out);
     if (out)
         for (int i = 0; i < n; i++) out[i] = (float)points[i];
+    return out;
+}
+
+/* The points of all bodies by columns, for convex.c; 0 without memory. */
+static float *in_columns(Scene *s, const double *points, const int *first) {
+    int room = 0;
+    for (int k = 0; k < s->bodies; k++) {
+        s->body[k].padded = (first[k + 1] - first[k] + LANES - 1) / LANES * LANES;
+        room += 3 * s->body[k].padded;
+    }
+    float *out = malloc((size_t)(room ? room : 1) * sizeof *out), *at = out;
+    for (int k = 0; out && k < s->bodies; k++) {
+        const int m = s->body[k].padded, n = first[k + 1] - first[k];
+        s->body[k].columns = at;
+        for (int c = 0; c < 3; c++)
+            for (int i = 0; i < m; i++)
+                *at++ = (float)points[3 * (first[k] + (i < n ? i : n - 1)) + c];
+    }
     return out;
 }
 
@@ -223,6 +241,7 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
     s->ask = ask, s->next_ask = 1;
     s->points = copied(points, 3 * (size_t)first[bodies] * sizeof *points);
     s->points_f = in_single(points, 3 * first[bodies]);
+    s->columns = in_columns(s, points, first);
     s->pair = copied(pair, (size_t)pairs * sizeof *s->pair);
     s->shape = calloc((size_t)shapes + 1, sizeof *s->shape);
     s->shape_points = copied(shape_points, 3 * (size_t)shape_first[shapes] * sizeof *points);
@@ -231,7 +250,7 @@ Scene *so101_new(const double *offsets, int bodies, const int *joint, const int 
     s->node = calloc(2 * (size_t)pieces + 1, sizeof *s->node);
     s->objects = objects;
     s->nearest = calloc((size_t)objects + 1, NEAR_ROW * sizeof *s->nearest);
-    if (!s->points || !s->points_f || !s->pair || !s->shape || !s->shape_points ||
+    if (!s->points || !s->points_f || !s->columns || !s->pair || !s->shape || !s->shape_points ||
         !s->shape_points_f || !s->piece || !s->node || !s->nearest)
         goto failed;
     for (int k = 0; k < bodies; k++) {
