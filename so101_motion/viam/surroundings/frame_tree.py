@@ -36,6 +36,8 @@ class Part:
         geometry: What its frame's configuration says it looks like; None if nothing.
         has_end: Whether it has kinematics, so that its end may be elsewhere than its origin.
         has_joints: Whether that end moves.
+        kinematics: What those call themselves: an arm of this module by the component's name, which
+            that of the frame need not be.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Part:
     geometry: Geometry | None
     has_end: bool
     has_joints: bool
+    kinematics: str
 
 
 class FrameTree:
@@ -158,7 +161,14 @@ def _part(config: FrameSystemConfig) -> Part:
         geometry=frame.physical_object if frame.HasField("physical_object") else None,
         has_end=has_end,
         has_joints=joints > 0 or (is_old and _has_joints(config)),
+        kinematics=_kinematics_name(config),
     )
+
+
+def _kinematics_name(config: FrameSystemConfig) -> str:
+    fields = config.kinematics.fields
+    name = fields["name"].string_value if "name" in fields else ""  # asking would make one
+    return config.model.name or name
 
 
 def _has_joints(config: FrameSystemConfig) -> bool:

@@ -181,6 +181,7 @@ class MachineBodies:
             self._ends.clear()
             self._shapes.clear()
         if self._arm not in self._tree.parts:
+            self._refuse_renamed()
             self.without = f'"{self._arm}" has no frame in the machine\'s configuration'
             return self._nothing()
         self.without = ""
@@ -206,6 +207,18 @@ class MachineBodies:
         if self._cell is not None:
             self._cell.know(self._arm, self._held)
         return self._view(self._bodies, self._tree, ends)
+
+    def _refuse_renamed(self) -> None:
+        """Refuse a machine in which the arm's frame is called otherwise than the arm.
+
+        viam-server knows the frame by that name alone, and cannot place what hangs from it.
+        """
+        for part in self._tree.parts.values():
+            if part.kinematics == self._arm:
+                raise SurroundingsUnknown(
+                    f'the frame of "{self._arm}" is called "{part.name}" in the machine',
+                    remedy='take the "id" out of its frame\'s configuration',
+                )
 
     async def _frame_system(self) -> list[FrameSystemConfig]:
         """What the machine says once everything that belongs into its frame system is there."""

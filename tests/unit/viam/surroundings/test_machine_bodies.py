@@ -196,6 +196,17 @@ async def test_without_a_frame_system_or_a_frame_nothing_is_known(around):
     assert "no frame system" in reader.without
 
 
+async def test_an_arm_whose_frame_is_called_otherwise_is_not_moved_through_things(around):
+    """As a genuine viam-server says it of a frame with an id, today's and with typed models."""
+    old, new = hanging("robot"), hanging("robot", joints=5)
+    old.kinematics.update({"name": "arm", "links": [], "joints": [{"id": "1"}]})
+    new.model.name = "arm"
+    for own in (old, new):
+        reader = around(FakeMachine(own, hanging("crate", geometry=a_box(10, 10, 10))))
+        with pytest.raises(SurroundingsUnknown, match=r'is called "robot".*"id" out'):
+            await reader.read()
+
+
 @pytest.mark.parametrize(
     ("configs", "things", "says"),
     [
