@@ -20,7 +20,6 @@ import logging
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -37,7 +36,7 @@ from so101_motion.drivers.feetech.feetech_arm import FeetechArm
 from so101_motion.drivers.feetech.gravity_compensation import Gravity
 from so101_motion.drivers.feetech.hand_pull import Pull
 from so101_motion.drivers.feetech.health import JointHealth
-from so101_motion.drivers.feetech.servo_judgement import HOT_C, WARM_C, alarms
+from so101_motion.drivers.feetech.servo_judgement import alarms
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.port.serial_port import PortOpener
 from so101_motion.rig.bus_monitor import BusMonitor
@@ -47,8 +46,6 @@ from so101_motion.rig.readiness import Readiness
 from so101_motion.rig.servo_finder import ServoFinder, ask
 
 __all__ = ["ServoDriver", "ServoSettings"]
-
-T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -351,12 +348,6 @@ class ServoDriver:
     def upper(self) -> Array:
         """Largest calibrated angles of the arm joints, shape (5,), [rad]."""
         return self._ends("upper", np.inf)
-
-    @property
-    def slowdown(self) -> float:
-        """What share of its speed the arm should use, 1 to 0.25, by its hottest servo."""
-        hottest = max((joint.temperature_c for joint in self.health), default=0)
-        return float(np.interp(hottest, (WARM_C, HOT_C), (1.0, 0.25)))
 
     # How
 

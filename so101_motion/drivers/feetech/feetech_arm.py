@@ -54,7 +54,7 @@ from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
 from so101_motion.drivers.feetech.presence import missing_servos, restarted_servos
 from so101_motion.drivers.feetech.servo_model import ServoModel
 from so101_motion.drivers.feetech.servo_setup import ServoCondition
-from so101_motion.drivers.feetech.torque_switch import TorqueSwitch
+from so101_motion.drivers.feetech.torque_switch import ServoParts, TorqueSwitch
 from so101_motion.drivers.goal_limiter import GoalLimiter
 from so101_motion.drivers.servo_types import ServoFigures
 
@@ -127,15 +127,13 @@ class FeetechArm:
         self.models: Sequence[ServoModel] = self._compensation.trim.models
         self._out_of_range = OutOfRangeJoints(self._maps, self._chain.ram)
         self._goals = GoalWriter(self._compensation, clock, self._index, self._chain.ram)
-        self._switch = TorqueSwitch(
-            self._chain, self._compensation, self._at, self._out_of_range, self._goals, clock,
-            self._maps,
+        parts = ServoParts(
+            chain=self._chain, compensation=self._compensation, at=self._at,
+            out_of_range=self._out_of_range, goals=self._goals, clock=clock,
         )  # fmt: skip
+        self._switch = TorqueSwitch(parts, self._maps)
         self._guide: HandGuiding | None = None
-        self._pull = HandPull(
-            self._chain, self._compensation, self._at, self._out_of_range, self._goals,
-            self._switch, clock,
-        )  # fmt: skip
+        self._pull = HandPull(parts, self._switch)
         self._health_readings = HealthReadings(clock.now())
         try:
             self._reach()

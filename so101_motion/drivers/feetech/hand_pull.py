@@ -13,15 +13,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from so101_motion.common.clock import Clock
 from so101_motion.drivers.bus import registers as reg
 from so101_motion.drivers.bus.bus import Bus
-from so101_motion.drivers.feetech.chain import Chain
-from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
-from so101_motion.drivers.feetech.goal_writer import GoalWriter
-from so101_motion.drivers.feetech.joint_estimate import JointEstimate
-from so101_motion.drivers.feetech.out_of_range import OutOfRangeJoints
-from so101_motion.drivers.feetech.torque_switch import TorqueSwitch
+from so101_motion.drivers.feetech.torque_switch import ServoParts, TorqueSwitch
 
 _JAW = 5
 
@@ -45,28 +39,14 @@ class HandPull:
     """Pulls the arm joints, or does not. Used by the I/O thread only.
 
     Args:
-        chain: The servos.
-        compensation: Where the joints are wanted.
-        at: Where they are.
-        out_of_range: Those that get no goal.
-        goals: Sends the goals.
+        parts: The servos and what is known of them.
         switch: Their torque.
-        clock: What time it is.
     """
 
-    def __init__(
-        self,
-        chain: Chain,
-        compensation: GoalCompensation,
-        at: JointEstimate,
-        out_of_range: OutOfRangeJoints,
-        goals: GoalWriter,
-        switch: TorqueSwitch,
-        clock: Clock,
-    ) -> None:
-        self._chain, self._compensation, self._at = chain, compensation, at
-        self._out_of_range, self._goals = out_of_range, goals
-        self._switch, self._clock = switch, clock
+    def __init__(self, parts: ServoParts, switch: TorqueSwitch) -> None:
+        self._chain, self._compensation, self._at = parts.chain, parts.compensation, parts.at
+        self._out_of_range, self._goals = parts.out_of_range, parts.goals
+        self._switch, self._clock = switch, parts.clock
         self._pull: Pull | None = None
 
     @property

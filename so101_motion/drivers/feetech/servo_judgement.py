@@ -11,6 +11,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from so101_motion.drivers.feetech.health import JointHealth
 
 HOT_C = 65
@@ -206,6 +208,12 @@ def alarms(health: Iterable[JointHealth]) -> dict[str, str]:
             if trouble.level == "stop":
                 found.setdefault(joint.joint, str(trouble))
     return found
+
+
+def share_of_speed(health: Iterable[JointHealth]) -> float:
+    """What share of its speed the arm should use, 1 to 0.25, by its hottest servo."""
+    hottest = max((joint.temperature_c for joint in health), default=0)
+    return float(np.interp(hottest, (WARM_C, HOT_C), (1.0, 0.25)))
 
 
 def lossy_share(count: int, asked: int) -> float:

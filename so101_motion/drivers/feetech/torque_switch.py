@@ -7,6 +7,7 @@ no goal can keep it, is left as it is.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 
 from so101_motion.common.clock import Clock
 from so101_motion.drivers.bus import registers as reg
@@ -23,32 +24,39 @@ _FRESH = 0.1
 """How old the position may be that a joint is held at [s]. Chosen: two looks at a resting arm."""
 
 
-class TorqueSwitch:
-    """The torque of all servos. Used by the I/O thread only.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoParts:
+    """What the ways to drive an arm's servos share.
 
-    Args:
+    Attributes:
         chain: The servos.
         compensation: Where the joints are wanted.
         at: Where they are.
         out_of_range: Those that are left as they are.
-        goals: Sends the first goals.
+        goals: Sends the goals.
         clock: What time it is.
+    """
+
+    chain: Chain
+    compensation: GoalCompensation
+    at: JointEstimate
+    out_of_range: OutOfRangeJoints
+    goals: GoalWriter
+    clock: Clock
+
+
+class TorqueSwitch:
+    """The torque of all servos. Used by the I/O thread only.
+
+    Args:
+        parts: The servos and what is known of them.
         maps: The servo of each joint, by index.
     """
 
-    def __init__(
-        self,
-        chain: Chain,
-        compensation: GoalCompensation,
-        at: JointEstimate,
-        out_of_range: OutOfRangeJoints,
-        goals: GoalWriter,
-        clock: Clock,
-        maps: Mapping[int, JointMap],
-    ) -> None:
-        self._chain, self._compensation, self._at = chain, compensation, at
-        self._out_of_range, self._goals = out_of_range, goals
-        self._clock, self._maps = clock, maps
+    def __init__(self, parts: ServoParts, maps: Mapping[int, JointMap]) -> None:
+        self._chain, self._compensation, self._at = parts.chain, parts.compensation, parts.at
+        self._out_of_range, self._goals = parts.out_of_range, parts.goals
+        self._clock, self._maps = parts.clock, maps
 
     def on(self, bus: Bus) -> None:
         """Drive all joints to the goals that have been set; a silent jaw is left out.

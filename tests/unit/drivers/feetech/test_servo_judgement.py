@@ -1,7 +1,7 @@
 import pytest
 
 from so101_motion.drivers.feetech.health import JointHealth
-from so101_motion.drivers.feetech.servo_judgement import alarms, judge
+from so101_motion.drivers.feetech.servo_judgement import alarms, judge, share_of_speed
 
 
 def joint(name="elbow_flex", **changes):
@@ -34,6 +34,13 @@ def test_trouble_is_named_by_joint_with_its_figure(changes, says):
 
     assert set(found) == {"elbow_flex"}
     assert says in found["elbow_flex"]
+
+
+@pytest.mark.parametrize(
+    ("celsius", "share"), [((), 1.0), ((30, 55), 1.0), ((30, 60), 0.625), ((65, 30), 0.25)]
+)
+def test_the_hottest_servo_says_how_fast_the_arm_may_be(celsius, share):
+    assert share_of_speed([joint(temperature_c=each) for each in celsius]) == share
 
 
 def test_a_silent_servo_is_the_driver_s_to_report():
