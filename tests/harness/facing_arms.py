@@ -1,14 +1,48 @@
 """Two arms that face each other, 350 mm apart, and configurations that bring them together."""
 
+from concurrent.futures import wait
+
 import numpy as np
 
+from so101_motion.arm.cell import Cell
+from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.collision.apart import bodies_of, first_meeting
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.rig.hardware_rig import open_simulated
 
 T_LEFT_RIGHT = SE3(rot_z(np.pi), np.array([0.35, 0.0, 0.0]))
+ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
+
+
+class FacingArms:
+    """Two simulated arms in a cell, on a clock that a test moves.
+
+    Args:
+        stack: Closes them.
+        left: What else the left one is opened with.
+    """
+
+    def __init__(self, stack, **left):
+        self.clock, self.cell, self.arms = ManualClock(), Cell(), {}
+        common = {"clock": self.clock, "q_start": ASIDE, "speed": np.pi, "acceleration": 8.0}
+        for name, T, own in (("left", SE3.identity(), left), ("right", T_LEFT_RIGHT, {})):
+            rig = stack.enter_context(open_simulated(**common, **own))
+            self.cell.add(name, rig, T)
+            self.arms[name] = rig.arm
+
+    def pass_time(self, futures, until, look):
+        """Let time pass until ``until()`` or all futures are done; ``look()`` after each step."""
+        for _ in range(4000):
+            if until() or all(future.done() for future in futures):
+                return
+            if not any(arm.is_moving for arm in self.arms.values()):
+                wait(futures, timeout=0.001)  # threads' turn
+            self.clock.advance(0.01)
+            look()
+        raise AssertionError("it goes on and on")
 
 
 class Facing:

@@ -1,16 +1,13 @@
 """A thing is passed from hand to hand by two simulated arms, on a clock the test drives."""
 
-from concurrent.futures import wait
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from harness.facing_arms import T_LEFT_RIGHT
+from harness.facing_arms import T_LEFT_RIGHT, FacingArms
 
-from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, Interrupted, MotionError
-from so101_motion.common.geometry import SE3
 from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.collision.apart import GUARDED, bodies_of, clearance_over_time
 from so101_motion.planning.collision.course import Course
@@ -19,7 +16,6 @@ from so101_motion.planning.kinematics.jaw import JawGeometry
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.rig.hardware_rig import open_simulated
 
-ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
 STICK = Box(size=[0.02, 0.02, 0.16])
 
 
@@ -30,31 +26,15 @@ def planning_process():
         yield
 
 
-class Bench:
-    """Two simulated arms that face each other; the left one holds a stick at one end."""
+class Bench(FacingArms):
+    """The left arm holds a stick at one end."""
 
     def __init__(self, stack):
-        self.clock, self.cell = ManualClock(), Cell()
         jaw = JawGeometry(RobotModel.load())
         held = next(e for e in grasps_of(STICK) if abs(e.T_object_grip.p[2]) > 0.06)
         T_tool_object = jaw.T_tool_grip(held.thickness) @ held.T_object_grip.inverse
         self.stick = Attached(name="stick", shape=STICK, T_tool_object=T_tool_object, mass=0.04)
-        self.arms = {}
-        for name, T, things in (
-            ("left", SE3.identity(), (self.stick,)),
-            ("right", T_LEFT_RIGHT, ()),
-        ):
-            rig = stack.enter_context(
-                open_simulated(
-                    clock=self.clock,
-                    q_start=ASIDE,
-                    scene=Scene(attached=things),
-                    speed=np.pi,
-                    acceleration=8.0,
-                )
-            )
-            self.cell.add(name, rig, T)
-            self.arms[name] = rig.arm
+        super().__init__(stack, scene=Scene(attached=(self.stick,)))
 
     def held(self, name):
         return [each.name for each in self.arms[name].scene.attached]
@@ -75,14 +55,10 @@ class Bench:
         )
 
     def finish(self, motions, until=lambda: False):
-        for _ in range(4000):
-            if until() or all(each.future.done() for each in motions.values()):
-                return
-            if not any(each.is_moving for each in self.arms.values()):
-                wait([each.future for each in motions.values()], timeout=0.001)  # threads' turn
-            self.clock.advance(0.01)
+        def look():
             assert self.clearance() > 0.7 * GUARDED
-        raise AssertionError("it goes on and on")
+
+        self.pass_time([each.future for each in motions.values()], until, look)
 
 
 @pytest.fixture

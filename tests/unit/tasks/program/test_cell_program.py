@@ -1,17 +1,14 @@
 """Programs of several arms: files, what is refused, and runs on a clock the test drives."""
 
 import json
-from concurrent.futures import wait
 from contextlib import ExitStack
 
 import numpy as np
 import pytest
-from harness.facing_arms import T_LEFT_RIGHT, Facing
+from harness.facing_arms import Facing, FacingArms
 
-from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.errors import ConfigError, InCollision, Interrupted, MotionError
-from so101_motion.common.geometry import SE3
 from so101_motion.rig.hardware_rig import open_simulated
 from so101_motion.tasks.program.cell_program import (
     CellProgram,
@@ -21,7 +18,6 @@ from so101_motion.tasks.program.cell_program import (
 from so101_motion.tasks.program.cell_run import rehearse_cell, start_cell_program
 from so101_motion.tasks.program.program import Waypoint
 
-ASIDE = np.radians([60.0, -30.0, 30.0, 30.0, 0.0])
 A = np.radians([50.0, -20.0, 30.0, 30.0, 0.0])
 B = np.radians([60.0, -30.0, 20.0, 40.0, 20.0])
 
@@ -33,17 +29,8 @@ def planning_process():
         yield
 
 
-class Bench:
-    """Two simulated arms that face each other."""
-
-    def __init__(self, stack):
-        self.clock, self.cell, self.arms = ManualClock(), Cell(), {}
-        for name, T in (("left", SE3.identity()), ("right", T_LEFT_RIGHT)):
-            rig = stack.enter_context(
-                open_simulated(clock=self.clock, q_start=ASIDE, speed=np.pi, acceleration=8.0)
-            )
-            self.cell.add(name, rig, T)
-            self.arms[name] = rig.arm
+class Bench(FacingArms):
+    """Two arms that run programs."""
 
     def start(self, program):
         return start_cell_program(self.cell, rehearse_cell(self.cell, program))
@@ -51,17 +38,15 @@ class Bench:
     def run(self, run, until=lambda: False):
         """Let time pass until the run is over; which arms moved at the same time, by the step."""
         moved, q = {}, {name: arm.state.q_ref for name, arm in self.arms.items()}
-        for _ in range(4000):
-            if until() or run.future.done():
-                return moved
+
+        def look():
             here = {name: arm.state.q_ref for name, arm in self.arms.items()}
             changed = {name for name in q if np.abs(here[name] - q[name]).max() > 1e-9}
             moved.setdefault(run.where, set()).update(changed)
-            q = here
-            if not changed:
-                wait([run.future], timeout=0.001)  # threads' turn
-            self.clock.advance(0.01)
-        raise AssertionError("it goes on and on")
+            q.update(here)
+
+        self.pass_time([run.future], until, look)
+        return moved
 
 
 @pytest.fixture
