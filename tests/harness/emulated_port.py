@@ -43,26 +43,32 @@ async def works(call):
     return True
 
 
-async def patiently(call, tries=5):
-    """The outcome of ``call()``, which is asked for again when the servos came too late.
+def servos_came_late(error):
+    """Whether a busy machine kept emulated servos from answering or from moving in time."""
+    if error.status is Status.ABORTED:
+        return "from where it should be" in error.message
+    lost = (Status.UNAVAILABLE, Status.FAILED_PRECONDITION)  # an answer, and the fault it makes
+    return error.status in lost and "not ready" not in error.message
 
-    A busy machine may keep emulated servos from answering, or from moving, in time. What a real
-    servo would never do is no finding; anything else that goes wrong is raised at once.
+
+def processes_came_late(error):
+    """Whether a busy machine kept processes of simulated arms from answering or moving in time."""
+    late = ("has not said within", "no setpoint could be sent")
+    return any(words in error.message for words in late)
+
+
+async def patiently(call, tries=5, came_late=servos_came_late):
+    """The outcome of ``call()``, which is asked for again when ``came_late`` says so of its error.
+
+    What only a busy machine does is no finding; anything else that goes wrong is raised at once.
     """
     for left in reversed(range(tries)):
         try:
             return await call()
         except GRPCError as error:
-            if not left or not _came_late(error):
+            if not left or not came_late(error):
                 raise
             await asyncio.sleep(0.5)
-
-
-def _came_late(error):
-    if error.status is Status.ABORTED:
-        return "from where it should be" in error.message
-    lost = (Status.UNAVAILABLE, Status.FAILED_PRECONDITION)  # an answer, and the fault it makes
-    return error.status in lost and "not ready" not in error.message
 
 
 @asynccontextmanager

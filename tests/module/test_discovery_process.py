@@ -95,7 +95,7 @@ async def test_what_is_discovered_can_be_added_as_it_is(emulated):
     assert not [line for line in said if "calibration" in line]
 
 
-async def test_nothing_to_find_is_explained(tmp_path):
+async def test_nothing_to_find_is_explained_and_wrong_settings_are_refused(tmp_path):
     async with running_module() as (module, _, _):
         missing = str(tmp_path / "ttyACM0")
         service = await module.add(SERVICE, DISCOVERY, {"ports": [missing]}, "find")
@@ -108,13 +108,10 @@ async def test_nothing_to_find_is_explained(tmp_path):
         with pytest.raises(GRPCError) as caught:
             await service.do_command({"command": "reprot"})
         assert 'did you mean "report"' in caught.value.message
-    said = [message for _, message in module.parent.lines]
-    assert any("no such port" in message for message in said)
 
-
-async def test_wrong_settings_are_refused():
-    async with running_module() as (module, _, _):
         with pytest.raises(GRPCError) as caught:
             await module.validate(SERVICE, DISCOVERY, {"port": "/dev/ttyACM0"})
         assert caught.value.status is Status.INVALID_ARGUMENT
         assert 'did you mean "ports"' in caught.value.message
+    said = [message for _, message in module.parent.lines]
+    assert any("no such port" in message for message in said)

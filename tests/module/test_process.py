@@ -12,7 +12,7 @@ import pytest
 import pytest_asyncio
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from harness.emulated_port import emulated_port
+from harness.emulated_port import emulated_port, works
 from harness.fake_parent import (
     ARM,
     CALIBRATION,
@@ -149,7 +149,7 @@ async def test_configurations_that_cannot_be_used_are_refused_before_anything_is
 
 @shared
 async def test_what_it_logs_reaches_the_parent(process):
-    await process.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "arm")
+    await process.add(ARM, SIMULATED, {"mesh_decimation_ratios": [0.5]}, "one")
     await process.add(ARM, SIMULATED, {}, "other")
 
     def lines():
@@ -214,25 +214,21 @@ async def test_abandoned_plans_hold_up_neither_the_next_move_nor_the_end_of_the_
             await asyncio.gather(*plans, return_exceptions=True)
 
 
-async def test_frozen_time_does_not_hold_up_the_end_of_the_process():
+async def test_frozen_time_holds_up_neither_the_end_of_an_arm_nor_that_of_the_process():
     async with running_module() as (module, _, _):
-        arm = await module.add(ARM, SIMULATED, {"simulate_time": False}, "arm")
-        move = await begin_sweep(arm, seconds=0.05)
+        removed, kept = [
+            await begin_sweep(
+                await module.add(ARM, SIMULATED, {"simulate_time": False}, name), seconds=0.05
+            )
+            for name in ("removed", "kept")
+        ]
+        await module.remove(ARM, "removed")
+        with pytest.raises(GRPCError, match="ended early by the removal of its arm"):
+            await removed
         module.process.send_signal(signal.SIGTERM)
         assert await module.ended() == 0
         with pytest.raises((GRPCError, StreamTerminatedError)):
-            await move
-
-
-async def test_frozen_time_does_not_hold_up_the_end_of_the_arm():
-    async with running_module() as (module, _, _):
-        arm = await module.add(ARM, SIMULATED, {"simulate_time": False}, "arm")
-        move = await begin_sweep(arm, seconds=0.05)
-        await module.remove(ARM, "arm")
-        with pytest.raises(GRPCError, match="ended early by the removal of its arm"):
-            await move
-        module.process.send_signal(signal.SIGTERM)
-        assert await module.ended() == 0
+            await kept
 
 
 class FakeMotion(Motion):
@@ -250,47 +246,44 @@ class FakeMotion(Motion):
     stop_plan = get_plan = list_plan_statuses = None
 
 
-async def ask_a_named_motion_service(model, **attributes):
-    service, attributes = FakeMotion(), {"motion": "mine", **attributes}
+async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent(tmp_path):
+    """By a simulated arm and by a real one."""
+    service = FakeMotion()
     rpc = MotionRPCService(ResourceManager([service]))
     resources = [Motion.get_resource_name("mine")]
-    async with running_module(services=[rpc], resources=resources) as (module, _, _):
-        answer = await module.validate(ARM, model, attributes)
-        assert list(answer.dependencies) == ["rdk:service:motion/mine"]
-        arm = await module.add(ARM, model, attributes, "arm", answer.dependencies)
-        await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
+    async with (
+        emulated_port(tmp_path) as emulated,
+        running_module(services=[rpc], resources=resources) as (module, _, _),
+    ):
+        for model, own in ((SIMULATED, {}), (HARDWARE_ARM, {"port": emulated.port})):
+            attributes = {"motion": "mine", **own}
+            answer = await module.validate(ARM, model, attributes)
+            assert list(answer.dependencies) == ["rdk:service:motion/mine"]
+            arm = await module.add(ARM, model, attributes, "arm", answer.dependencies)
+            await until(lambda arm=arm: works(arm.get_geometries))  # found late on a busy machine
+            await arm.move_to_position(Pose(x=250, y=0, z=150, o_z=1))
+            await module.remove(ARM, "arm")
 
-    assert service.asked == [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
-
-
-async def test_a_named_motion_service_is_a_dependency_and_is_asked_through_the_parent():
-    await ask_a_named_motion_service(SIMULATED)
-
-
-async def test_a_real_arm_asks_a_named_motion_service_as_well(tmp_path):
-    async with emulated_port(tmp_path) as emulated:
-        await ask_a_named_motion_service(HARDWARE_ARM, port=emulated.port)
+    assert service.asked == 2 * [("arm", "arm_origin", {"goal_metric_type": "position_only"})]
 
 
-async def test_our_motion_service_asks_the_machine_where_the_arm_stands():
-    async with running_module() as (module, _, _):
-        arm = await module.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
-        motion = await module.add(MOTION, "devrel:so101:motion", {}, "planner")
-        above = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=250, o_z=1))
-        crate = Geometry(
-            label="crate",
-            box=RectangularPrism(dims_mm=Vector3(x=80, y=80, z=80)),
-            center=Pose(x=250, y=30, z=140, o_z=1),
-        )
-        around = WorldState(
-            obstacles=[GeometriesInFrame(reference_frame="world", geometries=[crate])]
-        )
-        assert await motion.move("arm", above, around)
-        pose = await arm.get_end_position()
-        assert (pose.x, pose.y, pose.z) == pytest.approx((250, 30, 150), abs=0.2)
-        below = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=150, o_z=1))
-        with pytest.raises(GRPCError, match="crate"):
-            await motion.move("arm", below, around)
+@shared
+async def test_our_motion_service_asks_the_machine_where_the_arm_stands(process):
+    arm = await process.add(ARM, SIMULATED, {"acceleration_degs_per_sec_per_sec": 500.0}, "arm")
+    motion = await process.add(MOTION, "devrel:so101:motion", {}, "planner")
+    above = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=250, o_z=1))
+    crate = Geometry(
+        label="crate",
+        box=RectangularPrism(dims_mm=Vector3(x=80, y=80, z=80)),
+        center=Pose(x=250, y=30, z=140, o_z=1),
+    )
+    around = WorldState(obstacles=[GeometriesInFrame(reference_frame="world", geometries=[crate])])
+    assert await motion.move("arm", above, around)
+    pose = await arm.get_end_position()
+    assert (pose.x, pose.y, pose.z) == pytest.approx((250, 30, 150), abs=0.2)
+    below = PoseInFrame(reference_frame="world", pose=Pose(x=250, y=30, z=150, o_z=1))
+    with pytest.raises(GRPCError, match="crate"):
+        await motion.move("arm", below, around)
 
 
 PARENT = """
@@ -319,10 +312,9 @@ async def test_a_killed_parent_takes_the_module_and_its_worker_with_it():
     socket.unlink(missing_ok=True)
 
 
-@pytest.mark.parametrize("cwd", ["/", str(ROOT)])
-async def test_run_sh_starts_the_module_wherever_it_is_called_from(cwd):
+async def test_run_sh_starts_the_module_wherever_it_is_called_from():
     command = (str(ROOT / "run.sh"),)
-    async with running_module(command=command, arguments=("--log-level=info",), cwd=cwd) as (
+    async with running_module(command=command, arguments=("--log-level=info",), cwd="/") as (
         module,
         models,
         _,

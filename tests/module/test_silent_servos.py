@@ -9,6 +9,7 @@ import time
 import tty
 
 import pytest
+import pytest_asyncio
 from grpclib import GRPCError, Status
 from harness.emulated_port import emulated_port, patiently, works
 from harness.fake_parent import (
@@ -27,7 +28,7 @@ from viam.components.arm import JointPositions
 from so101_motion.drivers.bus.bus import Bus
 from so101_motion.drivers.port.serial_port import SerialPort
 
-pytestmark = pytest.mark.emulator_only
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.emulator_only]
 
 PATIENT = {"timeout": "60s"}
 """For how long a component that waited for silent servos would keep everybody waiting."""
@@ -36,10 +37,40 @@ AT_ONCE = 30.0
 """Within what time a component must be there [s]; mostly 0.02, on a busy machine some seconds."""
 
 
-@pytest.fixture
+@pytest_asyncio.fixture(loop_scope="module")
 async def emulated(tmp_path):
     async with emulated_port(tmp_path, "--fault", "dead:3") as emulated:
         yield emulated
+
+
+class Machine:
+    """A module, and what a test has added to it."""
+
+    def __init__(self, module):
+        self._module, self._added = module, []
+
+    async def add(self, api, model, attributes, name):
+        component = await self._module.add(api, model, attributes, name)
+        self._added.append((api, name))
+        return component
+
+    async def clear(self):
+        for api, name in reversed(self._added):
+            await self._module.remove(api, name)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def process():
+    """One module for all; a start costs a second."""
+    async with running_module() as (module, _, _):
+        yield module
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def module(process):
+    machine = Machine(process)
+    yield machine
+    await machine.clear()
 
 
 @pytest.fixture
@@ -78,47 +109,46 @@ async def names(component, joint):
     await until(is_named)
 
 
-async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated):
-    async with running_module() as (module, _, _):
-        attributes = {"port": emulated.port, **PATIENT}
-        arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, attributes, "arm"))
-        before = await arm.get_kinematics()
-        await names(arm, "elbow_flex")
-        for call in (
-            arm.get_joint_positions(),
-            arm.get_end_position(),
-            arm.move_to_joint_positions(JointPositions(values=[0.0] * 5)),
-            arm.do_command({"command": "ping"}),
-            arm.do_command({"command": "get_calibration"}),
-        ):
-            message = await within(AT_ONCE, refused(call))
-            for words in ("not ready", "no reply from servo 3 (elbow_flex)", "tried for "):
-                assert words in message
-        await arm.stop()
-        status = await arm.get_status()
-        assert status["connected"] is False
-        assert "elbow_flex" in status["not_ready"]
-        assert "elbow_flex" in status["notes"][0]
-        assert "elbow_flex" in (await arm.do_command({"command": "diagnose"}))["error"]
+async def test_an_arm_is_there_before_its_servos_and_says_who_is_silent(emulated, module):
+    attributes = {"port": emulated.port, **PATIENT}
+    arm = await within(AT_ONCE, module.add(ARM, HARDWARE_ARM, attributes, "arm"))
+    before = await arm.get_kinematics()
+    await names(arm, "elbow_flex")
+    for call in (
+        arm.get_joint_positions(),
+        arm.get_end_position(),
+        arm.move_to_joint_positions(JointPositions(values=[0.0] * 5)),
+        arm.do_command({"command": "ping"}),
+        arm.do_command({"command": "get_calibration"}),
+    ):
+        message = await within(AT_ONCE, refused(call))
+        for words in ("not ready", "no reply from servo 3 (elbow_flex)", "tried for "):
+            assert words in message
+    await arm.stop()
+    status = await arm.get_status()
+    assert status["connected"] is False
+    assert "elbow_flex" in status["not_ready"]
+    assert "elbow_flex" in status["notes"][0]
+    assert "elbow_flex" in (await arm.do_command({"command": "diagnose"}))["error"]
 
-        await emulated.fault("end dead:3")
-        await until(lambda: works(arm.get_geometries))
-        status = await arm.get_status()
-        assert "not_ready" not in status
-        assert status["notes"] == []
-        assert status["state"] == "holding"
-        start = list((await arm.get_joint_positions()).values)
-        goal = [start[0] + 5.0, *start[1:]]
-        await patiently(lambda: arm.move_to_joint_positions(JointPositions(values=goal)))
-        assert list((await arm.get_joint_positions()).values) == pytest.approx(goal, abs=0.5)
-        assert await arm.get_kinematics() == before
+    await emulated.fault("end dead:3")
+    await until(lambda: works(arm.get_geometries))
+    status = await arm.get_status()
+    assert "not_ready" not in status
+    assert status["notes"] == []
+    assert status["state"] == "holding"
+    start = list((await arm.get_joint_positions()).values)
+    goal = [start[0] + 5.0, *start[1:]]
+    await patiently(lambda: arm.move_to_joint_positions(JointPositions(values=goal)))
+    assert list((await arm.get_joint_positions()).values) == pytest.approx(goal, abs=0.5)
+    assert await arm.get_kinematics() == before
 
 
 async def test_a_stop_of_another_arm_does_not_wait_for_silent_servos(
-    emulated, empty_port, tmp_path
+    emulated, empty_port, tmp_path, module
 ):
     (tmp_path / "other").mkdir()
-    async with emulated_port(tmp_path / "other") as healthy, running_module() as (module, _, _):
+    async with emulated_port(tmp_path / "other") as healthy:
         arm = await module.add(ARM, HARDWARE_ARM, {"port": healthy.port}, "arm")
         start = list((await arm.get_joint_positions()).values)
         goal = JointPositions(values=[start[0] + 90.0, *start[1:]])
@@ -155,31 +185,30 @@ async def test_a_component_that_is_still_connecting_is_removed_at_once(empty_por
     Bus(SerialPort(empty_port)).close()
 
 
-async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(emulated):
-    async with running_module() as (module, _, _):
-        arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
-        gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
-        sensor = await within(
-            AT_ONCE, module.add(SENSOR, CALIBRATION, {"port": emulated.port}, "sensor")
-        )
+async def test_arm_gripper_and_sensor_that_wait_for_their_servos_share_the_port(emulated, module):
+    arm = await module.add(ARM, HARDWARE_ARM, {"port": emulated.port, **PATIENT}, "arm")
+    gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, {"arm": "arm"}, "gripper")
+    sensor = await within(
+        AT_ONCE, module.add(SENSOR, CALIBRATION, {"port": emulated.port}, "sensor")
+    )
 
-        async def has_port():
-            return (await sensor.get_status())["connected"]
+    async def has_port():
+        return (await sensor.get_status())["connected"]
 
-        await until(has_port)  # the port is there, though one of its servos is not
-        await names(gripper, "elbow_flex")
-        assert "elbow_flex" in await refused(gripper.open())
-        await emulated.fault("end dead:3")
-        await until(lambda: works(arm.get_geometries))
-        await patiently(gripper.open)
-        for component in (arm, gripper):
-            status = await component.do_command({"command": "controller_status"})
-            assert status["ref_count"] == 3
+    await until(has_port)  # the port is there, though one of its servos is not
+    await names(gripper, "elbow_flex")
+    assert "elbow_flex" in await refused(gripper.open())
+    await emulated.fault("end dead:3")
+    await until(lambda: works(arm.get_geometries))
+    await patiently(gripper.open)
+    for component in (arm, gripper):
+        status = await component.do_command({"command": "controller_status"})
+        assert status["ref_count"] == 3
 
 
-async def test_a_silent_gripper_does_not_keep_its_arm_from_working(tmp_path):
-    async with emulated_port(tmp_path, "--fault", "dead:6") as bench, running_module() as running:
-        module, port = running[0], {"port": bench.port, **PATIENT}
+async def test_a_silent_gripper_does_not_keep_its_arm_from_working(tmp_path, module):
+    async with emulated_port(tmp_path, "--fault", "dead:6") as bench:
+        port = {"port": bench.port, **PATIENT}
         gripper = await module.add(GRIPPER, HARDWARE_GRIPPER, port, "gripper")
         await names(gripper, "(gripper)")
         assert "gripper" in await refused(gripper.open())
