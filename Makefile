@@ -12,7 +12,7 @@ demo:
 	@./setup.sh --with viewer
 	$(BIN)/so101 demo
 
-# A third worker saves half a minute on two cores, and starves emulated servos (tests/harness/lanes.py).
+# Who takes what, with two workers and with more: tests/harness/lanes.py.
 WORKERS ?= 2
 test: browser
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder

@@ -33,6 +33,8 @@ def pytest_configure(config):
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if getattr(config.option, _SEED_OPTION, None) is None:
         setattr(config.option, _SEED_OPTION, "0")  # what passes once passes again
+    if hasattr(config, "workerinput"):
+        config.pluginmanager.register(lanes.Yielding(config.workerinput))
 
 
 def pytest_addoption(parser):
@@ -49,11 +51,6 @@ def pytest_report_header(config):
     if port:
         lines.append(f"THE ARM ON {port} WILL MOVE: up to 15 deg from where it stands, and its jaw")
     return lines
-
-
-def pytest_sessionstart(session):
-    if hasattr(session.config, "workerinput"):
-        lanes.yield_processor(session.config.workerinput)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,23 +1,29 @@
 """Distribute test files over workers: some mostly wait, the others compute all the time.
 
-Half of the workers take the files of real time first: they wait for real processes and browsers, so
-that not all processors are idle at once, and no two browsers draw at the same time. The others take
-all other files first; whoever has no file of its kind left takes one of the other kind. With more
-than two workers those that compute yield their processor.
+Of three workers or more the first drives browsers, so that no two draw at the same time, the second
+starts processes, and the others compute. Whoever computes yields the processor to those two, so
+what needs real time is left to them; when they have no more of it, they compute as well.
+
+Of two workers the first takes all that needs real time before anything else, and the second
+computes first; whoever has no file of its kind left takes one of the other kind.
 """
 
 import os
 
 from xdist.scheduler import LoadFileScheduling
 
-REAL_TIME = (
+BROWSERS = ("tests/browser/",)
+PROCESSES = (
     "tests/unit/common/test_realtime.py",  # its worker must not have yielded yet
-    "tests/browser/",
     "tests/module/",
     "tests/campaign/test_share.py",  # a module process is stopped and continued there
     "tests/test_first_hour_page.py",
 )
-"""Where processes, browsers and priorities are real."""
+"""Where processes and priorities are real."""
+
+REAL_TIME = (*BROWSERS, *PROCESSES)
+COMPUTED = "all others"
+ANY = "all"
 
 LONG = (*REAL_TIME, "tests/campaign/", "tests/bus/", "tests/plugin/", "tests/properties/")
 """These begin first, in this order, so that no worker is left alone with a long file."""
@@ -36,25 +42,58 @@ def _place(nodeid):
     return next((i for i, start in enumerate(LONG) if nodeid.startswith(start)), len(LONG))
 
 
-def yield_processor(workerinput):
-    """Let a worker that computes go behind those that mostly wait."""
-    count = workerinput["workercount"]
-    if count > 2 and not waits(workerinput["workerid"], count):
-        os.nice(_NICENESS)
+class Yielding:
+    """A plugin of a worker: one of three or more yields its processor once it computes."""
+
+    def __init__(self, workerinput):
+        self._is_due = workerinput["workercount"] > 2
+
+    def pytest_runtest_setup(self, item):
+        if self._is_due and not item.nodeid.startswith(REAL_TIME):
+            self._is_due = False
+            os.nice(_NICENESS)
 
 
-def waits(name, count):
-    """Whether a worker, one of so many that are called gw0 and so on, takes files of real time."""
-    return int(name.removeprefix("gw")) < count // 2
+def kinds(name, count):
+    """What a worker, one of ``count`` that are called gw0 and so on, takes: kinds of files in the
+    order in which it prefers them."""
+    number = int(name.removeprefix("gw"))
+    if count == 1 or number >= count:  # such a one is there in place of one that has died
+        return [ANY]
+    if count == 2:
+        return [REAL_TIME, COMPUTED] if number == 0 else [COMPUTED, REAL_TIME]
+    return [[BROWSERS, COMPUTED], [PROCESSES, COMPUTED], [COMPUTED]][min(number, 2)]
+
+
+def is_of(path, kind):
+    """Whether a file is of a kind."""
+    if kind == COMPUTED:
+        return not path.startswith(REAL_TIME)
+    return kind == ANY or path.startswith(kind)
 
 
 class Lanes(LoadFileScheduling):
-    """Gives each worker the next file of its kind, or of the other kind if none is left."""
+    """Gives each worker the next file of the first kind that it takes and that is left."""
 
     def _assign_work_unit(self, node):
-        in_real_time = waits(node.gateway.id, self.numnodes)
-        for path in self.workqueue:
-            if path.startswith(REAL_TIME) == in_real_time:
-                self.workqueue.move_to_end(path, last=False)
-                break
+        path = self._next_for(node)
+        if path is None:
+            node.shutdown()
+            return
+        self.workqueue.move_to_end(path, last=False)
         super()._assign_work_unit(node)
+
+    def _next_for(self, node):
+        """The file for a worker; None if others that are there will take what is left."""
+        others = [each for each in self.nodes if each is not node and not each.shutting_down]
+        taken_by_others = [
+            kind for each in others for kind in kinds(each.gateway.id, self.numnodes)
+        ]
+        for kind in kinds(node.gateway.id, self.numnodes):
+            for path in self.workqueue:
+                if is_of(path, kind):
+                    return path
+        for path in self.workqueue:
+            if not any(is_of(path, kind) for kind in taken_by_others):
+                return path
+        return None
