@@ -275,6 +275,8 @@ def _with_source(verb: F, asks: str) -> F:
     ) -> Any:
         asked = {"--sim": sim or None, "--port": port, "--machine": machine, "--cell": cell}
         chosen = chosen_among(asked)
+        if chosen is None and kwargs.get("atlas") is not None:
+            chosen = "--sim"  # an atlas can be looked at without an arm
         if chosen is None:
             raise click.UsageError(asks)
         _refuse_stray(calibration, chosen)

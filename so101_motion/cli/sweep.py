@@ -283,7 +283,7 @@ def picture(atlas_folder: Path, axis: str, at_mm: float, colour_by: str, out: Pa
 
     \b
     so101 sweep picture atlas --at-mm 20 --out table.svg
-    so101 view --sim --atlas atlas     (all of it, in the browser)
+    so101 view --atlas atlas           (all of it, in the browser)
     """  # noqa: D301
     from so101_motion.tasks.sweeps import Atlas
     from so101_motion.tasks.sweeps.atlas_view import FIGURES, Shown

@@ -51,7 +51,7 @@ class AtlasPart(Part):
     ) -> None:
         self._atlas, self._set_goal = atlas, set_goal
         self._scene, self._context = context.server.scene, context
-        self._shown, self._is_new = Shown(), True
+        self._shown, self._is_new = Shown(axis="y"), True  # all of it would hide the arm
         self._cubes: viser.BatchedMeshHandle | None = None
         self._seen: Voxels | None = None
         gui = context.gui
@@ -59,10 +59,11 @@ class AtlasPart(Part):
         with context.tabs.add_tab("Atlas", viser.Icon.CHART_DOTS_3):
             figure = gui.add_dropdown("Colour by", tuple(FIGURES))
             self._least = gui.add_slider("At least (%)", 0.0, 100.0, 1.0, 0.0)
-            axis = gui.add_dropdown("Slice", (_ALL, *(f"at one {each}" for each in AXES)))
+            slices = (_ALL, *(f"at one {each}" for each in AXES))
+            axis = gui.add_dropdown("Slice", slices, initial_value="at one y")
             at = gui.add_slider("Slice at (mm)", low, high, to_mm(atlas.grid.spacing), 0.0)
             visible = gui.add_checkbox("Show", True)
-            self._words = gui.add_html(markup.small("Click a cube: its pose becomes the goal."))
+            self._words = gui.add_html("")
         context.on_entry(figure, self._set_figure)
         context.on_entry(self._least, self._set_least)
         context.on_entry(axis, self._set_axis)
@@ -113,7 +114,10 @@ class AtlasPart(Part):
             receive_shadow=False, visible=was_visible,
         )  # fmt: skip
         self._context.on_pick_one(self._cubes, self._take)
-        self._words.content = markup.small(f"{seen.total} points of {len(self._atlas.points)}")
+        self._words.content = markup.small(
+            f"{seen.total} points of {len(self._atlas.points)}. Click a cube: its pose becomes the"
+            " goal."
+        )
 
     def _take(self, number: int) -> None:
         if self._seen is None or not 0 <= number < len(self._seen.rows):

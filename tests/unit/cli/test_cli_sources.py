@@ -58,6 +58,13 @@ def test_a_source_that_is_not_clear_is_asked_for(arguments, environment, says):
     assert says in result.stderr
 
 
+def test_an_atlas_is_shown_without_an_arm(tmp_path):
+    asked = ["view", "--no-browser", "--atlas", str(tmp_path)]
+    result = CliRunner().invoke(main, asked, env={"SO101_PORT": None, "SO101_MACHINE": None})
+    assert result.exit_code == 2
+    assert "holds no sweep" in result.stderr
+
+
 def test_a_key_comes_from_the_environment_and_is_never_shown():
     result = ask("--machine", "m:1", SO101_API_KEY_ID="id", SO101_API_KEY="hunter2")
     assert "api_key_id='id'" in result.stdout
