@@ -1,6 +1,7 @@
 """What the tests of the module share."""
 
 import pytest
+from harness.in_process_module import arm_client, new_arm
 
 from so101_motion.rig.hardware_rig import open_simulated
 from so101_motion.viam.models.simulated import SimulatedArm
@@ -19,3 +20,17 @@ def every_test_begins_with_new_arms():
     """A simulated arm stands where the last one of its name was left."""
     SimulatedArm.left_at.clear()
     SimulatedGripper.left_at.clear()
+
+
+@pytest.fixture
+async def arm(request):
+    """An arm whose time moves only when told to, with the ``ATTRIBUTES`` of the test's module."""
+    arm = new_arm(simulate_time=False, **getattr(request.module, "ATTRIBUTES", {}))
+    yield arm
+    await arm.close()
+
+
+@pytest.fixture
+async def client(arm):
+    async with arm_client(arm) as client:
+        yield client

@@ -6,24 +6,15 @@ import json
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.in_process_module import advance, arm_client, in_time, new_arm
+from harness.in_process_module import advance, in_time
 from viam.components.arm import JointPositions
 
 CORNERS = ([20, -10, 10, 0, 0], [20, -40, 40, 10, -40])
 
 
-@pytest.fixture
-async def arm(tmp_path, monkeypatch):
+@pytest.fixture(autouse=True)
+def own_data(tmp_path, monkeypatch):
     monkeypatch.setenv("VIAM_MODULE_DATA", str(tmp_path))
-    arm = new_arm(simulate_time=False)
-    yield arm
-    await arm.close()
-
-
-@pytest.fixture
-async def client(arm):
-    async with arm_client(arm) as client:
-        yield client
 
 
 async def lead(arm, client, *way_deg):

@@ -5,22 +5,9 @@ import asyncio
 import numpy as np
 import pytest
 from grpclib import GRPCError, Status
-from harness.in_process_module import advance, arm_client, in_time, new_arm
+from harness.in_process_module import advance, in_time
 
 A, B = [10, -10, 10, 0, 0], [-10, -10, 10, 0, 0]
-
-
-@pytest.fixture
-async def arm():
-    arm = new_arm(simulate_time=False)
-    yield arm
-    await arm.close()
-
-
-@pytest.fixture
-async def client(arm):
-    async with arm_client(arm) as client:
-        yield client
 
 
 def request(*places, **entries):

@@ -14,20 +14,7 @@ from viam.services.motion import Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
-
-
-@pytest.fixture
-async def arm():
-    """An arm whose time moves only when told to."""
-    arm = new_arm(simulate_time=False, acceleration_degs_per_sec_per_sec=500.0)
-    yield arm
-    await arm.close()
-
-
-@pytest.fixture
-async def client(arm):
-    async with arm_client(arm) as client:
-        yield client
+ATTRIBUTES = {"acceleration_degs_per_sec_per_sec": 500.0}
 
 
 def joints(*degrees):

@@ -12,7 +12,7 @@ import pytest
 from grpclib import GRPCError, Status
 from grpclib.testing import ChannelFor
 from harness.fake_parent import MOTION, config_of, until
-from harness.in_process_module import advance, arm_client, in_time, new_arm
+from harness.in_process_module import advance, in_time
 from viam.components.arm import Arm, JointPositions
 from viam.proto.common import Pose, PoseInFrame
 from viam.resource.manager import ResourceManager
@@ -26,23 +26,10 @@ from so101_motion.viam.models.motion_service import So101Motion
 
 HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
 FAR = [80.0, -45.0, 45.0, 60.0, 0.0]
-BRISK = {"speed_degs_per_sec": 20.0, "acceleration_degs_per_sec_per_sec": 500.0}
+ATTRIBUTES = {"speed_degs_per_sec": 20.0, "acceleration_degs_per_sec_per_sec": 500.0}
 
 ABANDONED = 50
 STOPS = 200
-
-
-@pytest.fixture
-async def arm():
-    arm = new_arm(simulate_time=False, **BRISK)
-    yield arm
-    await arm.close()
-
-
-@pytest.fixture
-async def client(arm):
-    async with arm_client(arm) as client:
-        yield client
 
 
 @pytest.fixture

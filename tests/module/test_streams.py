@@ -8,23 +8,10 @@ import numpy as np
 import pytest
 from grpclib import GRPCError, Status
 from grpclib.exceptions import StreamTerminatedError
-from harness.in_process_module import advance, arm_client, new_arm
+from harness.in_process_module import advance, arm_client
 from viam.components.arm import Arm, JointPositions
 
-FAST = {"speed_degs_per_sec": 60.0, "acceleration_degs_per_sec_per_sec": 200.0}
-
-
-@pytest.fixture
-async def arm():
-    arm = new_arm(simulate_time=False, **FAST)
-    yield arm
-    await arm.close()
-
-
-@pytest.fixture
-async def client(arm):
-    async with arm_client(arm) as client:
-        yield client
+ATTRIBUTES = {"speed_degs_per_sec": 60.0, "acceleration_degs_per_sec_per_sec": 200.0}
 
 
 def point(t, pan, *rest):
