@@ -34,7 +34,7 @@ def frame_json(frame: Frame) -> dict[str, object]:
 
 
 def own_module() -> list[dict[str, str]]:
-    """This installation as a local module; None if viam-server cannot start it."""
+    """This installation as the one local module; none if viam-server cannot start it."""
     start = Path(__file__).resolve().parents[2] / "run.sh"
     if not start.is_file():
         return []

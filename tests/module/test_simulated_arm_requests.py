@@ -1,0 +1,299 @@
+"""Manual mode, requests, looks and configuration of the simulated arm, over gRPC."""
+
+import asyncio
+import json
+import math
+
+import pytest
+from grpclib import GRPCError, Status
+from harness.in_process_module import advance, arm_client, duration_of, in_time, new_arm
+from viam.components.arm import JointPositions, KinematicsFileFormat, MoveOptions, Pose
+from viam.services.motion import Motion
+
+HOME = [0.0, -45.0, 45.0, 60.0, 0.0]
+ELSEWHERE = [30.0, -30.0, 30.0, 40.0, 20.0]
+ATTRIBUTES = {"acceleration_degs_per_sec_per_sec": 500.0}
+
+
+def joints(*degrees):
+    return JointPositions(values=[float(value) for value in degrees])
+
+
+async def positions(client):
+    return list((await client.get_joint_positions()).values)
+
+
+async def test_manual_mode_lets_go_and_a_move_takes_hold_again(client):
+    await client.set_manual_mode(True)
+    assert await client.get_manual_mode()
+    assert (await client.get_status())["mode"] == "manual"
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+
+    assert not await client.get_manual_mode()
+    assert await positions(client) == pytest.approx(HOME, abs=0.01)
+
+
+async def test_manual_mode_ends_by_itself_when_it_was_given_a_time(client):
+    await client.set_manual_mode(True, enabled_for=1)
+    assert await client.get_manual_mode()
+    async with asyncio.timeout(30):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+
+
+async def test_a_time_limit_that_viam_s_message_cannot_carry_is_not_sent(client):
+    with pytest.raises(TypeError):
+        await client.set_manual_mode(True, enabled_for=0.2)
+
+    assert not await client.get_manual_mode()
+
+
+@pytest.mark.parametrize("seconds", [0.2, 1])
+async def test_the_request_of_ours_carries_parts_of_a_second(client, seconds):
+    await client.do_command({"command": "enter_manual_mode", "enabled_for": seconds})
+    assert await client.get_manual_mode()
+    async with asyncio.timeout(30):
+        while await client.get_manual_mode():
+            await advance(client, 0.01)
+
+
+async def test_manual_mode_for_less_than_no_time_is_refused(client):
+    with pytest.raises(GRPCError) as caught:
+        await client.set_manual_mode(True, enabled_for=-1)
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command({"command": "enter_manual_mode", "enabled_for": -1})
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert not await client.get_manual_mode()
+
+
+async def test_manual_mode_is_mirrored_for_servers_that_do_not_know_it(client):
+    assert await client.do_command({"command": "enter_manual_mode"}) == {"mode": "manual"}
+    assert await client.get_manual_mode()
+    assert await client.do_command({"command": "exit_manual_mode"}) == {"mode": "auto"}
+    assert not await client.get_manual_mode()
+
+
+async def test_the_motion_parameters_are_answered_in_both_styles(client):
+    assert await client.do_command({"command": "get_motion_params"}) == {"speed_degs_per_sec": 90.0}
+    assert await client.do_command({"get_motion_params": True}) == {
+        "current_speed_degs_per_sec": 90.0,
+        "current_acceleration_degs_per_sec_per_sec": 500.0,
+    }
+    request = {"set_speed": 60.0, "set_acceleration": 150.0, "get_motion_params": True}
+    assert await client.do_command(request) == {
+        "speed_set": 60.0,
+        "acceleration_set": 150.0,
+        "current_speed_degs_per_sec": 60.0,
+        "current_acceleration_degs_per_sec_per_sec": 150.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"set_speed": 60.0, "set_acceleration": 5.0}, ("set_acceleration", "10", "500")),
+        ({"set_speed": 2.9}, ("set_speed", "3", "180")),
+        ({"set_speed": 60.0, "get_motion_params": 1.0}, ("get_motion_params", "true or false")),
+        ({"set_speed": "fast"}, ("set_speed", "a number")),
+        ({"set_speed": 60.0, "set_sped": 60.0}, ("set_sped", 'did you mean "set_speed"?')),
+    ],
+)
+async def test_a_refused_request_has_changed_nothing(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert all(word in caught.value.message for word in says), caught.value.message
+    params = await client.do_command({"get_motion_params": True})
+    assert params["current_speed_degs_per_sec"] == 90.0
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        ({"command": "get_motion_parms"}, 'did you mean "get_motion_params"?'),
+        ({"command": "set_speed", "speed": 3.0}, "is a key, not a command"),
+        ({"command": "advance_time", "second": 1.0}, 'did you mean "seconds"?'),
+        ({"command": 3.0}, "known: "),
+        ({"set_sped": 3.0}, 'did you mean "set_speed"?'),
+        ({"advance_time": 3.0}, 'is a command, not a key: send {"command": "advance_time", ...}'),
+        ({}, "known: "),
+    ],
+)
+async def test_an_unknown_request_is_answered_with_the_known_ones(client, request_, says):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command(request_)
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert says in caught.value.message, caught.value.message
+
+
+@pytest.mark.parametrize("seconds", [-1.0, math.nan, 1e9, "soon"])
+async def test_time_does_not_run_backwards_or_away(client, seconds):
+    with pytest.raises(GRPCError) as caught:
+        await client.do_command({"command": "advance_time", "seconds": seconds})
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+
+
+async def test_geometries_and_models_go_together_and_follow_the_joints(client):
+    await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    before = {g.label: g.center for g in await client.get_geometries()}
+    await in_time(client, client.move_to_joint_positions(joints(*ELSEWHERE)))
+    after = {g.label: g.center for g in await client.get_geometries()}
+    models = await client.get_3d_models()
+
+    assert set(before) == {f"arm:{part}" for part in models}
+    assert set(models) == {"base", "shoulder", "upper_arm", "lower_arm", "wrist"}
+    assert after["arm:base"].x == pytest.approx(before["arm:base"].x)
+    assert (
+        math.hypot(
+            after["arm:wrist"].x - before["arm:wrist"].x,
+            after["arm:wrist"].y - before["arm:wrist"].y,
+        )
+        > 30.0
+    )
+    assert sum(len(mesh.mesh) for mesh in models.values()) < 2_000_000
+
+
+async def test_the_kinematics_are_served_as_sva(client):
+    kind, data, *_ = await client.get_kinematics()
+
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_SVA
+    assert json.loads(data)["name"] == "arm"
+
+
+async def test_it_says_what_it_can_do(client):
+    properties = await client.get_properties()
+
+    assert properties.support_manual_mode
+    assert properties.support_cartesian_commands
+
+
+async def test_the_status_tells_mode_and_joints(client):
+    status = await client.get_status()
+
+    assert status["mode"] == "auto"
+    assert status["is_moving"] is False
+    assert set(status["joint_positions_deg"]) >= {"shoulder_pan", "wrist_roll"}
+    assert "fault" not in status, "absent, for a null would read as 0"
+
+
+async def test_the_tool_is_marked_and_the_kinematics_are_urdf_when_asked_for():
+    arm = new_arm(visualize_ee_frame=True, use_urdf=True, simulate_time=False)
+    try:
+        async with arm_client(arm) as client:
+            kind, data, *_ = await client.get_kinematics()
+            models = await client.get_3d_models()
+            labels = [geometry.label for geometry in await client.get_geometries()]
+    finally:
+        await arm.close()
+        await arm.close()
+
+    assert kind == KinematicsFileFormat.KINEMATICS_FILE_FORMAT_URDF
+    assert b"<robot" in data
+    assert "tool" in models
+    assert labels[-1] == "arm:tool"
+
+
+class FakeMotion(Motion):
+    """A motion service that remembers what it was asked."""
+
+    def __init__(self, answer=True):
+        super().__init__("mine")
+        self.answer, self.calls = answer, []
+
+    async def move(self, component_name, destination, world_state=None, constraints=None, **kwargs):
+        self.calls.append((component_name, destination, kwargs["extra"]))
+        return self.answer
+
+    move_on_globe = move_on_map = get_pose = None
+    stop_plan = get_plan = list_plan_statuses = None
+
+
+async def test_a_named_motion_service_plans_instead():
+    service = FakeMotion()
+    arm = new_arm({Motion.get_resource_name("mine"): service}, motion="mine", simulate_time=False)
+    try:
+        async with arm_client(arm) as client:
+            extra = {"max_ik_solutions": 5.0}
+            await client.move_to_position(Pose(x=1, y=2, z=3, o_z=1), extra=extra)
+            await client.move_to_position(Pose(x=1, o_z=1), extra={"goal_metric_type": "own"})
+            service.answer = False
+            with pytest.raises(GRPCError) as caught:
+                await client.move_to_position(Pose(x=1, o_z=1))
+    finally:
+        await arm.close()
+
+    component, destination, sent = service.calls[0]
+    assert component == "arm"
+    assert destination.reference_frame == "arm_origin"
+    assert (destination.pose.x, destination.pose.y, destination.pose.z) == (1, 2, 3)
+    assert sent == {"goal_metric_type": "position_only", "max_ik_solutions": 5.0}
+    assert service.calls[1][2] == {"goal_metric_type": "own"}
+    assert caught.value.status is Status.ABORTED
+
+
+def test_a_motion_service_that_is_not_there_is_named():
+    with pytest.raises(GRPCError) as caught:
+        new_arm(motion="mine")
+
+    assert caught.value.status is Status.INVALID_ARGUMENT
+    assert "mine" in caught.value.message
+
+
+async def test_what_always_stands_around_is_said_in_the_configuration():
+    crate = {"name": "crate", "box_mm": [80, 80, 80], "position_mm": [250, 0, 120]}
+    arm = new_arm(obstacles=[crate])
+    try:
+        async with arm_client(arm) as client:
+            with pytest.raises(GRPCError, match="crate"):
+                await client.move_to_position(Pose(x=250, y=0, z=120, o_z=1))
+    finally:
+        await arm.close()
+
+
+def test_an_obstacle_that_cannot_be_meant_is_named():
+    with pytest.raises(GRPCError, match="crate"):
+        new_arm(obstacles=[{"name": "crate", "box_mm": [80, 80, -1]}])
+
+
+async def test_a_new_configuration_leaves_the_joints_where_they_are():
+    arm = new_arm(simulate_time=False)
+    async with arm_client(arm) as client:
+        await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+    await arm.close()
+    arm, other = new_arm(simulate_time=False, floor_z_mm=-5.0), new_arm(name="other")
+    try:
+        async with arm_client(arm) as client, arm_client(other) as elsewhere:
+            assert await positions(client) == pytest.approx(HOME, abs=0.01)
+            assert await positions(elsewhere) == pytest.approx([0.0] * 5)
+    finally:
+        await arm.close()
+        await other.close()
+
+
+async def test_no_request_exceeds_the_arm_s_largest_speed():
+    arm = new_arm(simulate_time=False, max_speed_degs_per_sec=20.0)
+    try:
+        async with arm_client(arm) as client:
+            with pytest.raises(GRPCError, match="max_speed_degs_per_sec, 20 deg/s") as caught:
+                await client.do_command({"set_speed": 21.0})
+            assert caught.value.status is Status.INVALID_ARGUMENT
+            await in_time(client, client.move_to_joint_positions(joints(*HOME)))
+            for pan, options in (
+                (60.0, MoveOptions(max_vel_degs_per_sec=180.0, max_acc_degs_per_sec2=500.0)),
+                (0.0, MoveOptions(max_vel_degs_per_sec_joints=[180.0] * 5)),
+            ):
+                there = client.move_through_joint_positions([joints(pan, *HOME[1:])], options)
+                assert await duration_of(client, there) > 60.0 / 20.0
+            at_once = client.move_to_joint_positions(joints(*ELSEWHERE), extra={"wait": False})
+            await at_once
+            before = list((await client.get_joint_positions()).values)
+            await advance(client, 0.5)
+            after = list((await client.get_joint_positions()).values)
+            assert max(abs(b - a) for a, b in zip(before, after, strict=True)) <= 10.0 + 1e-6
+    finally:
+        await arm.close()
