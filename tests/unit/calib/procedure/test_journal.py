@@ -29,16 +29,6 @@ OPEN = Journal(before=BEFORE, meanwhile=MEANWHILE)
 DECIDED = Journal(before=BEFORE, meanwhile=MEANWHILE, saving=SAVING, is_decided=True)
 
 
-@pytest.fixture(autouse=True)
-def own_home(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
-
-
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "arm.json"
-
-
 @pytest.fixture
 def arm():
     return LentArm()
