@@ -17,6 +17,7 @@ Run by hand, ``--empty`` is the other page and not for people.
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import shutil
@@ -85,10 +86,10 @@ def load(browser: Browser, url: str) -> tuple[Page, float]:
     return page, painted / 1000.0
 
 
-def loads(browser: Browser, urls: Sequence[str]) -> list[list[float]]:
-    """How long each of ``urls`` took, again and again in turn [s]."""
+def loads(browser: Browser, urls: Sequence[str], count: int) -> list[list[float]]:
+    """How long each of ``urls`` took, ``count`` times in turn [s]."""
     times: list[list[float]] = [[] for _ in urls]
-    for _ in range(LOADS):
+    for _ in range(count):
         for url, taken in zip(urls, times, strict=True):
             page, seconds = load(browser, url)
             taken.append(seconds)
@@ -223,6 +224,10 @@ def lightest(times: Sequence[float]) -> dict[str, float]:
 
 def main() -> None:
     """Measure, print and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--loads", type=int, default=LOADS, help="times that each page is opened")
+    parser.add_argument("--dry", action="store_true", help="print the table, write no results")
+    wanted = parser.parse_args()
     _common.single_thread()
     other = [sys.executable, "-m", "benchmarks.bench_page", "--empty"]
     with (
@@ -233,7 +238,7 @@ def main() -> None:
         found = next(filter(None, map(shutil.which, BROWSERS)), None)
         browser = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
         load(browser, peer.url)[0].context.close()  # the browser's own first time
-        of_empty, of_ours = loads(browser, (peer.url, ours.url))
+        of_empty, of_ours = loads(browser, (peer.url, ours.url), wanted.loads)
         idle = [idle_share(browser, process) for process in (peer, ours)]
         browser.close()
         heard = run_beside(ours.url)
@@ -253,7 +258,10 @@ def main() -> None:
         {"what": "memory of the empty page [MB]", "value": memory[0]},
         {"what": "memory of ours [MB]", "value": memory[1]},
     ]
-    _common.write("bench_page", rows, peers=("viser", "playwright"))
+    if wanted.dry:
+        _common.print_table("bench_page", rows)
+    else:
+        _common.write("bench_page", rows, peers=("viser", "playwright"))
 
 
 def run_beside(url: str) -> Heard:

@@ -119,7 +119,9 @@ def page_options(verb: F) -> F:
     help='An arm that this one can follow: its serial port, or "sim". Begun on the Teach tab.',
 )
 @click.option(
-    "--camera", metavar="URL", help="A camera's picture or MJPEG stream, shown over the scene."
+    "--camera",
+    metavar="CAMERA",
+    help="Shown over the scene: the URL of a picture or MJPEG stream, or a camera of the machine.",
 )
 @click.option(
     "--atlas",
@@ -179,15 +181,20 @@ def show(
         page: Where to serve it.
         scene_file: What stands around the arm, and where the page saves it again.
         leader: The arm that this one may follow, if there is one.
-        camera: The address of a camera's pictures, or None.
+        camera: The address of a camera's pictures, or the machine's name of it; or None.
         atlas: The folder of an atlas to be shown, or None.
 
     Raises:
-        ConfigError: The page cannot be served there, or the scene or atlas cannot be read.
+        ConfigError: The page cannot be served there, the camera is neither, or the scene or atlas
+            cannot be read.
     """
     from so101_motion.files.scene_file import read_scene
 
     viewer = import_preview()
+    if camera is not None:
+        from so101_viewer.page.camera_feed import check_camera
+
+        check_camera(camera, has_machine=not isinstance(source, Source))
     scene = None if scene_file is None else read_scene(scene_file)
     if scene is not None and isinstance(source, Source) and source.port is None:
         source = replace(source, q_start=_free_pose(scene))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import viser
+from conftest import PHONE
 from harness.browser_user import HOME, READY, Guest
 from PIL import Image
 from so101_viewer import Preview
@@ -170,9 +171,8 @@ def test_a_click_on_stop_is_not_lost_between_other_clicks(guest: Guest, rig: Rig
     assert stands_on_the_way(rig)
 
 
-def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:
-    before = guest.pose_of("/target")["position"]
-    ghost_before = guest.pose_of("/ghost/gripper_link")["position"]
+def arrow(guest: Guest) -> tuple[float, float]:
+    """Where the arrow up of the target is in the picture [px]."""
     x, y = guest.page.evaluate(
         """() => {
             const node = window.__viserMutable.nodeRefFromName['/target'];
@@ -183,6 +183,13 @@ def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig
                     canvas.top + (1 - p.y) / 2 * canvas.height];
         }"""
     )
+    return x, y
+
+
+def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig) -> None:
+    before = guest.pose_of("/target")["position"]
+    ghost_before = guest.pose_of("/ghost/gripper_link")["position"]
+    x, y = arrow(guest)
     mouse = guest.page.mouse
     mouse.move(x, y)
     guest.page.wait_for_timeout(200)
@@ -197,6 +204,17 @@ def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig
     after = guest.pose_of("/target")["position"]
     assert after[2] - before[2] > 0.01
     assert guest.fields("Target (mm)").nth(2).input_value() != f"{to_mm(before[2]):g}"
+
+    size = guest.page.viewport_size  # with a finger on a phone, and on a tablet
+    assert size is not None
+    for width, height in (PHONE, (820, 1180)):
+        guest.page.set_viewport_size({"width": width, "height": height})
+        guest.page.wait_for_timeout(1000)  # until the picture has its size
+        z = guest.pose_of("/target")["position"][2]
+        x, y = arrow(guest)
+        guest.finger((x, y), *((x, y + 4.0 * step) for step in range(1, 9)))
+        guest.until(lambda z=z: guest.pose_of("/target")["position"][2] < z - 0.005)
+    guest.page.set_viewport_size(size)
     assert at_rest(rig)
     assert not far_from(HOME, rig)
 

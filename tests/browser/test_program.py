@@ -60,6 +60,13 @@ def test_a_program_is_recorded_planned_and_run(program: Guest, rig: Rig) -> None
     planned(program)
     assert "/program/path" in program.nodes()
     program.until(lambda: program.says("One round"))
+    line = program.page.locator(".so101-timeline").bounding_box()
+    assert line is not None
+    x, y = line["x"] + 0.25 * line["width"], line["y"] + 10.0
+    whole = float(program.page.locator(".so101-timeline").get_attribute("data-duration") or "nan")
+    program.finger((x, y), (x + 0.1 * line["width"], y), (x + 0.25 * line["width"], y))
+    shown = program.page.get_by_role("slider", name="Rehearsal (s)")
+    program.until(lambda: abs(float(shown.get_attribute("aria-valuenow") or 0) - 0.5 * whole) < 0.1)
     assert at(HOME, rig)  # planning moves nothing
     program.press("Run program")
     program.until(lambda: at(READY, rig))
@@ -77,8 +84,18 @@ def test_a_waypoint_may_be_passed_and_asks_for_no_pause_then(program: Guest) -> 
     program.fields("Pass through").first.check()
     program.until(lambda: program.says("Passed without stopping"))
     program.until(lambda: program.fields("Pause (s)").first.is_disabled())
+    program.page.get_by_text("Loops").click()
+    program.fields("To step").first.fill("3")
+    program.fields("Times").first.fill("4")
+    program.page.wait_for_timeout(300)
+    program.press("repeat")
+    program.until(lambda: program.says("2 to 3 4×"))
     planned(program)
     program.until(lambda: program.says("3, 1 of them passed"))
+    program.until(lambda: program.page.locator(".so101-timeline i", has_text="4×").count() == 1)
+    program.press("end")
+    program.until(lambda: not program.says("2 to 3 4×"))
+    program.page.get_by_text("Loops").click()
 
 
 def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
@@ -94,6 +111,11 @@ def test_a_waypoint_is_dragged_to_another_place(program: Guest) -> None:
     mouse.move(x0, y0 + 10.0)
     mouse.move(x1, y1)
     mouse.up()
+    program.until(lambda: names() == ["B", "A"])
+    program.press("undo")
+    program.until(lambda: names() == ["A", "B"])
+    x = program.page.locator(".so101-steps i").first.bounding_box()["x"] + 4.0  # type: ignore[index]
+    program.finger((x, y0), (x, y0 + 12.0), (x, y1))  # by its number
     program.until(lambda: names() == ["B", "A"])
     program.press("undo")
     program.until(lambda: names() == ["A", "B"])

@@ -97,6 +97,12 @@ class Newcomer:
         self.guest.until(lambda: button.count() == 1 and button.is_enabled(), seconds=60.0)
         button.evaluate("button => button.click()")  # not waiting for the scene to be drawn
 
+    def double_clicks(self, name: str) -> None:
+        """Press a button twice in a row with the mouse, as people do who need not."""
+        box = self.guest.button(name).bounding_box()
+        assert box is not None
+        self.guest.page.mouse.dblclick(box["x"] + 0.5 * box["width"], box["y"] + 8.0)
+
     def sees(self, words: str, *, seconds: float = 60.0) -> None:
         self.guest.until(lambda: self.guest.says(words), seconds=seconds)
 
@@ -203,12 +209,14 @@ def test_a_motor_that_is_silent_in_the_chain_is_named(person: Newcomer, kit: Kit
     plug_in(kit, *SETUP_ORDER)
     person.reloads("Servo 6 (gripper) does not answer")
     person.insists("Verify again", until=lambda: person.can("Next"))
-    person.presses("Next")
+    person.double_clicks("Next")
 
 
-def test_the_assembly_is_checked_joint_by_joint(person: Newcomer) -> None:
+def test_the_assembly_is_not_skipped_and_checked_joint_by_joint(person: Newcomer) -> None:
+    person.guest.page.wait_for_timeout(500)
     person.sees("Motor 1 turns the arm on its base")
     person.sees_lit("shoulder_link", ORANGE)
+    person.guest.until(lambda: person.guest.barriers() == [])
     person.presses("This joint is right")
     person.sees("Motor 2 lifts the upper arm")
     person.sees("Still to check: shoulder_lift, elbow_flex")
@@ -256,6 +264,7 @@ def test_the_pose_is_taken_once_the_arm_is_held_still(person: Newcomer, kit: Kit
 
 def test_bars_follow_the_hand_and_name_who_is_left(person: Newcomer, kit: Kit) -> None:
     person.sees("Still to do: shoulder_pan, shoulder_lift")
+    person.guest.until(lambda: person.guest.barriers() == [])
     assert not person.can("Finish the recording")
     before = person.guest.pose_of("/setup/arm/lower_arm_link")
     kit.let_go()
@@ -348,6 +357,7 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
 def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
     person.presses("Next")
     person.sees("devrel:so101:arm")
+    person.guest.until(lambda: person.guest.barriers() == [])
     person.reloads("devrel:so101:arm")
     snippet = person.guest.page.locator("textarea").first.input_value()
     components = json.loads(snippet)["components"]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Locator, Page
 
 from so101_motion.common.named_poses import POSES
@@ -102,6 +103,27 @@ class Guest:
         )
         red, green, blue = color
         return (red << 16) + (green << 8) + blue
+
+    def barriers(self) -> list[str]:
+        """What keeps people with other eyes or hands out, where axe calls it serious."""
+        found = Axe().run(self.page).response["violations"]
+        return [
+            f"{each['id']}: {node['html'][:120]}"
+            for each in found
+            if each["impact"] in ("serious", "critical")
+            for node in each["nodes"]
+        ]
+
+    def finger(self, *way: tuple[float, float]) -> None:
+        """Put a finger on the page, lead it along points [px], and lift it."""
+        touch = self.page.context.new_cdp_session(self.page)
+        for k, (x, y) in enumerate(way):
+            kind = "touchMove" if k else "touchStart"
+            told = {"type": kind, "touchPoints": [{"x": x, "y": y}]}
+            touch.send("Input.dispatchTouchEvent", told)
+            self.page.wait_for_timeout(60)
+        touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        touch.detach()
 
     def words(self) -> str:
         return self.page.inner_text("body")

@@ -45,6 +45,13 @@ def rig(machine):
         yield rig
 
 
+def test_a_camera_that_the_machine_has_not_is_refused_by_its_name(rig):
+    with pytest.raises(ConfigError, match=r"'top'.*is not on the machine"):
+        rig.picture("top")
+    with pytest.raises(ConfigError, match=r"'gripper'.*is no camera"):
+        rig.picture("gripper")
+
+
 def test_connecting_leaves_the_log_as_it_was(machine, monkeypatch):
     log = logging.getLogger("so101_motion")
     # As in a module's process, where the SDK sets the levels of our logger as well.

@@ -1,7 +1,8 @@
-"""Fetch pictures from a camera's address: JPEG or PNG again and again, or a stream of JPEG.
+"""Fetch pictures of a camera: from its address, or through the machine that has it.
 
-The thread ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is
-decoded here. What goes wrong is told and tried again.
+At an address there are JPEG or PNG again and again, or a stream of JPEG. The thread
+``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
+What goes wrong is told and tried again.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import BinaryIO
 from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, So101Error
 
 PERIOD = 0.2
 """Least time between two pictures [s]; chosen: one sees what happens, and the network has room."""
@@ -54,11 +55,33 @@ class Picture:
         return f"data:{self.kind};base64,{base64.b64encode(self.data).decode()}"
 
 
+def check_camera(camera: str, *, has_machine: bool) -> None:
+    """Refuse what is neither an address nor, where there is a machine, a name.
+
+    Raises:
+        ConfigError: It is neither.
+    """
+    parts = urlsplit(camera)
+    if parts.scheme in ("http", "https") and parts.hostname:
+        return
+    if camera.startswith("/dev/"):
+        raise ConfigError(
+            "camera",
+            camera,
+            "is a device, which cannot be read here; run"
+            f" ustreamer --device {camera} --port 8090, and give http://127.0.0.1:8090/stream",
+        )
+    if not has_machine or not camera or "/" in camera:
+        also = ", or be the name of a camera of the machine" if has_machine else ""
+        raise ConfigError("camera", camera, f"must be an address that begins with http://{also}")
+
+
 class CameraFeed:
     """Fetches pictures until it is closed.
 
     Args:
-        url: Of a picture or of a stream; http or https.
+        camera: The address of a picture or of a stream, http or https; or the machine's name of it.
+        ask: Asks the machine for a picture of the camera of that name; None without a machine.
         wanted: Whether anybody looks; nothing is fetched otherwise.
 
     Attributes:
@@ -66,14 +89,17 @@ class CameraFeed:
         problem: Why there is no newer one; empty when there is.
 
     Raises:
-        ConfigError: It is no such address.
+        ConfigError: It is no such address or name.
     """
 
-    def __init__(self, url: str, wanted: Callable[[], bool] = lambda: True) -> None:
-        parts = urlsplit(url)
-        if parts.scheme not in ("http", "https") or not parts.hostname:
-            raise ConfigError("camera", url, "must be an address that begins with http://")
-        self._request = Request(url, headers={"User-Agent": "so101_motion"})
+    def __init__(
+        self,
+        camera: str,
+        wanted: Callable[[], bool] = lambda: True,
+        ask: Callable[[str], bytes] | None = None,
+    ) -> None:
+        check_camera(camera, has_machine=ask is not None)
+        self._camera, self._ask = camera, None if "://" in camera else ask
         self._wanted = wanted
         self.picture: Picture | None = None
         self.problem = ""
@@ -92,13 +118,17 @@ class CameraFeed:
             if self._wanted():
                 try:
                     self._fetch()
-                except (OSError, HTTPException, ValueError) as error:
+                except (OSError, HTTPException, ValueError, So101Error) as error:
                     self.problem, pause = str(error) or type(error).__name__, RETRY
             self._closing.wait(pause)
 
     def _fetch(self) -> None:
         """One picture, or those of a stream until it ends."""
-        with urlopen(self._request, timeout=PATIENCE) as reply:
+        if self._ask is not None:
+            self._take(self._ask(self._camera))
+            return
+        request = Request(self._camera, headers={"User-Agent": "so101_motion"})
+        with urlopen(request, timeout=PATIENCE) as reply:
             if "multipart" in reply.headers.get("Content-Type", ""):
                 for data in _jpegs(reply):
                     self._take(data)

@@ -66,9 +66,9 @@ def sentence(sentence: Sentence) -> str:
 
 
 def headline(title: str, subtitle: str) -> str:
-    """A word in large letters with a line of small print under it."""
+    """A setup in large letters, and its step; while they are seen, a double click counts once."""
     return (
-        '<div style="padding:.4em .7em .2em">'
+        '<div class="so101-once" style="padding:.4em .7em .2em">'
         f'<div style="font-size:1.15em;font-weight:700">{escape(title)}</div>'
         f'<div style="font-size:.8em;color:var(--so101-dim)">{escape(subtitle)}</div></div>'
     )
@@ -242,7 +242,7 @@ def timeline(line: Timeline | None, seek: str | None) -> str:
 
     Args:
         line: What is on it; None for an empty one.
-        seek: The id of the slider that is told the time [s].
+        seek: The id of the widget that is told the time [s].
     """
     if line is None:
         return '<div class="so101-timeline"></div>'

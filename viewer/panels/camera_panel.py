@@ -6,6 +6,8 @@ import time
 
 import viser
 
+from so101_motion.viam.client import MachineRig
+
 from ..page import markup
 from ..page.camera_feed import CameraFeed
 from ..page.page_context import ArmContext
@@ -21,15 +23,20 @@ class CameraPart(Part):
     """Shows the pictures of a camera.
 
     Args:
-        url: Its address.
+        camera: Its address, or the machine's name of it.
 
     Raises:
-        ConfigError: It is none.
+        ConfigError: It is neither.
     """
 
-    def __init__(self, context: ArmContext, url: str) -> None:
+    def __init__(self, context: ArmContext, camera: str) -> None:
         server = context.server
-        self.feed = CameraFeed(url, wanted=lambda: bool(server.get_clients()))
+        rig = context.rig
+        self.feed = CameraFeed(
+            camera,
+            wanted=lambda: bool(server.get_clients()),
+            ask=rig.picture if isinstance(rig, MachineRig) else None,
+        )
         self._shown: object = None
         panel = context.gui.add_panel()
         with panel.add_tab("Camera", viser.Icon.CAMERA):

@@ -171,6 +171,8 @@ class ProgramPart(Part):
         self._progress = gui.add_progress_bar(0.0, color="green")
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
+        self._sought = gui.add_number("Sought", -1.0, step=0.01, visible=False)
+        self._context.on_entry(self._sought, self._seek)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
         self._play = gui.add_button_group(
@@ -208,6 +210,11 @@ class ProgramPart(Part):
         if number.isdigit():
             self.model.choose(int(number) - 1)
         put(self._picked, "")
+
+    def _seek(self, t: float) -> None:
+        """Show the ghost at a place of the line of time, also at one where it was before."""
+        self.model.preview(t)
+        put(self._sought, -1.0)
 
     def _reorder(self, told: str) -> None:
         """Move a waypoint: the browser tells a count, from where, and to where."""
@@ -274,7 +281,7 @@ class ProgramPart(Part):
         if timeline is not self._drawn:
             self._drawn = timeline
             line = None if timeline is None else words.timeline(timeline)
-            self._line.content = markup.timeline(line, uuid_of(self._slider))
+            self._line.content = markup.timeline(line, uuid_of(self._sought))
         self._now.content = board("program", t=None if timeline is None else round(screen.t, 2))
         if timeline is not None:
             self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)

@@ -12,8 +12,10 @@ import viam.services.discovery
 import viam.services.generic
 import viam.services.motion
 import viam.services.worldstatestore  # noqa: F401  # importing registers what can be asked
+from viam.components.camera import Camera
 from viam.components.sensor import Sensor
 from viam.errors import ViamError
+from viam.media.video import CameraMimeType
 from viam.robot.client import RobotClient
 
 from so101_motion.common.attributes import suggest
@@ -24,6 +26,9 @@ from so101_motion.viam.client.link import Access, Link
 
 ANSWERING = 60.0
 """How long a command may take [s]; chosen: a calibration step waits for servos."""
+
+LOOKING = 4.0
+"""How long a camera may take for a picture [s]; chosen."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,6 +108,24 @@ class Machine(ABC):
 
         return self._link.run(read()).result()
 
+    def picture(self, camera: str) -> bytes:
+        """The newest picture of a camera, as JPEG or PNG.
+
+        Raises:
+            ConfigError: The machine has no such camera, or its pictures are neither.
+            MachineRefused: It refused.
+            MachineUnavailable: It does not answer.
+        """
+
+        async def look() -> bytes:
+            client = self._client_of(camera)
+            if not isinstance(client, Camera):
+                raise ConfigError("camera", camera, "is no camera")
+            with self._link.asking(f"{camera}: picture"):
+                return await picture_of(client)
+
+        return self._link.run(look()).result()
+
     def close(self) -> None:
         """Disconnect. May be called twice."""
         self._link.close()
@@ -134,6 +157,19 @@ class Machine(ABC):
             return get(found)
         except ViamError as error:
             raise ConfigError("resource", name, f"is a {found.subtype}: not for us") from error
+
+
+async def picture_of(camera: Camera) -> bytes:
+    """The newest picture of a camera, as JPEG or PNG.
+
+    Raises:
+        ConfigError: It sends neither.
+    """
+    images, _ = await camera.get_images(timeout=LOOKING)
+    for image in images:
+        if image.mime_type in (CameraMimeType.JPEG, CameraMimeType.PNG):
+            return image.data
+    raise ConfigError("camera", camera.name, "sends neither JPEG nor PNG")
 
 
 def _title(command: Mapping[str, Any]) -> str:

@@ -41,7 +41,9 @@
   addEventListener('pointerup', () => {
     if (row && over) {
       const list = row.parentElement ?? over.parentElement;
-      addEventListener('click', (event) => event.stopPropagation(), { capture: true, once: true });
+      const swallow = (click) => click.stopPropagation();  // a mouse clicks now, a finger does not
+      addEventListener('click', swallow, true);
+      setTimeout(() => removeEventListener('click', swallow, true), 50);
       const [from, to] = [Number(row.dataset.value) - 1, place(over)];
       if (from !== to && list) link.send(list.dataset.move, `${++count} ${from} ${to}`);
     }

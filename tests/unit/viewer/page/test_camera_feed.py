@@ -6,10 +6,10 @@ import threading
 from collections.abc import Callable, Iterator
 
 import pytest
-from harness.web_camera import WebCamera, web_camera
+from harness.web_camera import WebCamera, jpeg, web_camera
 from so101_viewer.page.camera_feed import CameraFeed
 
-from so101_motion.common.errors import ConfigError
+from so101_motion.common.errors import ConfigError, MachineRefused
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,26 @@ def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
     assert WebCamera.count == before
 
 
-@pytest.mark.parametrize("url", ["file:///etc/passwd", "camera", "http://", "ftp://a/b"])
+def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_told() -> None:
+    pictures = [jpeg(1), jpeg(2)]
+
+    def ask(name: str) -> bytes:
+        if not pictures:
+            raise MachineRefused(f"{name}: picture", "UNKNOWN", "the lens is closed")
+        return pictures.pop(0)
+
+    feed = CameraFeed("top", ask=ask)
+    until(lambda: "the lens is closed" in feed.problem)
+    assert feed.picture is not None
+    assert not pictures
+    feed.close()
+    with pytest.raises(ConfigError, match="or be the name of a camera of the machine"):
+        CameraFeed("a/b", ask=ask)
+
+
+@pytest.mark.parametrize(
+    "url", ["/dev/video0", "file:///etc/passwd", "camera", "http://", "ftp://a/b"]
+)
 def test_only_web_addresses_are_taken(url: str) -> None:
     with pytest.raises(ConfigError):
         CameraFeed(url)
