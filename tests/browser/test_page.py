@@ -212,7 +212,7 @@ def test_dragging_an_arrow_moves_the_target_and_the_ghost(guest: Guest, rig: Rig
         guest.page.wait_for_timeout(1000)  # until the picture has its size
         z = guest.pose_of("/target")["position"][2]
         x, y = arrow(guest)
-        guest.finger((x, y), *((x, y + 4.0 * step) for step in range(1, 9)))
+        guest.finger((x, y), *((x, y + 1.5 * step) for step in range(1, 9)))
         guest.until(lambda z=z: guest.pose_of("/target")["position"][2] < z - 0.005)
     guest.page.set_viewport_size(size)
     assert at_rest(rig)

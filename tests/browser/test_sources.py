@@ -27,7 +27,7 @@ pytestmark = pytest.mark.browser
 
 SMALL = (1120, 700)
 BASE = "/live/base_link/"
-OUTSIDE = 30  # [tick] that the wrist's roll is outside its range when the arm is found
+OUTSIDE = 100  # [tick] that the wrist's roll is outside its range when the arm is found
 
 
 class Cable:
@@ -151,7 +151,6 @@ def test_the_servos_tab_says_what_will_move_and_stop_ends_it(beside: Guest, cabl
     np.testing.assert_allclose(cable.q, before, atol=0.06)
     beside.press("The hand is empty")
     beside.until(lambda: arm.is_moving and beside.says("Raising the arm … Stop ends it."))
-    beside.until(lambda: not beside.says("Outside its range"))  # the motion has brought it in
     beside.press("STOP")
     beside.until(lambda: beside.says("Stopped. The arm holds where it is."))
     assert arm.state.mode is Mode.HOLDING
