@@ -99,7 +99,9 @@ class Newcomer:
 
     def double_clicks(self, name: str) -> None:
         """Press a button twice in a row with the mouse, as people do who need not."""
-        box = self.guest.button(name).bounding_box()
+        button = self.guest.button(name)
+        button.evaluate("button => button.scrollIntoView({block: 'center'})")
+        box = button.bounding_box()
         assert box is not None
         self.guest.page.mouse.dblclick(box["x"] + 0.5 * box["width"], box["y"] + 8.0)
 
