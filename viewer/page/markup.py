@@ -131,7 +131,8 @@ def to_copy(about: str, text: str) -> str:
     return (
         '<div style="padding:.3em .7em .5em;font-size:.82em;line-height:1.35">'
         f'<div style="color:var(--so101-dim)">{escape(about)}</div>'
-        '<textarea readonly spellcheck="false" style="display:block;width:100%;height:14em;'
+        f'<textarea readonly aria-label="{escape(about)}" spellcheck="false"'
+        ' style="display:block;width:100%;height:14em;'
         "box-sizing:border-box;margin:.5em 0;padding:.5em;font:.9em/1.3 monospace;color:inherit;"
         f'background:#8882;border:1px solid #8886;border-radius:.2em">{escape(text)}</textarea>'
         f'<button type="button" onclick="{escape(copy)}" style="width:100%;padding:.4em;border:0;'
