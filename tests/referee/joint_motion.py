@@ -48,6 +48,9 @@ class JointMotion:
             return
         if self._samples and t <= self._samples[-1][0]:
             return
+        if self._samples and t - self._samples[-1][0] > SMOOTH:  # nobody wrote, so nobody looked
+            self._samples.clear()
+            self._speeds.clear()
         self._samples.append((t, drive.shaft.rotor * TICK))
         speed = _slope(self._samples, t)
         if speed is None:

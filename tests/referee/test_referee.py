@@ -213,6 +213,20 @@ def test_a_joint_that_truly_moves_too_fast_is_caught(pitch):
     assert "motion" in pitch.broken
 
 
+def test_a_joint_that_stops_while_nobody_writes_is_not_taken_for_one_that_jerks(pitch):
+    pitch.hold()
+    pitch.wait(1.0)
+    pitch.match.ask_caps(lambda: (Caps(speed=200.0, acceleration=600.0),) * 6)
+    there = pitch.at(1)
+    for speed in [*range(0, 160, 4), *[160] * 20]:
+        there += 0.01 * speed / TICK
+        pitch.say(goal(1, round(there)))
+        pitch.clock.advance(0.01)
+    pitch.clock.advance(0.15)  # the cable is out
+    pitch.wait(0.3)
+    assert "motion" not in pitch.broken
+
+
 def test_a_joint_that_a_hand_pushes_is_nobody_s_fault(pitch):
     pitch.hold()
     pitch.wait(1.0)
