@@ -94,7 +94,7 @@ class Newcomer:
 
     def presses(self, name: str) -> None:
         button = self.guest.button(name)
-        self.guest.until(lambda: self.can(name), seconds=60.0)
+        self.guest.until(lambda: button.count() == 1 and button.is_enabled(), seconds=60.0)
         button.evaluate("button => button.click()")  # not waiting for the scene to be drawn
 
     def double_clicks(self, name: str) -> None:
@@ -123,8 +123,8 @@ class Newcomer:
         self.guest.until(is_so, seconds=120.0)
 
     def can(self, name: str) -> bool:
-        can = "found => found.length === 1 && !found[0].disabled"  # it may be gone meanwhile
-        return bool(self.guest.button(name).evaluate_all(can))
+        button = self.guest.button(name)
+        return button.count() == 1 and button.is_enabled()
 
     def sees_lit(self, link: str, colour: int) -> None:
         self.guest.until(lambda: self.guest.color_of(f"/setup/arm/{link}/") == colour)
