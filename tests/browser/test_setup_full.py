@@ -18,6 +18,7 @@ import pytest
 from conftest import Visit
 from harness.browser_user import Guest
 from harness.emulated_kit import NEW, Kit  # it lives with the tests of the module
+from playwright.sync_api import TimeoutError
 from so101_viewer.setup_app import SetupApp, serve_setup
 
 from so101_motion.calib.motors.setup_view import SETUP_ORDER
@@ -94,7 +95,7 @@ class Newcomer:
 
     def presses(self, name: str) -> None:
         button = self.guest.button(name)
-        self.guest.until(lambda: button.count() == 1 and button.is_enabled(), seconds=60.0)
+        self.guest.until(lambda: self.can(name), seconds=60.0)
         button.evaluate("button => button.click()")  # not waiting for the scene to be drawn
 
     def double_clicks(self, name: str) -> None:
@@ -124,7 +125,10 @@ class Newcomer:
 
     def can(self, name: str) -> bool:
         button = self.guest.button(name)
-        return button.count() == 1 and button.is_enabled()
+        try:
+            return button.count() == 1 and button.is_enabled(timeout=1000)
+        except TimeoutError:  # it went between the two questions
+            return False
 
     def sees_lit(self, link: str, colour: int) -> None:
         self.guest.until(lambda: self.guest.color_of(f"/setup/arm/{link}/") == colour)
