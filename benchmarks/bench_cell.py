@@ -94,7 +94,7 @@ class Tasks:
     """Draws crossing tasks."""
 
     def __init__(self, seed: int) -> None:
-        from so101_motion.planning.collision.apart import bodies_of
+        from so101_motion.planning.collision.arm_bodies import bodies_of
         from so101_motion.planning.collision.collision import CollisionModel
         from so101_motion.planning.kinematics.model import RobotModel
 

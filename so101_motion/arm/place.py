@@ -19,13 +19,12 @@ from so101_motion.planning.collision.apart import (
     GUARDED,
     GUARDED_EARLY,
     PARTING,
-    ArmBodies,
     Meeting,
-    bodies_of,
     first_meeting,
     nearness,
     only_part,
 )
+from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm, stop_along
 from so101_motion.planning.collision.scene import Attached, as_seen_by
 

@@ -124,20 +124,14 @@ class ChannelPlayer:
 
     @property
     def command(self) -> Array:
-        """The command of this tick, shape (n,), [rad]: the reference.
-
-        But one outside its limits is wanted where it is, unless a motion takes it in.
-        """
+        """The command of this tick, shape (n,), [rad]; one outside stays there unless moved in."""
         if not self._recovery or (self._motion is not None and self._motion.ending is None):
             return self.reference.q
         return self._recovery.left_alone(self.reference.q)
 
     @property
     def speed(self) -> Array:
-        """The velocity of the command, shape (n,), [rad/s].
-
-        NaN for one that stays where it is because it did not follow.
-        """
+        """The velocity of the command, shape (n,), [rad/s]; NaN for one that did not follow."""
         motion, qd = self._motion, self.reference.qd
         return qd if motion is None or motion.lost is None else np.where(motion.lost, np.nan, qd)
 

@@ -28,13 +28,12 @@ from so101_motion.planning.collision.apart import (
     GUARDED_EARLY,
     PARTING,
     ROOM,
-    ArmBodies,
     Meeting,
-    bodies_of,
     first_meeting,
     nearness,
     stops_meeting,
 )
+from so101_motion.planning.collision.arm_bodies import ArmBodies, bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Attached, Scene, StandingArm
 from so101_motion.planning.request import Plan, PlanRequest

@@ -15,7 +15,8 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.named_poses import POSES
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import CellFile
-from so101_motion.planning.collision.apart import bodies_of, first_meeting
+from so101_motion.planning.collision.apart import first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel

@@ -11,7 +11,8 @@ from harness.emulated_rig import hardware_bench
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.files.cell_file import read_cell
-from so101_motion.planning.collision.apart import are_apart, bodies_of
+from so101_motion.planning.collision.apart import are_apart
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program import files, rehearse, start_program
 from so101_motion.tasks.sweeps import (

@@ -7,7 +7,8 @@ import numpy as np
 from so101_motion.arm.cell import Cell
 from so101_motion.common.clock import ManualClock
 from so101_motion.common.geometry import SE3, rot_z
-from so101_motion.planning.collision.apart import bodies_of, first_meeting
+from so101_motion.planning.collision.apart import first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.kinematics.model import RobotModel

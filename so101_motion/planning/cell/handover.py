@@ -27,7 +27,8 @@ from so101_motion.common.units import to_rad
 from so101_motion.planning.cell.grasps import Grasp, grasps_of
 from so101_motion.planning.cell.meetings import Meeting, Meetings
 from so101_motion.planning.cell.together import TeamMember, plan_together
-from so101_motion.planning.collision.apart import ROOM, bodies_of, first_meeting
+from so101_motion.planning.collision.apart import ROOM, first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.hands import Hand
 from so101_motion.planning.collision.scene import Attached

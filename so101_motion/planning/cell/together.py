@@ -24,7 +24,8 @@ import numpy as np
 from so101_motion.common.errors import InCollision, NoPath, PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing, plan_among
-from so101_motion.planning.collision.apart import ROOM, are_apart, bodies_of, first_meeting
+from so101_motion.planning.collision.apart import ROOM, are_apart, first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import as_seen_by
 from so101_motion.planning.goals import JointGoal

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from so101_motion.common.geometry import SE3, Array
-from so101_motion.planning.collision.apart import ROOM, ArmBodies, are_apart
+from so101_motion.planning.collision.apart import ROOM, are_apart
+from so101_motion.planning.collision.arm_bodies import ArmBodies
 
 SPACING = 0.008
 """How far any body travels at most from one configuration of a way to the next [m]. Chosen: less

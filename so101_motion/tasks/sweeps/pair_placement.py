@@ -28,7 +28,8 @@ from so101_motion.common.errors import ConfigError, PlanningError
 from so101_motion.common.units import to_mm
 from so101_motion.files.scene_file import scene_from
 from so101_motion.planning.collision.anytime import never_meet
-from so101_motion.planning.collision.apart import ROOM, bodies_of
+from so101_motion.planning.collision.apart import ROOM
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.bodies import around_base
 from so101_motion.planning.collision.scene import Scene, StandingArm
 from so101_motion.tasks.sweeps.engine import WorkerPool

@@ -19,7 +19,13 @@ from so101_motion.common.errors import (
 )
 from so101_motion.common.geometry import SE3
 from so101_motion.control.streamed_trajectory import TimedPoint
-from so101_motion.planning.collision.apart import GUARDED, PARTING, ROOM, first_meeting, nearness
+from so101_motion.planning.collision.apart import (
+    GUARDED,
+    PARTING,
+    ROOM,
+    first_meeting,
+    nearness,
+)
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene
 from so101_motion.planning.goals import JointGoal

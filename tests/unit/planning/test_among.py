@@ -7,7 +7,12 @@ import pytest
 from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.errors import InCollision
-from so101_motion.planning.collision.apart import PARTING, ROOM, first_meeting, nearness
+from so101_motion.planning.collision.apart import (
+    PARTING,
+    ROOM,
+    first_meeting,
+    nearness,
+)
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import Scene, StandingArm

@@ -11,7 +11,8 @@ from so101_motion.common.geometry import SE3, rotation_angle, rotation_by
 from so101_motion.planning.cell.grasps import grasps_of
 from so101_motion.planning.cell.handover import HandoverRequest, plan_handover
 from so101_motion.planning.cell.together import TeamMember
-from so101_motion.planning.collision.apart import bodies_of, clearance_over_time
+from so101_motion.planning.collision.apart import clearance_over_time
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.collision.scene import Attached, Box, Scene, Sphere
 from so101_motion.planning.goals import JointGoal

@@ -9,7 +9,8 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 from so101_motion.common.errors import InCollision
 from so101_motion.common.geometry import SE3, rot_z
 from so101_motion.planning.cell.together import TeamMember, plan_together
-from so101_motion.planning.collision.apart import ROOM, bodies_of, first_meeting
+from so101_motion.planning.collision.apart import ROOM, first_meeting
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course
 from so101_motion.planning.goals import JointGoal, PoseGoal
 from so101_motion.planning.planner import Planner

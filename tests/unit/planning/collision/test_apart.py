@@ -7,6 +7,7 @@ from harness.facing_arms import T_LEFT_RIGHT, Facing
 
 from so101_motion.common.geometry import SE3
 from so101_motion.planning.collision import apart
+from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course, stopping
 from so101_motion.planning.collision.scene import Attached, Box
 from so101_motion.planning.timing.limits import MotionLimits
@@ -114,7 +115,7 @@ def test_what_an_arm_holds_counts():
         T_tool_object=SE3.from_translation((0.0, 0.0, 0.15)),
     )
     q = np.zeros(5)
-    holding = apart.bodies_of((held,)), Course.resting(q, 0.0)
+    holding = bodies_of((held,)), Course.resting(q, 0.0)
     met = apart.first_meeting(
         holding, (facing.bodies, Course.resting(q, 0.0)),
         SE3(T_LEFT_RIGHT.R, np.array([0.6, 0.0, 0.0])), since=0.0,

@@ -1,0 +1,130 @@
+"""The bodies of an arm and of what it holds, for looking at two arms at once.
+
+Hulls that contain the real parts (``bodies.py``), how far each moves with the joints, and where
+they are at a configuration.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from so101_motion.common.geometry import SE3, Array
+from so101_motion.planning.collision.batch_check import BatchCheck, pointer
+from so101_motion.planning.collision.bodies import bodies_without
+from so101_motion.planning.collision.scene import Attached, Scene
+from so101_motion.planning.kinematics.model import RobotModel
+from so101_motion.planning.native.library import native
+
+
+class ArmBodies:
+    """The bodies of one arm and of what it holds. May be used by any thread.
+
+    Args:
+        model: The arm.
+        attached: What it holds.
+        left_out: Names of bodies that are not looked at.
+        passed: Names of things that the other arm may touch with its hand.
+
+    Attributes:
+        passed: The same.
+        names: What messages call them.
+        levers: How far from each joint's axis any point of each body can be, shape (n, 6), [m].
+        handle: The compiled library's form of them; None without it.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        attached: tuple[Attached, ...] = (),
+        left_out: frozenset[str] = frozenset(),
+        passed: frozenset[str] = frozenset(),
+    ) -> None:
+        self.model, self.passed = model.pin_model, passed
+        self._robot, self._attached = model, attached
+        bodies = bodies_without(self.model, attached, left_out)
+        self.objects = list(bodies.geometry.geometryObjects)
+        self.names = tuple(each.name for each in self.objects)
+        offsets = [np.array(self.model.jointPlacements[j].translation) for j in range(1, 7)]
+        self.levers = np.array([_levers(each, offsets) for each in self.objects], dtype=float)
+        self.levers_pointer = pointer(self.levers)
+        self._without = dict[frozenset[str], ArmBodies]()
+        self._batch = None
+        if native().library is not None:
+            self._batch = BatchCheck(self.model, bodies, 0.0)
+
+    @property
+    def handle(self) -> ctypes.c_void_p | None:
+        """Where the compiled library has them."""
+        return None if self._batch is None else self._batch.scene
+
+    def without(self, left_out: frozenset[str]) -> ArmBodies:
+        """The same but for some bodies."""
+        if left_out not in self._without:
+            self._without[left_out] = ArmBodies(self._robot, self._attached, left_out)
+        return self._without[left_out]
+
+    def travel(self, q: Array) -> Array:
+        """How far each body moves at most from one configuration (n, 6) to the next, (n-1, k)."""
+        return np.ascontiguousarray(np.abs(np.diff(q, axis=0)) @ self.levers.T)
+
+    def placed(self, q: Array, T: SE3, data: Any) -> list[Any]:
+        """Where the bodies are at a configuration (6,) of an arm whose base is at ``T``; coal's."""
+        pin.forwardKinematics(self.model, data, q)
+        base = pin.SE3(np.array(T.R), np.array(T.p))
+        places = [base * data.oMi[each.parentJoint] * each.placement for each in self.objects]
+        return [coal.Transform3s(each.rotation, each.translation) for each in places]
+
+
+@cache
+def _model() -> RobotModel:
+    return RobotModel.load()
+
+
+@lru_cache(maxsize=32)
+def bodies_of(attached: tuple[Attached, ...] = (), to: str | None = None) -> ArmBodies:
+    """The bodies of an SO-101 that holds ``attached``; made once for things that look alike.
+
+    Args:
+        attached: What it holds.
+        to: The arm that they are held against, which may touch what is passed to it; None for
+            whichever it is.
+    """
+    return _bodies_in(Scene(attached=attached, floor_z=None), to)
+
+
+@lru_cache(maxsize=32)
+def _bodies_in(scene: Scene, to: str | None) -> ArmBodies:
+    passed = (e.name for e in scene.attached if e.passed_to and to in (None, e.passed_to))
+    return ArmBodies(_model(), scene.attached, passed=frozenset(passed))
+
+
+def _levers(body: Any, offsets: Sequence[Array]) -> Array:
+    """How far from each joint's axis the points of a body can be, shape (6,), [m]."""
+    levers, joint = np.zeros(6), int(body.parentJoint)
+    if joint == 0:
+        return levers
+    points = _corners(body.geometry) @ body.placement.rotation.T + body.placement.translation
+    extra = float(body.geometry.getSweptSphereRadius())
+    levers[joint - 1] = float(np.linalg.norm(points[:, :2], axis=1).max()) + extra
+    ball = float(np.linalg.norm(points, axis=1).max()) + extra
+    for j in range(joint - 1, 0, -1):
+        offset = offsets[j]
+        levers[j - 1] = float(np.linalg.norm(offset[:2])) + ball
+        ball += float(np.linalg.norm(offset))
+    return levers
+
+
+def _corners(shape: Any) -> Array:
+    if isinstance(shape, coal.ConvexBase):
+        return np.array(shape.points())
+    shape.computeLocalAABB()
+    box = shape.aabb_local
+    low, high = np.array(box.min_), np.array(box.max_)
+    return np.array([np.where(pick, low, high) for pick in np.ndindex(2, 2, 2)])
