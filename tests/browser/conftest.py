@@ -133,6 +133,9 @@ def guest(opened: Guest, rig: Rig) -> Guest:
     rig.arm.stop()
     rig.arm.set_speed(to_rad(180.0))
     rig.arm.start_move(JointGoal(q=HOME)).result(60.0)
+    width, height = LAPTOP
+    opened.page.set_viewport_size({"width": width, "height": height})
+    opened.page.get_by_role("tab", name="Move").click()
     opened.press("ready")
     ready_mm = to_mm(rig.arm.model.frame(READY, "jaw_tip").p)
     opened.until(lambda: np.allclose(opened.target_mm(), ready_mm, atol=0.1))
