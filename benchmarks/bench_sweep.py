@@ -169,21 +169,37 @@ def dask() -> Iterator[_common.Row]:
     }
 
 
-def two_at_the_wall() -> Iterator[_common.Row]:
-    """One worker, two, and two of a Dask LocalCluster, in turn, five times; the clock on the wall.
+WORKERS_SETTINGS = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.nanny.pre-spawn-environ": {
+        "MALLOC_TRIM_THRESHOLD_": 2**27,
+        "MALLOC_MMAP_THRESHOLD_": 2**25,
+    },
+}
+"""What docs/sweeps.md advises for the workers of a Dask cluster."""
 
-    The cluster is started before, its workers load the arm while the clock runs, as processes do.
+
+def two_at_the_wall() -> Iterator[_common.Row]:
+    """One worker, two, and two of a Dask LocalCluster, in turn, three times; the clock on the wall.
+
+    The cluster is started before, with the settings that docs/sweeps.md advises; its workers load
+    the arm while the clock runs, as processes do.
     """
+    import dask.config
     from distributed import Client, LocalCluster
 
     start: Any = LocalCluster
     connect: Any = Client
     rows: dict[str, list[float]] = {"one": [], "two": [], "dask": []}
-    for _ in range(5):
+    for _ in range(3):
         for workers, name in ((1, "one"), (2, "two")):
             rows[name].append(wall(WALL, workers=workers))
         options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-        with start(**options) as local, connect(local, set_as_default=False) as client:
+        with (
+            dask.config.set(WORKERS_SETTINGS),
+            start(**options) as local,
+            connect(local, set_as_default=False) as client,
+        ):
             rows["dask"].append(wall(WALL, executor=client.get_executor(pure=False), ahead=8))
     one, two, through_dask = (float(np.median(rows[name])) for name in ("one", "two", "dask"))
     yield {
