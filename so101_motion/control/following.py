@@ -64,10 +64,6 @@ sudden one leaves a long way to rest, and near a table there may be no room for 
 CLOSE = 0.02
 """A joint is said to be at its limit when it is so near it [rad]; chosen."""
 
-KNOWN_JERK = 200.0
-"""How fast the acceleration that the driver is told may change [rad/s^3]. Chosen by trial: what is
-told of a hand's acceleration is noisy, and servos are driven ahead by it."""
-
 _ROUNDING = 1e-9
 _SLOWER = 0.95  # than the caps must a target be, or it would never be caught
 
@@ -88,13 +84,11 @@ class _Aim(NamedTuple):
     Attributes:
         q: Where to, within the range, shape (n,), [rad].
         qd: How fast that moves, shape (n,), [rad/s].
-        qdd: How that changes, shape (n,), [rad/s^2]; None if nobody knows.
         outside: How far beyond the range it was asked for, shape (n,), [rad].
     """
 
     q: Array
     qd: Array
-    qdd: Array | None
     outside: Array
 
 
@@ -120,8 +114,6 @@ class Following(LedMotion):
 
     Attributes:
         now: The last setpoint.
-        foreseen: How the joints were known to accelerate, shape (n,), [rad/s^2]: as the target
-            does, or as they brake; not to catch up. None if nobody says how the target does.
     """
 
     can_wait = True
@@ -154,7 +146,6 @@ class Following(LedMotion):
         self._guard, self._each, self._ends_there = guard, each, ends_there
         self._neighbours = neighbours
         self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
-        self.foreseen: Array | None = None
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
         self._t = self._t_seen = self._t_nearest = 0.0
@@ -167,15 +158,13 @@ class Following(LedMotion):
 
     # Any thread
 
-    def aim(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Array:
+    def aim(self, q: ArrayLike, qd: ArrayLike | None = None) -> Array:
         """Go to joint angles, from the next control cycle on; never waits.
 
         Args:
             q: Where the joints shall be, shape (n,), [rad].
             qd: How fast that place moves, shape (n,), [rad/s]; it is taken to go on like that until
                 the next target. None for a place that stands still.
-            qdd: How that velocity changes, shape (n,), [rad/s^2]; None if nobody knows. Whoever
-                says so is followed more closely, for the driver makes up for what servos lag.
 
         Returns:
             The target as it was taken, within the range, shape (n,), [rad].
@@ -187,12 +176,9 @@ class Following(LedMotion):
         self._refuse_if_over()
         wanted = self._checked("q", q)
         rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
-        change = None if qdd is None else self._checked("qdd", qdd)
         taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
         outside = frozen_array(wanted - taken, wanted.shape)
-        within = (outside == 0.0).astype(np.float64)
-        change = None if change is None else within * change
-        self._aimed = _Aim(taken, within * rate, change, outside)
+        self._aimed = _Aim(taken, np.where(outside == 0.0, rate, 0.0), outside)
         return taken
 
     def hold(self) -> None:
@@ -337,8 +323,7 @@ class Following(LedMotion):
             return aimed
         moved = aimed.q + age * aimed.qd
         q = np.clip(moved, self._lower, self._upper)
-        qdd = None if aimed.qdd is None else np.zeros_like(q)
-        return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0), qdd=qdd)
+        return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0))
 
     def _ask(self) -> None:
         """The last chance to aim before a setpoint."""
@@ -353,7 +338,6 @@ class Following(LedMotion):
     def _brake(self) -> None:
         """Go on as the last setpoint has left room for."""
         self.now = self._braked
-        self.foreseen = None if self.foreseen is None else self._known(self.now, None)
         self._braked, _ = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
 
     def _lead(self, aim: _Aim) -> None:
@@ -362,25 +346,20 @@ class Following(LedMotion):
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
         if self._t < self._t_gentle:
             limits = gentle(limits, self._stop_limits)
-        q, qd, qdd = aim.q, aim.qd, None if self.is_approaching else aim.qdd
+        q, qd = aim.q, aim.qd
         if qd.any():
-            qd = np.clip(qd, -_SLOWER * limits.velocity, _SLOWER * limits.velocity)
-        if qdd is not None:
-            qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
+            fastest = _SLOWER * limits.velocity
+            qd = np.clip(qd, -fastest, fastest)
         if self._guard is not None:
             allowed = self._guard.within_reach(self.now.q, q)
             if allowed is not q:
                 q, qd = np.clip(allowed, self._least, self._most), np.zeros_like(qd)
-                qdd = None
             self._held = tuple(map(self._guard.words, self._guard.against))
         else:
             self._held = ()
         together = (self._ends_there or self.is_approaching) and not qd.any()
         try:
-            if qdd is None:
-                led = online.towards(self.now, q, qd, limits, self._dt, together=together)
-            else:
-                led = online.alongside(self.now, Setpoint(q=q, qd=qd, qdd=qdd), limits, self._dt)
+            led = online.towards(self.now, q, qd, limits, self._dt, together=together)
             led, after, path = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
@@ -392,13 +371,6 @@ class Following(LedMotion):
         if not self._keeps_off(led):
             return self._brake()
         self.now, self._braked = led, after
-        self.foreseen = None if aim.qdd is None else self._known(led, qdd)
-
-    def _known(self, led: Setpoint, qdd: Array | None) -> Array:
-        """What was known of the acceleration of ``led``, beside a target's ``qdd`` if any."""
-        step, known = KNOWN_JERK * self._dt, led.qdd if qdd is None else qdd
-        before = led.qdd if self.foreseen is None else self.foreseen
-        return np.clip(known, before - step, before + step)
 
     def _keeps_off(self, led: Setpoint) -> bool:
         """Whether the joints can stop from there without meeting other arms."""

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
-from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
@@ -41,12 +40,6 @@ _SLOW = 0.03
 
 _BLEND = 0.5
 """In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
-
-_TURNING, _LED_SHARE, _LED_BRAKING = to_rad(60.0), 0.4, 0.8
-"""Of a joint that is led less of the lag is made up for the slower it is, below the first [rad/s],
-down to the share that follows; and its set-point changes its speed by so much of its own braking.
-Turning round, a servo has to cross its play, and were its set-point as far ahead by then as in a
-planned motion, it would go after it harder than any joint may. Chosen by trial."""
 
 _GIVEN_UP = 2.0
 """Within which time joints sag that are not compensated for [s]; chosen, a few degrees slowly."""
@@ -90,7 +83,6 @@ class GoalCompensation:
         self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
         self._qdd: Sequence[float] | None = None
-        self._is_led = False
         self._foreseen = [0.0] * 6  # what share of the lag is made up for
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
         self._lags = [0.0] * 6  # how far joints would stay behind, were nothing done [rad]
@@ -145,8 +137,6 @@ class GoalCompensation:
         here: Callable[[int], float],
         free: Collection[int],
         qdd: Sequence[float] | None = None,
-        *,
-        is_led: bool = False,
     ) -> None:
         """The joints are wanted at ``q`` [rad].
 
@@ -157,7 +147,6 @@ class GoalCompensation:
             here: Where a joint is surely known to be [rad], else NaN.
             free: Joints that no goal keeps in place.
             qdd: How the speeds of the arm joints change there [rad/s^2]; None is not known.
-            is_led: Whether nobody planned that, so that a joint may turn round at any moment.
 
         Raises:
             CommandRefused: That is further from where they were wanted than the caps allow.
@@ -165,7 +154,7 @@ class GoalCompensation:
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
-        self._qd, self._qdd, self._is_led = known, qdd, is_led
+        self._qd, self._qdd = known, qdd
         self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
         for i, each in enumerate(qd or ()):
             if math.isnan(each):  # it is to stay where it is
@@ -212,10 +201,6 @@ class GoalCompensation:
         share = self._foreseen[i]
         # The set-point runs ahead of the joint; no faster than it can.
         change = model.braking * dt
-        if self._is_led and self._qdd is not None:
-            change *= _LED_BRAKING
-            share *= _LED_SHARE + (1.0 - _LED_SHARE) * min(abs(qd) / _TURNING, 1.0)
-            self.trim.lags[i] = (1.0 - share) * self._lags[i]
         wanted, before = qd + share * qdd * (DELAY + model.lag), self._setpoint_qd[i]
         self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
         # What is sent now is felt later, when the joint has gone on and is faster or slower.

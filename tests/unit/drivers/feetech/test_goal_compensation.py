@@ -39,27 +39,3 @@ def test_the_lag_of_a_joint_that_is_led_is_not_taken_for_weight():
 
 def test_what_a_led_joint_lacks_beyond_its_lag_is_weight():
     assert followed(behind_deg=4.5, seconds=0.5) > 1.0
-
-
-def ahead_deg(speed_deg, *, is_led):
-    """How far ahead the goal of a joint is that has come up to this speed [deg]."""
-    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
-    servos = dict(enumerate(MAPS.values()))
-    compensation = GoalCompensation(servos, lambda q: np.zeros(6), limiter, None, {})
-    speed, q = math.radians(speed_deg), [0.0] * 6
-    compensation.begin(q, q, 0.0, ())
-    for k in range(1, 100):
-        qd = min(5.0 * 0.01 * k, speed)
-        rates, qdd = [0.0] * 5, [0.0] * 5
-        rates[LIFT], qdd[LIFT] = qd, 5.0 if qd < speed else 0.0
-        q = [*q]
-        q[LIFT] += 0.01 * qd
-        compensation.point(q, rates, 0.01 * k, lambda i: math.nan, (), qdd, is_led=is_led)
-        goals = compensation.goals(0.01 * k)
-    servo = servos[LIFT]
-    return math.degrees(servo.to_rad(goals[servo.servo_id]) - q[LIFT])
-
-
-def test_a_slow_joint_that_is_led_is_driven_less_far_ahead_than_a_planned_one():
-    assert ahead_deg(20.0, is_led=True) < ahead_deg(20.0, is_led=False) - 0.3
-    assert abs(ahead_deg(80.0, is_led=True) - ahead_deg(80.0, is_led=False)) < 0.1
