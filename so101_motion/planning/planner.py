@@ -84,7 +84,7 @@ class Planner:
     def __init__(self, model: RobotModel, checkpoint: Checkpoint = wanted) -> None:
         self._model = model
         self._within = lru_cache(maxsize=4)(self._solvers)
-        self._around = lru_cache(maxsize=4)(partial(CollisionModel, model, checkpoint=checkpoint))
+        self._around = lru_cache(maxsize=8)(partial(CollisionModel, model, checkpoint=checkpoint))
         self._carrying = lru_cache(maxsize=4)(model.with_payload)
 
     def plan(self, request: PlanRequest) -> Plan:

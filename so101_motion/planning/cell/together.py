@@ -24,12 +24,14 @@ import numpy as np
 from so101_motion.common.errors import InCollision, NoPath, PlanningError
 from so101_motion.common.geometry import SE3, Array
 from so101_motion.planning.among import crossing, plan_among
-from so101_motion.planning.collision.apart import ROOM, are_apart, first_meeting
+from so101_motion.planning.collision.apart import ROOM, first_meeting
 from so101_motion.planning.collision.arm_bodies import bodies_of
 from so101_motion.planning.collision.course import Course, OtherArm
 from so101_motion.planning.collision.scene import as_seen_by
+from so101_motion.planning.collision.team_check import TeamArm, TeamCheck
 from so101_motion.planning.goals import JointGoal
 from so101_motion.planning.motion_builder import joined
+from so101_motion.planning.paths.compiled_search import CompiledSearch, Seeds, compiled_shortened
 from so101_motion.planning.paths.path import SPACING
 from so101_motion.planning.paths.rrt_connect import Deadline, Space, TreeSearch
 from so101_motion.planning.paths.shorten import shortened
@@ -264,54 +266,6 @@ def _lengthened(trajectory: Trajectory, length: int) -> Trajectory:
     )
 
 
-class _TeamChecker:
-    """Checks configurations of several arms in a row, shape (5 k,), [rad], and lines of them."""
-
-    def __init__(self, team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> None:
-        jaws = [each.request.q_jaw for each in team]
-        self._around = [
-            (each.moves.collision, q_jaw) for each, q_jaw in zip(contexts, jaws, strict=True)
-        ]
-        self._checks = [each.sampled_check(jaw, spacing=SPACING) for each, jaw in self._around]
-        self._rows = np.empty((len(team), 2, 6))
-        self._rows[:, :, 5] = np.array(jaws)[:, None]
-        bodies = [bodies_of(each.request.scene.attached) for each in team]
-        self._pairs = [
-            (bodies[i], bodies[j], team[i].T_cell_base.inverse @ team[j].T_cell_base, i, j)
-            for i, j in combinations(range(len(team)), 2)
-        ]
-
-    def is_free(self, q: Array) -> bool:
-        """Whether nothing is too near at ``q``."""
-        each = q.reshape(-1, 5)
-        if not all(check.is_free(one) for check, one in zip(self._checks, each, strict=True)):
-            return False
-        return self._are_apart(q[None])
-
-    def first_free(self, configurations: Array) -> int | None:
-        """The first free one of several configurations (n, 5 k) [rad], None if none is."""
-        met = [
-            collision.touching(configurations[:, 5 * k : 5 * k + 5], q_jaw)
-            for k, (collision, q_jaw) in enumerate(self._around)
-        ]
-        alone = np.flatnonzero(np.logical_not(np.any(met, axis=0)))
-        return next((int(i) for i in alone if self._are_apart(configurations[i : i + 1])), None)
-
-    def is_clear(self, q_from: Array, q_to: Array) -> bool:
-        """Whether nothing is seen on a line, and the arms are proven to stay apart."""
-        lines = zip(self._checks, q_from.reshape(-1, 5), q_to.reshape(-1, 5), strict=True)
-        if not all(check.is_clear(a, b) for check, a, b in lines):
-            return False
-        return self._are_apart(np.array([q_from, q_to]))
-
-    def _are_apart(self, q: Array) -> bool:
-        rows = self._rows[:, : len(q)]
-        rows[:, :, :5] = q.reshape(len(q), -1, 5).transpose(1, 0, 2)
-        return all(
-            are_apart(a, b, T, rows[i], rows[j], room=ROOM + SPARE) for a, b, T, i, j in self._pairs
-        )
-
-
 def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     """A path for all joints together, timed as one motion.
 
@@ -320,8 +274,7 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
     """
     first = team[0].request
     contexts = [planner.context(each.request) for each in team]
-    checker, deadline = _TeamChecker(team, contexts), Deadline(first.time_budget)
-    random = np.random.default_rng(first.seed)
+    checker, deadline = _check_of(team, contexts), Deadline(first.time_budget)
     start = np.concatenate([each.request.q_start for each in team])
     goal = np.concatenate([_goal_of(each) for each in team])
     space = Space(
@@ -337,18 +290,16 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
             where="start",
             blockers=(),
         )
-    if checker.is_clear(start, goal):
-        points = [start, goal]
-    else:
-        found = TreeSearch(space, checker, start, [goal], random).run(deadline)
-        if found is None:
+    points: list[Array] | None = [start, goal]
+    if not checker.is_clear(start, goal):
+        points = _searched(space, checker, start, goal, first.seed, deadline)
+        if points is None:
             raise NoPath(
                 f"no common motion of {names} was found in {first.time_budget:.1f} s; move them one"
                 " after the other, or allow more time",
                 where="path",
                 blockers=(),
             )
-        points = shortened(found[0], checker, random, deadline)
     problem: PlanningError | None = None
     motions: list[Trajectory] = []
     for slower in SLOWER:
@@ -376,6 +327,33 @@ def _as_one(planner: Planner, team: Sequence[TeamMember]) -> dict[str, Plan]:
         where="path",
         blockers=(),
     )
+
+
+def _check_of(team: Sequence[TeamMember], contexts: Sequence[PlanningContext]) -> TeamCheck:
+    arms = [
+        TeamArm(
+            collision=context.moves.collision,
+            q_jaw=member.request.q_jaw,
+            bodies=bodies_of(member.request.scene.attached),
+            T_cell_base=member.T_cell_base,
+        )
+        for member, context in zip(team, contexts, strict=True)
+    ]
+    return TeamCheck(arms, spacing=SPACING, room=ROOM + SPARE)
+
+
+def _searched(
+    space: Space, checker: TeamCheck, start: Array, goal: Array, seed: int, deadline: Deadline
+) -> list[Array] | None:
+    """A short path for all joints; None if none was found in time."""
+    compiled = checker.compiled()
+    if compiled is not None:
+        seeds = Seeds(seed)
+        found = CompiledSearch(space, compiled, start, [goal], seeds).run(deadline)
+        return found and compiled_shortened(found[0], compiled, seeds, deadline)
+    random = np.random.default_rng(seed)
+    found = TreeSearch(space, checker, start, [goal], random).run(deadline)
+    return found and shortened(found[0], checker, random, deadline)
 
 
 def _timed(points: Array, contexts: Sequence[PlanningContext], dt: float) -> Iterator[Trajectory]:

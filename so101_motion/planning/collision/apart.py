@@ -311,11 +311,11 @@ def _told(
     library, out = native().library, np.zeros(4)
     assert library is not None
     times = np.array([one.t, one.dt, other.t, other.dt])
-    placement, at = _placement(T), times.ctypes.data
+    placed, at = placement(T), times.ctypes.data
     found = getattr(library, question)(
         a.handle,
         b.handle,
-        pointer(placement),
+        pointer(placed),
         a.levers_pointer,
         b.levers_pointer,
         ctypes.c_void_p(at),
@@ -336,7 +336,7 @@ def _meet(
 ) -> _Found:
     library, count, size = native().library, len(qa), qa.size
     assert library is not None
-    given = np.concatenate((np.zeros(4), _placement(T), qa.ravel(), qb.ravel()))
+    given = np.concatenate((np.zeros(4), placement(T), qa.ravel(), qb.ravel()))
     at: int = given.ctypes.data  # asking for an address takes as long as some looks
     placed, first, second = (at + given.itemsize * k for k in (4, 16, 16 + size))
     found = library.so101_apart(
@@ -361,7 +361,8 @@ def _found(found: int, out: Array) -> _Found:
     return (float(out[0]), float(out[1]), int(out[2]), int(out[3])) if found else None
 
 
-def _placement(T: SE3) -> Array:
+def placement(T: SE3) -> Array:
+    """A transform in the library's form: rotation by rows, then place, shape (12,)."""
     return np.concatenate((T.R.ravel(), T.p))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import weakref
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ from so101_motion.planning.native.library import native
 
 MOST_BODIES = 32
 """More of them than the arm will ever have or hold are left to coal."""
+
+MOST_ARMS = 8
+"""Of a team; as in ``native.h``."""
 
 FEW = 64
 """Up to so many waypoints are handed over in an array whose address is known."""
@@ -227,6 +230,7 @@ class Checker(ctypes.Structure):
     """How the library looks at lines: some way of travel apart, or by proof."""
 
     _fields_ = [
+        ("scene", ctypes.c_void_p),
         ("levels", ctypes.c_void_p),
         ("n_levels", ctypes.c_int),
         ("proven", ctypes.c_int),
@@ -257,6 +261,7 @@ class BatchSampledCheck:
         self.batch = batch
         self._levels, self._reach, self._q_jaw, self._spacing = levels, reach, q_jaw, spacing
         self.checker = Checker(
+            batch.scene,
             ctypes.addressof(levels.array),
             levels.count,
             proven,
@@ -296,6 +301,75 @@ class BatchSampledCheck:
         return self.batch.is_clear(
             self._levels, self._reach, self._spacing, q_from, q_to, self._q_jaw
         )
+
+
+class Couple(ctypes.Structure):
+    """Two arms of a team that must stay apart, by number; their bodies as ``so101_apart`` has them.
+
+    ``placement``: where the second's base is in the first's, rotation by rows, then place.
+    """
+
+    _fields_ = [
+        ("first", ctypes.c_int),
+        ("second", ctypes.c_int),
+        ("a", ctypes.c_void_p),
+        ("b", ctypes.c_void_p),
+        ("levers_a", ctypes.c_void_p),
+        ("levers_b", ctypes.c_void_p),
+        ("placement", ctypes.c_double * 12),
+    ]
+
+
+class _Team(ctypes.Structure):
+    _fields_ = [
+        ("arms", ctypes.c_int),
+        ("couples", ctypes.c_int),
+        ("arm", ctypes.c_void_p),
+        ("couple", ctypes.c_void_p),
+        ("room", ctypes.c_double),
+    ]
+
+
+class BatchTeamCheck:
+    """Arms whose joints stand in a row, for the library's search; one by itself is a team, too.
+
+    Args:
+        checks: How each looks at its lines, at most ``MOST_ARMS`` of them.
+        couples: Who must stay apart.
+        room: How far [m].
+
+    Attributes:
+        library: The library.
+        team: The same in its form, by reference.
+    """
+
+    def __init__(
+        self,
+        checks: Sequence[BatchSampledCheck],
+        couples: Sequence[Couple] = (),
+        room: float = 0.0,
+    ) -> None:
+        self._batches = dict.fromkeys(each.batch for each in checks)
+        self._checks = checks
+        self._arms = (Checker * len(checks))(*(each.checker for each in checks))
+        self._couples = (Couple * len(couples))(*couples)
+        arms, pairs = ctypes.addressof(self._arms), ctypes.addressof(self._couples)
+        self.library = checks[0].batch.library
+        self.team = ctypes.byref(_Team(len(checks), len(couples), arms, pairs, room))
+
+    @contextmanager
+    def until(self, is_late: Callable[[], bool]) -> Iterator[None]:
+        """Tell the library, while the block runs, that time is up when it is.
+
+        Raises:
+            BaseException: What a check of coal or the checkpoint raised meanwhile.
+        """
+        with ExitStack() as stack:
+            for batch in self._batches:
+                stack.enter_context(batch.until(is_late))
+            yield
+            for batch in self._batches:
+                batch.raise_error()
 
 
 def weakly(batch: BatchCheck) -> Callable[[Any, int], int]:

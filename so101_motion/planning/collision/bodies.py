@@ -186,7 +186,7 @@ def around_base(model: Any, scene: Scene) -> str | None:
     _, base = next(iter(_hulls().values()))
     standing = [
         *((each.name, _shape_of(each), each.T_base_obstacle) for each in scene.obstacles),
-        *((name, shape, T) for arm in scene.arms for name, shape, T in _parts_of(model, arm)),
+        *((name, part.shape, T) for arm in scene.arms for name, part, T in _parts_of(model, arm)),
     ]
     for name, shape, T in standing:
         request, result = coal.CollisionRequest(), coal.CollisionResult()
@@ -204,25 +204,46 @@ def _shape_of(obstacle: Obstacle) -> Any:
     return standing_shape(form)
 
 
-def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, Any, SE3]]:
-    """The links of an arm that stands, and what it holds, at each of its configurations.
+class _Part(NamedTuple):
+    """A link of an arm that stands, or something it holds, widened.
 
-    Each with what messages call it, and coal's shape, widened by the arm's room.
+    Attributes:
+        name: What messages of that arm call it.
+        joint: The joint it hangs on, 0 for none.
+        shape: coal's, in the joint's frame.
+        form: The same as numbers.
+    """
+
+    name: str
+    joint: int
+    shape: Any
+    form: Hull
+
+
+@lru_cache(maxsize=16)
+def _widened(same: _Same, attached: tuple[Attached, ...], radius: float) -> list[_Part]:
+    """The links of an arm and what it holds, widened all around by a radius [m]."""
+    parts = []
+    for each in reversed(_carried(same, attached).movers):
+        shape = convex_hull(each.points)
+        shape.setSweptSphereRadius(radius)
+        form = Hull(np.array(shape.points()), radius)
+        parts.append(_Part(each.name, each.joint, shape, form))
+    return parts
+
+
+def _parts_of(model: Any, arm: StandingArm) -> Iterator[tuple[str, _Part, SE3]]:
+    """The parts of an arm that stands, at each of its configurations, and what messages call them.
+
+    They are widened by the arm's room.
     """
     data, T_base_arm = model.createData(), _placement(arm.T_base_arm)
-    parts = [
-        (each.name, each.joint, each.placement, _widened(link, arm.room))
-        for link, each in zip(_hulls(), _links(model), strict=True)
-    ]
-    for held in _held(model, arm.attached):
-        shape = convex_hull(held.points)
-        shape.setSweptSphereRadius(arm.room)
-        parts.append((held.name, held.joint, pin.SE3.Identity(), shape))
+    parts = _widened(_Same(model), arm.attached, arm.room)
     for q in arm.q:
         pin.forwardKinematics(model, data, np.array(q))
-        for name, joint, placement, shape in parts:
-            T = T_base_arm * data.oMi[joint] * placement
-            yield arm.called(name), shape, SE3(T.rotation, T.translation)
+        for part in parts:
+            T = T_base_arm * data.oMi[part.joint]
+            yield arm.called(part.name), part, SE3(T.rotation, T.translation)
 
 
 class _Gathered:
@@ -272,8 +293,8 @@ class _Gathered:
 
     def add_arm(self, arm: StandingArm) -> None:
         """An arm that stands."""
-        for name, shape, T in _parts_of(self._model, arm):
-            self._stand(name, Hull(np.array(shape.points()), arm.room), shape, T)
+        for name, part, T in _parts_of(self._model, arm):
+            self._stand(name, part.form, part.shape, T)
 
     def _stand(self, name: str, given: Standing, shape: Any, T: SE3) -> None:
         """Something that stands, if anything can come near it."""
@@ -400,14 +421,6 @@ def _hulls() -> dict[str, tuple[str, Any]]:
 def hull_of(link: str) -> Any:
     """The hull of a link by its name in the URDF, in its frame; coal's."""
     return _hulls()[link][1]
-
-
-@lru_cache(maxsize=64)
-def _widened(link: str, radius: float) -> Any:
-    """The hull of a link, widened all around by a radius [m]."""
-    shape = convex_hull(_hulls()[link][1].points())
-    shape.setSweptSphereRadius(radius)
-    return shape
 
 
 @cache

@@ -59,8 +59,8 @@ static void look(Arm *arm, const double *placement, int n, double t) {
     }
 }
 
-static double between(const Arm *a, int i, const Arm *b, int j, double need, double *v) {
-    const double enough = need + CLOSE;
+static double between(const Arm *a, int i, const Arm *b, int j, double need, double enough,
+                      double *v) {
     const Body *first = &a->scene->body[i], *second = &b->scene->body[j];
     double square = 0.0;
     for (int c = 0; c < 3; c++) square += pow(a->centre[i][c] - b->centre[j][c], 2.0);
@@ -94,15 +94,45 @@ static void travelled(const Scene *s, const double *levers, int n, const double 
         }
 }
 
+/* What is known of every two bodies; of `low` and `lie` nothing if they are 0. */
+typedef struct {
+    double due[MOST_BODIES][MOST_BODIES];    /* when they must be looked at, in steps */
+    double soon[MOST_BODIES][MOST_BODIES];   /* when they are if others must be */
+    double low[MOST_BODIES][MOST_BODIES];    /* how far apart they are at least in the beginning */
+    double lie[MOST_BODIES][MOST_BODIES][3]; /* about how the first lies from the second */
+} Known;
+
+/* All must be looked at but those that are so far from each other in the beginning that all of the
+ * way is too short. */
+static void begin(Known *known, const Arm *a, const Arm *b, int n, double margin, double skew) {
+    const Arm *arms[2] = {a, b};
+    double way[2][MOST_BODIES], fastest[2][MOST_BODIES];
+    memset(way, 0, sizeof way);
+    memset(fastest, 0, sizeof fastest);
+    for (int which = 0; which < 2; which++) {
+        const int bodies = arms[which]->scene->bodies;
+        for (int k = 0; k < n - 1; k++)
+            for (int i = 0; i < bodies; i++) {
+                const double step = arms[which]->travel[k * bodies + i];
+                way[which][i] += step;
+                fastest[which][i] = fmax(fastest[which][i], step);
+            }
+    }
+    for (int i = 0; i < a->scene->bodies; i++)
+        for (int j = 0; j < b->scene->bodies; j++) {
+            const double need = margin + skew * fmin(fastest[0][i], fastest[1][j]);
+            const int far = known->low[i][j] - way[0][i] - way[1][j] > need;
+            known->due[i][j] = known->soon[i][j] = far ? INFINITY : 0.0;
+        }
+}
+
 static int apart(const Scene *a, const Scene *b, const double *placement, int n, const double *qa,
                  const double *qb, const double *travel_a, const double *travel_b, double margin,
-                 double skew, double *out) {
+                 double skew, Known *known, double *out) {
     Arm first = {.scene = a, .q = qa, .travel = travel_a};
     Arm second = {.scene = b, .q = qb, .travel = travel_b};
-    double due[MOST_BODIES][MOST_BODIES], soon[MOST_BODIES][MOST_BODIES], lie[MOST_BODIES][MOST_BODIES][3], t = 0.0;
-    memset(due, 0, sizeof due);
-    memset(soon, 0, sizeof soon);
-    memset(lie, 0, sizeof lie);
+    double t = 0.0;
+    begin(known, &first, &second, n, margin, skew);
     while (t <= n - 1) {
         double next = INFINITY;
         look(&first, 0, n, t);
@@ -110,29 +140,46 @@ static int apart(const Scene *a, const Scene *b, const double *placement, int n,
         const int k = t > n - 2 ? (n > 1 ? n - 2 : 0) : (int)t;
         for (int i = 0; i < a->bodies; i++)
             for (int j = 0; j < b->bodies; j++) {
-                if (soon[i][j] <= t) {
+                double *due = &known->due[i][j], *soon = &known->soon[i][j];
+                if (*soon <= t) {
                     if (!a->body[i].joint && !b->body[j].joint) {
-                        due[i][j] = soon[i][j] = INFINITY;
+                        *due = *soon = INFINITY;
                         continue;
                     }
                     double need = margin;
                     if (n > 1)
                         need += skew * fmin(travel_a[k * a->bodies + i], travel_b[k * b->bodies + j]);
-                    const double gap = between(&first, i, &second, j, need, lie[i][j]);
+                    const double enough = need + (n > 1 ? CLOSE : 0.0);
+                    const double gap =
+                        between(&first, i, &second, j, need, enough, known->lie[i][j]);
                     if (!(gap >= need)) {
                         out[0] = t, out[1] = gap, out[2] = i, out[3] = j;
                         return TOUCHING;
                     }
-                    due[i][j] = fmax(until(&first, i, &second, j, n, t, gap - margin, skew),
-                                     until(&first, i, &second, j, n, t, PART * margin, 0.0));
-                    soon[i][j] = fmin(t + SOON * (due[i][j] - t), due[i][j]);
+                    if (t == 0.0) known->low[i][j] = gap;
+                    *due = fmax(until(&first, i, &second, j, n, t, gap - margin, skew),
+                                until(&first, i, &second, j, n, t, PART * margin, 0.0));
+                    *soon = fmin(t + SOON * (*due - t), *due);
                 }
-                next = fmin(next, due[i][j]);
+                next = fmin(next, *due);
             }
         if (t < n - 1 && next > n - 1 && next < INFINITY) next = n - 1;
         t = next;
     }
     return FREE;
+}
+
+static int known_apart(const Scene *a, const Scene *b, const double *placement,
+                       const double *levers_a, const double *levers_b, int n, const double *qa,
+                       const double *qb, double margin, double skew, Known *known, double *out) {
+    double *travel = malloc(sizeof(double) * (size_t)n * (size_t)(a->bodies + b->bodies));
+    if (!travel) return UNKNOWN;
+    travelled(a, levers_a, n, qa, travel);
+    travelled(b, levers_b, n, qb, travel + n * a->bodies);
+    const int found = apart(a, b, placement, n, qa, qb, travel, travel + n * a->bodies, margin, skew,
+                            known, out);
+    free(travel);
+    return found;
 }
 
 /* FREE if bodies keep `margin` apart throughout; TOUCHING fills `out`: when, in steps; how near;
@@ -141,14 +188,9 @@ static int apart(const Scene *a, const Scene *b, const double *placement, int n,
 int so101_apart(const Scene *a, const Scene *b, const double *placement, const double *levers_a,
                 const double *levers_b, int n, const double *qa, const double *qb, double margin,
                 double skew, double *out) {
-    double *travel = malloc(sizeof(double) * (size_t)n * (size_t)(a->bodies + b->bodies));
-    if (!travel) return UNKNOWN;
-    travelled(a, levers_a, n, qa, travel);
-    travelled(b, levers_b, n, qb, travel + n * a->bodies);
-    const int found =
-        apart(a, b, placement, n, qa, qb, travel, travel + n * a->bodies, margin, skew, out);
-    free(travel);
-    return found;
+    Known known;
+    memset(&known, 0, sizeof known);
+    return known_apart(a, b, placement, levers_a, levers_b, n, qa, qb, margin, skew, &known, out);
 }
 
 /* What an arm will do: `n` configurations from `t` on, `dt` apart; it rests before and after. */
@@ -213,10 +255,22 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
                       double skew, double *out) {
     const Course first = {a_course[0], a_course[1], na, qa};
     const Course second = {b_course[0], b_course[1], nb, qb};
+    double before[2][2][JOINTS], moved[2][MOST_BODIES]; /* where they were last, and are */
+    Known known;
+    memset(&known, 0, sizeof known);
     for (int k = 0; since + every * k < end; k++) {
         const double t = since + every * k;
         double stop[2][PLACES][JOINTS];
         const double lasts[2] = {stop_of(&first, t, stop[0]), stop_of(&second, t, stop[1])};
+        for (int which = 0; which < 2; which++) {
+            memcpy(before[which][1], stop[which][0], sizeof stop[which][0]);
+            if (k)
+                travelled(which ? b : a, which ? levers_b : levers_a, 2, before[which][0],
+                          moved[which]);
+            memcpy(before[which][0], stop[which][0], sizeof stop[which][0]);
+        }
+        for (int i = 0; k && i < a->bodies; i++)
+            for (int j = 0; j < b->bodies; j++) known.low[i][j] -= moved[0][i] + moved[1][j];
         const int n = (int)ceil(fmax(lasts[0], lasts[1]) / step - 1e-9) + 1;
         double *q = malloc(sizeof(double) * 2 * (size_t)n * JOINTS);
         if (!q) return UNKNOWN;
@@ -225,8 +279,8 @@ int so101_stops_apart(const Scene *a, const Scene *b, const double *placement,
             for (int i = 0; i < n; i++)
                 course_at(&way, step * i, q + JOINTS * (which * n + i));
         }
-        const int found = so101_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
-                                      margin, skew / step, out);
+        const int found = known_apart(a, b, placement, levers_a, levers_b, n, q, q + JOINTS * n,
+                                      margin, skew / step, &known, out);
         free(q);
         if (found != FREE) {
             out[0] = t + step * out[0];

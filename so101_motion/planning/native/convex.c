@@ -1,10 +1,9 @@
 /* One pair of convex bodies in double precision: how far apart, up to what decides.
  *
  * The nearest point of the difference of two bodies to the origin (Gilbert, Johnson, Keerthi 1988).
- * The nearest point of a simplex is looked for among all its corners, edges and faces: slower than
- * the usual case distinctions and without their traps. As in lanes.c, a length of a combination of
- * points is an upper bound and a plane that touches the difference gives a lower one, so an error
- * in the iteration could cost time, never a wrong verdict.
+ * The nearest point of a simplex is looked for among all edges and faces that it can be on. As in
+ * lanes.c, a length of a combination of points is an upper bound and a plane that touches the
+ * difference gives a lower one, so an error in the iteration could cost time, never a wrong verdict.
  */
 #include <math.h>
 #include <string.h>
@@ -13,6 +12,7 @@
 
 #define BAND 3e-6 /* nearer to the margin than this coal decides [m]: it is no more exact itself */
 #define ROUNDS 64
+#define FLAT 1e-18 /* edges and faces of less are none [m^2] */
 
 typedef struct {
     const double *points;
@@ -61,69 +61,68 @@ static void furthest(const Hull *h, const double *n, double sign, double *out) {
         out[r] = h->p[r] + (h->R ? dot(h->R + 3 * r, at) : at[r]);
 }
 
-/* Weights of the point nearest to the origin on the plane through corners; 0 if there is none. */
-static int weights(double (*w)[3], const int *corner, int n, double *out) {
-    double e[3][3], G[3][4];
-    if (n == 1) {
-        out[0] = 1.0;
-        return 1;
-    }
-    for (int i = 1; i < n; i++)
-        for (int c = 0; c < 3; c++) e[i - 1][c] = w[corner[i]][c] - w[corner[0]][c];
-    for (int i = 0; i < n - 1; i++) {
-        for (int j = 0; j < n - 1; j++) G[i][j] = dot(e[i], e[j]);
-        G[i][n - 1] = -dot(e[i], w[corner[0]]);
-    }
-    for (int i = 0; i < n - 1; i++) { /* the Gram matrix is symmetric: no pivots are needed */
-        if (!(G[i][i] > 1e-18)) return 0;
-        for (int k = i + 1; k < n - 1; k++) {
-            const double f = G[k][i] / G[i][i];
-            for (int j = i; j < n; j++) G[k][j] -= f * G[i][j];
-        }
-    }
-    out[0] = 1.0;
-    for (int i = n - 2; i >= 0; i--) {
-        double x = G[i][n - 1];
-        for (int j = i + 1; j < n - 1; j++) x -= G[i][j] * out[j + 1];
-        out[i + 1] = x / G[i][i];
-        out[0] -= out[i + 1];
-    }
-    for (int i = 0; i < n; i++)
-        if (!(out[i] >= 0.0)) return 0;
-    return 1;
-}
-
 /* The point of a simplex nearest to the origin; keeps the corners that carry it, with as many of
- * `a`, and says what share each has in it. */
+ * `a` if that is given, and says what share each has in it.
+ *
+ * The last corner is the newest and always carries it, else it had brought nothing nearer. So the
+ * nearest point is the last corner and shares of the edges from there to the others, of which those
+ * that are not negative, sum up to one at most, and bring it nearest are looked for. */
 static int nearest(double (*w)[3], double (*a)[3], int n, double *v, double *shares) {
-    double least = INFINITY;
-    int kept = 1;
-    for (int set = 1; set < 1 << n; set++) {
-        int corner[4], m = 0;
-        double share[4], at[3] = {0.0, 0.0, 0.0};
-        for (int i = 0; i < n; i++)
-            if (set >> i & 1) corner[m++] = i;
-        if (!weights(w, corner, m, share)) continue;
-        for (int i = 0; i < m; i++)
-            for (int c = 0; c < 3; c++) at[c] += share[i] * w[corner[i]][c];
-        if (dot(at, at) < least) {
-            least = dot(at, at);
-            kept = set;
-            memcpy(v, at, sizeof at);
-            memcpy(shares, share, sizeof share);
-        }
+    const int m = n - 1;
+    const double *last = w[m];
+    double e[3][3], G[3][3], b[3], best[3] = {0.0}, most = 0.0;
+    for (int i = 0; i < m; i++) {
+        for (int c = 0; c < 3; c++) e[i][c] = w[i][c] - last[c];
+        b[i] = -dot(e[i], last);
+        for (int j = 0; j <= i; j++) G[i][j] = G[j][i] = dot(e[i], e[j]);
     }
-    int m = 0;
-    for (int i = 0; i < n; i++)
-        if (kept >> i & 1) {
-            memmove(a[m], a[i], sizeof a[i]);
-            memmove(w[m++], w[i], sizeof w[i]);
+    for (int i = 0; i < m; i++) { /* edges */
+        const double x = b[i] / G[i][i];
+        if (!(G[i][i] > FLAT) || !(x > 0.0 && x <= 1.0) || !(x * b[i] > most)) continue;
+        most = x * b[i];
+        for (int k = 0; k < 3; k++) best[k] = k == i ? x : 0.0;
+    }
+    for (int i = 1; i < m; i++)
+        for (int j = 0; j < i; j++) { /* faces */
+            const double D = G[i][i] * G[j][j] - G[i][j] * G[i][j];
+            const double x = b[i] * G[j][j] - b[j] * G[i][j];
+            const double y = b[j] * G[i][i] - b[i] * G[i][j];
+            if (!(D > FLAT * G[i][i]) || !(x > 0.0 && y > 0.0 && x + y <= D)) continue;
+            if (!(x * b[i] + y * b[j] > most * D)) continue;
+            most = (x * b[i] + y * b[j]) / D;
+            for (int k = 0; k < 3; k++) best[k] = k == i ? x / D : k == j ? y / D : 0.0;
         }
-    return m;
+    if (m == 3) { /* the origin is inside */
+        double normal[3][3], D = 0.0, x[3], sum = 0.0;
+        for (int i = 0; i < 3; i++) {
+            const double *f = e[(i + 1) % 3], *g = e[(i + 2) % 3];
+            for (int c = 0; c < 3; c++)
+                normal[i][c] = f[(c + 1) % 3] * g[(c + 2) % 3] - f[(c + 2) % 3] * g[(c + 1) % 3];
+        }
+        D = dot(e[0], normal[0]);
+        for (int i = 0; i < 3; i++) sum += x[i] = -dot(last, normal[i]) / D;
+        const int is_inside = x[0] > 0.0 && x[1] > 0.0 && x[2] > 0.0 && sum <= 1.0;
+        if (is_inside && D * D > FLAT * dot(normal[2], normal[2]))
+            memcpy(best, x, sizeof best);
+    }
+    int kept = 0;
+    double rest = 1.0;
+    memcpy(v, last, 3 * sizeof *v);
+    for (int i = 0; i < m; i++) {
+        if (!(best[i] > 0.0)) continue;
+        for (int c = 0; c < 3; c++) v[c] += best[i] * e[i][c];
+        rest -= shares[kept] = best[i];
+        if (a) memmove(a[kept], a[i], sizeof a[i]);
+        memmove(w[kept++], w[i], sizeof w[i]);
+    }
+    shares[kept] = rest;
+    if (a) memmove(a[kept], a[m], sizeof a[m]);
+    memmove(w[kept++], w[m], sizeof w[m]);
+    return kept;
 }
 
 static int verdict(const Hull *a, const Hull *b, double margin, const double *towards) {
-    double w[4][3], on_a[4][3], share[4], v[3], pa[3], pb[3], last = INFINITY;
+    double w[4][3], share[4], v[3], pa[3], pb[3], last = INFINITY;
     furthest(a, towards, -1.0, pa);
     furthest(b, towards, 1.0, pb);
     for (int c = 0; c < 3; c++) v[c] = w[0][c] = pa[c] - pb[c];
@@ -139,7 +138,7 @@ static int verdict(const Hull *a, const Hull *b, double margin, const double *to
         if (low > margin + BAND) return FREE;
         if (!(length - low > 1e-10) || !(length < last)) return UNKNOWN;
         last = length;
-        n = nearest(w, on_a, n + 1, v, share);
+        n = nearest(w, 0, n + 1, v, share);
     }
     return UNKNOWN;
 }
@@ -227,7 +226,7 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
     const Body *first = &a->body[body_a], *second = &b->body[body_b];
     const Pose *pose_a = &at_a[first->joint], *pose_b = &at_b[second->joint];
     const double radii = first->radius + second->radius + ROUNDED;
-    double w[4][3], a_of[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
+    double w[4][3], share[4], pa[3], pb[3], low = 0.0, last = INFINITY;
     if (!(dot(v, v) > 0.0))
         for (int c = 0; c < 3; c++) v[c] = pose_a->p[c] - pose_b->p[c];
     int n = 0;
@@ -236,7 +235,7 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
         if (!(length > 1e-9) || !(length < last)) break;
         body_furthest(a, first, pose_a, v, -1.0, pa);
         body_furthest(b, second, pose_b, v, 1.0, pb);
-        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c], a_of[n][c] = pa[c];
+        for (int c = 0; c < 3; c++) w[n][c] = pa[c] - pb[c];
         low = fmax(low, dot(v, w[n]) / length);
         if (low - radii > enough) break;
         if (n) {
@@ -244,7 +243,7 @@ double so101_gap(const Scene *a, const Pose *at_a, int body_a, const Scene *b, c
             if (!(length - low > known)) break;
             last = length;
         }
-        n = nearest(w, a_of, n + 1, v, share);
+        n = nearest(w, 0, n + 1, v, share);
     }
     return low - radii;
 }

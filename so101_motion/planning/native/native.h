@@ -11,12 +11,17 @@
 #include <stdint.h>
 
 #define JOINTS 6
+#define ARM_JOINTS 5 /* without the jaw */
+#define MOST_ARMS 8  /* of a team */
+#define MOST_JOINTS (MOST_ARMS * ARM_JOINTS)
+#define MOST_AT_ONCE 64 /* configurations of a team */
 #define MOST_BODIES 32  /* bits of a mask */
 #define MOST_POINTS 512 /* of one body */
 #define LANES 4         /* points that convex.c compares at once */
 #define NEAR_ROW 16     /* numbers that nearest.c says of a pair */
 
 enum { FREE = 0, TOUCHING = 1, UNKNOWN = 2 };
+enum { LATE = 1, STOPPED = 2 };
 
 /* Two bounds must differ by this before they decide [m]: rounding in single precision (measured:
  * below 1e-6 for the arm) and coal's own tolerance of 1e-6. It grows with the coordinates. */
@@ -102,6 +107,38 @@ typedef struct {
     double R[9], p[3];
 } Pose;
 
+/* How an arm's lines are looked at in its scene: sampled, or proven with all levels. */
+typedef struct {
+    Scene *scene;
+    const Level *levels;
+    int n_levels, proven;
+    const double *reach;
+    double spacing, q_jaw;
+} Checker;
+
+/* Two arms of a team, by number, and what so101_apart wants to know of them. */
+typedef struct {
+    int first, second;
+    const Scene *a, *b;
+    const double *levers_a, *levers_b;
+    double placement[12];
+} Couple;
+
+/* Arms whose joints, five each, stand in a row in a configuration, and who has to stay `room` [m]
+ * apart. An arm by itself is a team, too. */
+typedef struct {
+    int arms, couples;
+    const Checker *arm;
+    const Couple *couple;
+    double room;
+} Team;
+
+int so101_team_is_over(const Team *m); /* LATE, STOPPED, or 0 */
+void so101_team_check(const Team *m, const double *q, int n, uint8_t *verdict);
+int so101_team_is_apart(const Team *m, const double *q);
+int so101_team_is_free(const Team *m, const double *q);
+int so101_team_is_clear(const Team *m, const double *a, const double *b, int ends);
+
 void so101_poses(const Scene *s, const double *q, Pose *pose); /* JOINTS + 1 poses */
 /* `v`: about how the second lies from the first, to begin with. */
 int so101_exact_pair(const Scene *s, const Pose *pose, int pair, double margin, const double *v);
@@ -139,4 +176,7 @@ int so101_is_clear(Scene *s, const Level *level, const double *reach, double spa
                    const double *a, const double *b, double q_jaw, int ends);
 int so101_first_blocked(Scene *s, const Level *levels, int n_levels, const double *reach,
                         const double *points, int n, double q_jaw, double *blocked);
+int so101_apart(const Scene *a, const Scene *b, const double *placement, const double *levers_a,
+                const double *levers_b, int n, const double *qa, const double *qb, double margin,
+                double skew, double *out);
 #endif

@@ -14,7 +14,11 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from so101_motion.common.geometry import Array
-from so101_motion.planning.collision.batch_check import BatchSampledCheck, pointer
+from so101_motion.planning.collision.batch_check import (
+    BatchSampledCheck,
+    BatchTeamCheck,
+    pointer,
+)
 from so101_motion.planning.paths.rrt_connect import Deadline, Space, Tree
 
 ROOM = 256
@@ -29,29 +33,30 @@ class CompiledSearch:
 
     Args:
         space: Where configurations are drawn from.
-        checker: What is free.
-        q_start: A free configuration, shape (5,), [rad].
-        goals: Free configurations, at least one, each of shape (5,), [rad].
+        checker: What is free, of an arm or of several in a row.
+        q_start: A free configuration, shape (n,), [rad].
+        goals: Free configurations, at least one, each of shape (n,), [rad].
         random: The source of its seed.
     """
 
     def __init__(
         self,
         space: Space,
-        checker: BatchSampledCheck,
+        checker: BatchSampledCheck | BatchTeamCheck,
         q_start: Array,
         goals: Sequence[Array],
         random: Seeds,
     ) -> None:
-        self._space, self._checker, self._random = space, checker, random
-        self._library = checker.batch.library
+        self._space, self._checker, self._random = space, _team_of(checker), random
+        self._library, self._joints = self._checker.library, len(space.lower)
         self._roots = (1, len(goals))
         self._search = ctypes.c_void_p()
         given = (space.lower, space.upper, space.weights, q_start, *goals)
         packed = np.concatenate(given, dtype=np.float64)
         first: int = packed.ctypes.data
-        at = (ctypes.c_void_p(first + k * 5 * packed.itemsize) for k in range(5))
-        handle = self._library.so101_search_new(*at, len(goals), random.next())
+        row = self._joints * packed.itemsize
+        at = (ctypes.c_void_p(first + k * row) for k in range(5))
+        handle = self._library.so101_search_new(self._joints, *at, len(goals), random.next())
         if not handle:
             raise MemoryError("no memory for a search")
         self._search = ctypes.c_void_p(handle)
@@ -60,18 +65,16 @@ class CompiledSearch:
         self._library.so101_search_free(self._search)
 
     def run(self, deadline: Deadline, most: int | None = None) -> tuple[list[Array], int] | None:
-        """Waypoints (5,) to a goal, and its index; None if not found in time or ``most`` rounds."""
+        """Waypoints (n,) to a goal, and its index; None if not found in time or ``most`` rounds."""
         if deadline.has_passed():  # the library asks only now and then
             return None
-        batch, checker = self._checker.batch, ctypes.byref(self._checker.checker)
-        with batch.until(deadline.has_passed):
-            count = self._library.so101_search_run(batch.scene, self._search, checker, most or 0)
-            batch.raise_error()
+        with self._checker.until(deadline.has_passed):
+            count = self._library.so101_search_run(self._checker.team, self._search, most or 0)
         if count < 0:
             raise MemoryError("no memory for a search")
         if count == 0:
             return None
-        points = np.empty((count, 5))
+        points = np.empty((count, self._joints))
         goal = self._library.so101_search_path(self._search, pointer(points))
         return list(points), int(goal)
 
@@ -87,7 +90,7 @@ class CompiledSearch:
 
     def _tree(self, which: int) -> Tree:
         count = self._library.so101_search_tree(self._search, which, None, None)
-        points, parents = np.empty((count, 5)), np.empty(count, dtype=np.int32)
+        points, parents = np.empty((count, self._joints)), np.empty(count, dtype=np.int32)
         self._library.so101_search_tree(self._search, which, pointer(points), pointer(parents))
         roots = self._roots[which]
         tree = Tree(list(points[:roots]), self._space, self._random.generator)
@@ -98,22 +101,20 @@ class CompiledSearch:
 
 def compiled_shortened(
     points: Sequence[Array],
-    checker: BatchSampledCheck,
+    checker: BatchSampledCheck | BatchTeamCheck,
     random: Seeds,
     deadline: Deadline,
     *,
     only_skip: bool = False,
 ) -> list[Array]:
     """``shortened``, or only ``skipped``, compiled."""
-    batch = checker.batch
-    given, seed = np.array(points), random.next()
+    team, given, seed = _team_of(checker), np.array(points), random.next()
     room, count = ROOM, 0
     while count == 0:  # too little room for the pieces of so long a path
-        out = np.empty((room, 5))
-        with batch.until(deadline.has_passed):
-            count = batch.library.so101_shorten(
-                batch.scene,
-                ctypes.byref(checker.checker),
+        out = np.empty((room, given.shape[1]))
+        with team.until(deadline.has_passed):
+            count = team.library.so101_shorten(
+                team.team,
                 pointer(given),
                 len(given),
                 pointer(out),
@@ -121,11 +122,14 @@ def compiled_shortened(
                 seed,
                 int(only_skip),
             )
-            batch.raise_error()
         room *= 4
     if count < 0:
         raise MemoryError("no memory to shorten a path")
     return list(out[:count])
+
+
+def _team_of(checker: BatchSampledCheck | BatchTeamCheck) -> BatchTeamCheck:
+    return checker if isinstance(checker, BatchTeamCheck) else BatchTeamCheck([checker])
 
 
 class Seeds:

@@ -50,6 +50,10 @@ PROBES, NAMED = 30, 50
 """So many times some further tries, and so many that met something, tell afterwards what a search
 was blocked by."""
 
+BRIEF = 0.1
+"""Why a shorter search [s] has failed is not looked into: that takes tens of milliseconds, and who
+gives so little time has something else to try. Chosen."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FreePath:
@@ -95,7 +99,8 @@ class PathFinder:
                 any further.
 
         Raises:
-            NoPath: None was found in time; says which end is shut in, if one is, and by what.
+            NoPath: None was found in time; says which end is shut in, if one is, and by what,
+                unless there was less time than ``BRIEF``.
         """
         blocked = []
         for index, goal in enumerate(goals):
@@ -169,6 +174,9 @@ class PathFinder:
         return found
 
     def _no_path(self, search: TreeSearch | CompiledSearch, deadline: Deadline) -> NoPath:
+        if deadline.budget < BRIEF:
+            message = f"no path found in {deadline.budget:.3f} s; allow more time"
+            return NoPath(message, where="path", blockers=())
         trees = search.from_start, search.from_goals
         counts = [tree.count for tree in trees]
         blockers = [self._blockers(tree) for tree in trees]

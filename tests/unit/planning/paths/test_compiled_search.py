@@ -84,7 +84,7 @@ def walled_in():
 def test_a_search_that_fails_says_what_was_in_the_way(model):
     finder = PathFinder(model, CollisionModel(model, walled_in()))
     with pytest.raises(NoPath, match=r"configurations reached from the start") as caught:
-        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.05)
+        finder.find(np.zeros(5), [np.array([-1.5, 0.0, 0.2, 0.9, 0.0])], 0.1)
     assert "wall 0" in caught.value.blockers
 
 

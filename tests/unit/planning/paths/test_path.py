@@ -130,6 +130,20 @@ def test_a_blocked_path_is_named(model):
     assert caught.value.blockers == ("brick",)
 
 
+def test_why_a_brief_search_fails_is_not_looked_into(model):
+    looks = 0
+
+    def is_wall(q):
+        nonlocal looks
+        looks += 1
+        return abs(q[0]) < 0.2
+
+    finder = PathFinder(model, Wall(is_wall))
+    with pytest.raises(NoPath, match=r"no path found in -1\.000 s; allow more time"):
+        finder.find(np.full(5, -0.8), [np.full(5, 0.8)], -1.0)
+    assert looks < 100
+
+
 def test_a_goal_that_is_shut_in_is_named(model):
     goal = np.full(5, 0.5)
     finder = PathFinder(model, Wall(lambda q: 0.1 < np.abs(q - goal).max() < 0.2))
