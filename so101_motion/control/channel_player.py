@@ -138,9 +138,15 @@ class ChannelPlayer:
     @property
     def acceleration(self) -> Array | None:
         """How that velocity changes, shape (n,), [rad/s^2]; None where nobody knows beforehand."""
-        motion = self._motion
-        is_planned = motion is None or isinstance(motion.source, PlannedMotion)
-        return self.reference.qdd if is_planned else None
+        source = None if self._motion is None else self._motion.source
+        if isinstance(source, Following):
+            return source.foreseen.qdd
+        return self.reference.qdd if isinstance(source, PlannedMotion | None) else None
+
+    @property
+    def is_led(self) -> bool:
+        """Whether it follows targets, which nobody planned."""
+        return self._motion is not None and isinstance(self._motion.source, Following)
 
     def rest_at(self, q: Array) -> None:
         """Set the reference to ``q``, at rest; no motion is under way then."""

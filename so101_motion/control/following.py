@@ -36,6 +36,7 @@ from so101_motion.common.geometry import Array, frozen_array, is_finite
 from so101_motion.common.state import ARM_JOINTS
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.control.approach import GATE, Approach
+from so101_motion.control.foreseen import Foreseen
 from so101_motion.control.joint_bounds import JointBounds, Places, gentle, landed, stoppable
 from so101_motion.control.led_motion import LedMotion
 from so101_motion.control.motion_source import MotionSource, PlannedMotion
@@ -84,11 +85,13 @@ class _Aim(NamedTuple):
     Attributes:
         q: Where to, within the range, shape (n,), [rad].
         qd: How fast that moves, shape (n,), [rad/s].
+        qdd: How that changes, shape (n,), [rad/s^2]; None if nobody knows.
         outside: How far beyond the range it was asked for, shape (n,), [rad].
     """
 
     q: Array
     qd: Array
+    qdd: Array | None
     outside: Array
 
 
@@ -114,6 +117,7 @@ class Following(LedMotion):
 
     Attributes:
         now: The last setpoint.
+        foreseen: What is known of how the joints accelerate; it is passed on to the driver.
     """
 
     can_wait = True
@@ -146,6 +150,7 @@ class Following(LedMotion):
         self._guard, self._each, self._ends_there = guard, each, ends_there
         self._neighbours = neighbours
         self._look_every = LOOK_EVERY if guard is None else min(guard.look_every, LOOK_EVERY)
+        self.foreseen = Foreseen(dt)
         self._aimed: _Aim | None = None
         self._seen: _Aim | None = None
         self._t = self._t_seen = self._t_nearest = 0.0
@@ -158,13 +163,15 @@ class Following(LedMotion):
 
     # Any thread
 
-    def aim(self, q: ArrayLike, qd: ArrayLike | None = None) -> Array:
+    def aim(self, q: ArrayLike, qd: ArrayLike | None = None, qdd: ArrayLike | None = None) -> Array:
         """Go to joint angles, from the next control cycle on; never waits.
 
         Args:
             q: Where the joints shall be, shape (n,), [rad].
             qd: How fast that place moves, shape (n,), [rad/s]; it is taken to go on like that until
                 the next target. None for a place that stands still.
+            qdd: How that velocity changes, shape (n,), [rad/s^2]; None if nobody knows. Whoever
+                says so is followed more closely, for the driver makes up for what servos lag.
 
         Returns:
             The target as it was taken, within the range, shape (n,), [rad].
@@ -176,9 +183,12 @@ class Following(LedMotion):
         self._refuse_if_over()
         wanted = self._checked("q", q)
         rate = np.zeros(len(wanted)) if qd is None else self._checked("qd", qd)
+        change = None if qdd is None else self._checked("qdd", qdd)
         taken = frozen_array(np.clip(wanted, self._lower, self._upper), wanted.shape)
         outside = frozen_array(wanted - taken, wanted.shape)
-        self._aimed = _Aim(taken, np.where(outside == 0.0, rate, 0.0), outside)
+        within = (outside == 0.0).astype(np.float64)
+        change = None if change is None else within * change
+        self._aimed = _Aim(taken, within * rate, change, outside)
         return taken
 
     def hold(self) -> None:
@@ -244,6 +254,8 @@ class Following(LedMotion):
             previous: What made it; None for joints that rest.
         """
         guarded = isinstance(previous, Following) and previous.is_guarded
+        if isinstance(previous, Following):
+            self.foreseen = previous.foreseen
         if self._guard is not None and previous is not None and not guarded:
             stop = previous.brake(now, self._stop_limits)
             self._slowing = PlannedMotion(stop)
@@ -275,6 +287,7 @@ class Following(LedMotion):
             if self._slowing.is_over:
                 self._slowing = None
             self._braked = self.now
+            self.foreseen.braking(self.now)
             return self.now
         if aim is None:
             self._held = ()
@@ -323,7 +336,8 @@ class Following(LedMotion):
             return aimed
         moved = aimed.q + age * aimed.qd
         q = np.clip(moved, self._lower, self._upper)
-        return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0))
+        qdd = None if aimed.qdd is None else np.zeros_like(q)
+        return aimed._replace(q=q, qd=np.where(q == moved, aimed.qd, 0.0), qdd=qdd)
 
     def _ask(self) -> None:
         """The last chance to aim before a setpoint."""
@@ -338,39 +352,53 @@ class Following(LedMotion):
     def _brake(self) -> None:
         """Go on as the last setpoint has left room for."""
         self.now = self._braked
+        self.foreseen.braking(self.now)
         self._braked, _ = online.path_to_rest(self.now, self._stop_limits, self._dt, math.inf)
 
     def _lead(self, aim: _Aim) -> None:
         """Go on towards a target, or brake where that must not be."""
         off = aim.q - self.now.q
         limits = self._approach.caps(self._t, off, is_held=self.is_held).eased(self._share())
-        if self._t < self._t_gentle:
+        if is_gentle := self._t < self._t_gentle:
             limits = gentle(limits, self._stop_limits)
-        q, qd = aim.q, aim.qd
+        q, qd, qdd = aim.q, aim.qd, None if self.is_approaching else aim.qdd
         if qd.any():
-            fastest = _SLOWER * limits.velocity
-            qd = np.clip(qd, -fastest, fastest)
+            qd = np.clip(qd, -_SLOWER * limits.velocity, _SLOWER * limits.velocity)
+        if qdd is not None:
+            qdd = np.clip(qdd, -limits.acceleration, limits.acceleration)
         if self._guard is not None:
             allowed = self._guard.within_reach(self.now.q, q)
             if allowed is not q:
                 q, qd = np.clip(allowed, self._least, self._most), np.zeros_like(qd)
+                qdd = None
             self._held = tuple(map(self._guard.words, self._guard.against))
         else:
             self._held = ()
-        together = (self._ends_there or self.is_approaching) and not qd.any()
+        arrival: online.Arrival = "each"
+        if not qd.any() and (is_gentle or self._ends_there or self.is_approaching):
+            # From rest close to things, joints that do not set off together come closer first.
+            arrival = "straight" if is_gentle else "together"
         try:
-            led = online.towards(self.now, q, qd, limits, self._dt, together=together)
+            if qdd is None:
+                led = online.towards(self.now, q, qd, limits, self._dt, arrival=arrival)
+            else:
+                led = online.alongside(self.now, Setpoint(q=q, qd=qd, qdd=qdd), limits, self._dt)
             led, after, path = self._inside(landed(led, q, qd), limits)
         except PlanningError:  # ruckig gives up on a few states in a million; the next is another
             return self._brake()
         path.insert(0, self.now.q.tolist())
-        if self._guard is not None and not self._guard.admits(np.array(path)):
+        ahead = qdd is not None or self.foreseen.may_be_ahead
+        if self._guard is not None and not self._guard.admits(np.array(path), ahead=ahead):
             self._held = self._held or ("too little room to brake",)
             self._t_gentle = self._t + GENTLE
             return self._brake()
         if not self._keeps_off(led):
             return self._brake()
         self.now, self._braked = led, after
+        if aim.qdd is None:
+            self.foreseen.unknown()
+        else:
+            self.foreseen.beside(led, led.qdd if qdd is None else qdd)
 
     def _keeps_off(self, led: Setpoint) -> bool:
         """Whether the joints can stop from there without meeting other arms."""

@@ -290,7 +290,9 @@ class JointController:
             for player in players:
                 player.step(self.k)
             arm, jaw = self._arm, self._jaw
-            self._driver.write(arm.command, float(jaw.command[0]), arm.speed, arm.acceleration)
+            self._driver.write(
+                arm.command, float(jaw.command[0]), arm.speed, arm.acceleration, arm.is_led
+            )
         if self._watch is not None:
             self._watch()
         reading = self._driver.read()

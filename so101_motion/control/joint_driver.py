@@ -28,6 +28,7 @@ class JointDriver(Protocol):
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
+        is_led: bool = False,
     ) -> None:
         """Set the goals: arm joints, shape (5,), and jaw [rad].
 
@@ -36,6 +37,7 @@ class JointDriver(Protocol):
         driver's own cap holds then, and the joint may be told to stay where it is. With torque off
         this only seeds the goal, which is then what was just measured. ``qdd_cmd`` is how the
         velocities change, shape (5,), [rad/s^2], if that is known; what makes up for lag uses it.
+        ``is_led`` says that nobody planned it: a joint may be told to turn round at any moment.
 
         Raises ``CommandRefused`` for a goal that is too far away; the joints stay at the last one.
         """

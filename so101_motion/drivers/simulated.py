@@ -99,6 +99,7 @@ class SimArm:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
+        is_led: bool = False,
     ) -> None:
         """Give the joints a goal: arm joints, shape (5,), and jaw [rad].
 
@@ -107,6 +108,7 @@ class SimArm:
             q_jaw_cmd: Where the jaw is.
             qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s].
             qdd_cmd: Not used; these joints have no lag.
+            is_led: Nor is this.
 
         Raises:
             CommandRefused: That is further than the caps of driven joints allow, as for a real arm.

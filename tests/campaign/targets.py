@@ -101,6 +101,13 @@ class Leader:
     def to_a_place_that_races(self, k, q, there, other):
         return [(there, 50.0 * other)]
 
+    def to_a_place_that_sways(self, k, q, there, other):
+        s, c = 0.4 * np.sin(0.05 * k), 0.4 * np.cos(0.05 * k)
+        return [(there + s, np.full(5, 5.0 * c), np.full(5, -25.0 * s))]
+
+    def to_a_place_that_says_what_is_not_so(self, k, q, there, other):
+        return [(q + 0.05 * other, 2.0 * other, 1e3 * (-1) ** k * other)]
+
     def to_and_fro_nearby(self, k, q, there, other):
         return [q + [self._rng.gauss(0.0, 0.1) for _ in range(5)]]
 

@@ -7,8 +7,10 @@ import sys
 
 import numpy as np
 import pytest
-from harness.lerobot_bench import READY, SO101MotionJog, SO101MotionJogConfig
+from harness.lerobot_bench import READY, SO101MotionJog, SO101MotionJogConfig, lerobot_bench
 from lerobot.utils.errors import DeviceNotConnectedError
+
+from so101_motion.common.named_poses import POSES
 
 AXIS, BUTTON = 2, 1
 
@@ -58,6 +60,24 @@ def test_a_held_stick_leads_the_tool_along_a_straight_line_until_it_is_let_go(be
     assert 30.0 < way[2] < 48.0
     assert np.abs(way[:2]).max() < 0.5
     assert not bench.rig.arm.state.qd_ref.any()
+
+
+def test_an_arm_that_lies_close_to_itself_and_to_the_table_is_led_away_from_rest(tmp_path):
+    rest = next(pose.q for pose in POSES if pose.name == "rest")
+    lying = rest + np.radians((0.0, 0.0, 10.0, 0.0, 0.0))
+    aside = np.array((0.0, 0.1, -1.15, 0.95, 0.02, 0.0))  # up, on a straight line of the tool
+    with lerobot_bench(tmp_path, q_start=(*lying, 0.0)) as bench:
+        robot = bench.robot()
+        robot.connect(calibrate=False)
+        names = robot.action_features
+        start = np.array([robot.get_observation()[name] for name in names])
+        q = bench.rig.arm.state.q_ref
+        for _ in range(30):
+            robot.send_action(dict(zip(names, start + aside, strict=True)))
+            bench.advance(1.0 / 30.0)
+        moved = np.degrees(bench.rig.arm.state.q_ref - q)
+        assert moved[2] < -0.8
+        assert moved[3] > 0.5
 
 
 def test_a_stick_without_a_shoulder_button_moves_nothing(bench, pad, jog):

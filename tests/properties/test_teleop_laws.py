@@ -99,7 +99,7 @@ def test_what_is_guarded_is_never_passed(q_start, goals, fence):
         def within_reach(self, q, q_target):
             return q_target
 
-        def admits(self, way):
+        def admits(self, way, *, ahead=False):
             return bool(np.all(way[:, 0] <= max(fence, q_start[0])))
 
     led = following(q_start, PACE.full, guard=Fence(), stale_after=None)

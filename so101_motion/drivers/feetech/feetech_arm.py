@@ -182,6 +182,7 @@ class FeetechArm:
         q_jaw_cmd: float,
         qd_cmd: Array | None = None,
         qdd_cmd: Array | None = None,
+        is_led: bool = False,
     ) -> None:
         """Send the joints to ``q_cmd``, shape (5,), and the jaw to ``q_jaw_cmd`` [rad].
 
@@ -190,6 +191,7 @@ class FeetechArm:
             q_jaw_cmd: Where the jaw is.
             qd_cmd: How fast the arm joints are wanted there, shape (5,), [rad/s]; None is at rest.
             qdd_cmd: How those speeds change, shape (5,), [rad/s^2]; None is not known.
+            is_led: Whether nobody planned that, so that a joint may turn round at any moment.
 
         While the arm is guided only the jaw is sent anywhere.
 
@@ -215,7 +217,7 @@ class FeetechArm:
                     )
                 qd = None if qd_cmd is None else qd_cmd.tolist()
                 qdd = None if qdd_cmd is None else qdd_cmd.tolist()
-                self._compensation.point(q, qd, now, here, free, qdd)
+                self._compensation.point(q, qd, now, here, free, qdd, is_led=is_led)
             else:
                 self._pull.end(bus)
                 self._switch.refuse_unsure(bus, self._maps)

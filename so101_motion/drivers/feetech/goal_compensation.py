@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 
+from so101_motion.common.units import to_rad
 from so101_motion.drivers.bus.registers import Fault
 from so101_motion.drivers.bus.ticks import JointMap, Ticks
 from so101_motion.drivers.feetech.gravity_compensation import Gravity, Trim
@@ -40,6 +41,16 @@ _SLOW = 0.03
 
 _BLEND = 0.5
 """In which time it comes and goes otherwise [s]; chosen, longer than a stop takes."""
+
+_TURNING, _LED_SHARE, _LED_BRAKING = to_rad(60.0), 0.4, 0.8
+"""Of a joint that is led less of the lag is made up for the slower it is, below the first [rad/s],
+down to the share that follows; and its set-point changes its speed by so much of its own braking.
+Turning round, a servo has to cross its play, and were its set-point as far ahead by then as in a
+planned motion, it would go after it harder than any joint may. Chosen by trial."""
+
+_MOST_AHEAD = to_rad(40.0)
+"""No goal of a joint that is led is further ahead of its command for its speed [rad]. Chosen: 5
+more than a joint asks for at 180 deg/s that is not driven ahead, and its servo brakes slowest."""
 
 _GIVEN_UP = 2.0
 """Within which time joints sag that are not compensated for [s]; chosen, a few degrees slowly."""
@@ -82,7 +93,9 @@ class GoalCompensation:
         self._compensates, self._t_begin = compensates, 0.0
         self._maps, self._figures = maps, figures
         self._qd: Sequence[float] | None = None
-        self._qdd: Sequence[float] | None = None
+        self._qdd: Sequence[float] = (0.0,) * 5
+        self._is_told = self._is_led = False  # how the speeds change; and nobody planned them
+        self._t_point = -math.inf
         self._foreseen = [0.0] * 6  # what share of the lag is made up for
         self._setpoint_qd = [0.0] * 6  # of the servos' own set-points [rad/s]
         self._lags = [0.0] * 6  # how far joints would stay behind, were nothing done [rad]
@@ -137,6 +150,8 @@ class GoalCompensation:
         here: Callable[[int], float],
         free: Collection[int],
         qdd: Sequence[float] | None = None,
+        *,
+        is_led: bool = False,
     ) -> None:
         """The joints are wanted at ``q`` [rad].
 
@@ -147,6 +162,7 @@ class GoalCompensation:
             here: Where a joint is surely known to be [rad], else NaN.
             free: Joints that no goal keeps in place.
             qdd: How the speeds of the arm joints change there [rad/s^2]; None is not known.
+            is_led: Whether nobody planned that, so that a joint may turn round at any moment.
 
         Raises:
             CommandRefused: That is further from where they were wanted than the caps allow.
@@ -154,7 +170,10 @@ class GoalCompensation:
         self._limiter.follow(q, qd, now, here, free)
         self.q = q
         known = None if qd is None else [0.0 if math.isnan(each) else each for each in qd]
-        self._qd, self._qdd = known, qdd
+        self._is_told, self._is_led = qdd is not None, is_led
+        # While what makes up for lag is being given up, a servo must not run on as the joint slows.
+        self._qdd = qdd or self._changes(known, now)
+        self._qd, self._t_point = known, now
         self.trim.command(q, now, self._qd or (0.0,) * 5, _AHEAD)
         for i, each in enumerate(qd or ()):
             if math.isnan(each):  # it is to stay where it is
@@ -169,9 +188,8 @@ class GoalCompensation:
             self._setpoint_qd = [0.0] * 6
             self._lags, self.trim.lags = [0.0] * 6, [0.0] * 6
         else:
-            qdd = self._qdd or (0.0,) * 5
             for i, qd in enumerate(self._qd):
-                lead[i] = self._lead(i, qd, qdd[i], dt)
+                lead[i] = self._lead(i, qd, self._qdd[i], dt)
         if not self._compensates:
             left = max(1.0 - (now - self._t_begin) / _GIVEN_UP, 0.0)
             offset, lead = [left * each for each in offset], [0.0] * 6
@@ -186,27 +204,40 @@ class GoalCompensation:
         """The same while a hand leads the arm to ``q_goal`` [rad]; the jaw holds on."""
         return self._in_ticks(self._limiter.yielded([*q_goal, self.q[5]], now), absent)
 
+    def _changes(self, qd: Sequence[float] | None, now: float) -> Sequence[float]:
+        """How the speeds change that were commanded last [rad/s^2]."""
+        dt = now - self._t_point
+        if qd is None or self._qd is None or not 0.0 < dt < _RECENT:
+            return (0.0,) * 5
+        return [(v - before) / dt for v, before in zip(qd, self._qd, strict=True)]
+
     def _lead(self, i: int, qd: float, qdd: float, dt: float) -> float:
         """What makes up for the lag of joint ``i`` at this speed and acceleration [rad]."""
         self._lags[i] += qd * dt - min(dt / (DELAY + self.trim.models[i].lag), 1.0) * self._lags[i]
         self.trim.lags[i] = (1.0 - self._foreseen[i]) * self._lags[i]
+        wanted, before = 1.0 if self._is_told else 0.0, self._foreseen[i]
+        if abs(qd) < _SLOW:
+            self._foreseen[i] = wanted
+        else:  # one that is led at speed is not overtaken
+            rise = 0.0 if self._is_led else dt / _BLEND
+            self._foreseen[i] += min(max(wanted - before, -dt / _BLEND), rise)
         if not (qd or qdd or self._setpoint_qd[i]):
             return 0.0
         model = self.trim.models[i]
-        wanted = 0.0 if self._qdd is None else 1.0
-        if abs(qd) < _SLOW:
-            self._foreseen[i] = wanted
-        else:
-            self._foreseen[i] += min(max(wanted - self._foreseen[i], -dt / _BLEND), dt / _BLEND)
         share = self._foreseen[i]
         # The set-point runs ahead of the joint; no faster than it can.
         change = model.braking * dt
+        if self._is_led:
+            change *= _LED_BRAKING if self._is_told else 1.0
+            share *= _LED_SHARE + (1.0 - _LED_SHARE) * min(abs(qd) / _TURNING, 1.0)
+            self.trim.lags[i] = (1.0 - share) * self._lags[i]
         wanted, before = qd + share * qdd * (DELAY + model.lag), self._setpoint_qd[i]
         self._setpoint_qd[i] = min(max(wanted, before - change), before + change)
         # What is sent now is felt later, when the joint has gone on and is faster or slower.
         later = DELAY + model.kind.goal_delay
         behind = self.trim.lag(i, qd + qdd * later, qdd) + later * (qd + 0.5 * qdd * later)
-        return stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
+        ahead = stopping_distance(self._setpoint_qd[i], model.braking) + share * behind
+        return min(max(ahead, -_MOST_AHEAD), _MOST_AHEAD) if self._is_led else ahead
 
     def _in_ticks(self, goals: Sequence[float], absent: Collection[int]) -> dict[int, Ticks]:
         return {

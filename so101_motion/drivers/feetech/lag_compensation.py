@@ -11,9 +11,10 @@ proportion to the speed remain, and are made up for as well: it takes a while un
 (``DELAY`` and the servo's own), and the motor works against the voltage it induces itself
 (``Trim.lag``). Should the next goal not come, the joint comes to rest that much later.
 
-Those two are made up for only in motions that know their own acceleration. One that follows a hand
-changes it at every moment, and joints driven ahead of it would overshoot at every turn: 1,150
-deg/s^2 where 600 were commanded. Teleoperation looks ahead by itself (``predictor.py``).
+Those two are made up for only in motions that know their own acceleration: planned ones, and
+followings of a target that says how it accelerates. One that does not say changes it at every
+moment, and joints driven ahead of it would overshoot at every turn: 1,150 deg/s^2 where 600 were
+commanded. For teleoperation ``predictor.py`` says it.
 """
 
 from __future__ import annotations

@@ -17,7 +17,9 @@ server: lengths are checked here, waypoints never set.
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Literal
 
 import numpy as np
 import ruckig
@@ -31,6 +33,9 @@ from so101_motion.planning.timing.trajectory import Setpoint, Trajectory
 
 SAME_POSITION = 1e-9
 """Goals closer than this [rad] are where the joints already are. Chosen: far below a servo tick."""
+
+SOFTNESS = 0.035
+"""Time constant with which a joint comes beside its target [s]; chosen by trial."""
 
 LESS_JERK = 1.0 - 1e-9
 """Share of the jerk caps with which a motion is looked for again. Chosen: far above rounding, far
@@ -109,6 +114,15 @@ def from_state(
     return Trajectory(dt=dt, q=positions, qd=velocities, qdd=accelerations, duration=duration)
 
 
+Arrival = Literal["each", "together", "straight"]
+
+_SYNCHRONIZATION: dict[Arrival, ruckig.Synchronization] = {
+    "each": ruckig.Synchronization.No,
+    "together": ruckig.Synchronization.Time,
+    "straight": ruckig.Synchronization.Phase,
+}
+
+
 def towards(
     now: Setpoint,
     q_target: ArrayLike,
@@ -116,7 +130,7 @@ def towards(
     limits: MotionLimits,
     dt: float,
     *,
-    together: bool = False,
+    arrival: Arrival = "each",
 ) -> Setpoint:
     """One period of the fastest motion to a moving target.
 
@@ -130,7 +144,8 @@ def towards(
         q_target: Where the target is at the end of the period, shape (n,), [rad].
         qd_target: How fast it moves, shape (n,), slower than the velocity caps, [rad/s].
         dt: The period [s].
-        together: Whether all joints shall arrive together, and not each as soon as it can.
+        arrival: Whether each joint shall arrive as soon as it can, or all together; ``"straight"``
+            on a straight line, where they come from rest.
 
     Raises:
         PlanningError: ruckig finds no motion, for example because the target is too fast.
@@ -145,14 +160,64 @@ def towards(
     fastest = limits.velocity.tolist()
     request.max_velocity = [cap - v for cap, v in zip(fastest, rate, strict=True)]
     request.min_velocity = [-cap - v for cap, v in zip(fastest, rate, strict=True)]
-    if not together:
-        request.synchronization = ruckig.Synchronization.No
+    request.synchronization = _SYNCHRONIZATION[arrival]
     seen = _found(request).at_time(dt)
     return Setpoint(
         q=np.array([a + b for a, b in zip(to, seen[0], strict=True)]),
         qd=np.array([a + b for a, b in zip(rate, seen[1], strict=True)]),
         qdd=np.array(seen[2]),
     )
+
+
+def alongside(now: Setpoint, target: Setpoint, limits: MotionLimits, dt: float) -> Setpoint:
+    """The next setpoint beside a target whose acceleration is known.
+
+    A joint that is near goes softly: what it is off dies down with ``SOFTNESS``, and otherwise it
+    accelerates as the target does. One that would break a cap by that goes as fast as it may
+    (:func:`towards`).
+
+    Args:
+        now: The present state, shapes (n,).
+        target: The target at the end of the period, shapes (n,), slower than the velocity caps.
+        limits: Caps of the n joints.
+        dt: The period [s].
+
+    Raises:
+        PlanningError: ruckig finds no motion.
+        ValueError: Shapes that do not fit, or values that are not finite.
+    """
+    before = target.qd - dt * target.qdd
+    off = target.q - dt * (before + 0.5 * dt * target.qdd) - now.q
+    gain, gain_d, gain_dd = _soft_gains(dt)
+    jerk = gain * off + gain_d * (before - now.qd) + gain_dd * (target.qdd - now.qdd)
+    qdd = now.qdd + dt * jerk
+    qd = now.qd + dt * (now.qdd + 0.5 * dt * jerk)
+    q = now.q + dt * (now.qd + dt * (0.5 * now.qdd + dt * jerk / 6.0))
+    fastest = np.abs(qd + qdd * np.abs(qdd) / (2.0 * limits.jerk))  # until it accelerates no more
+    soft = (np.abs(jerk) <= limits.jerk) & (np.abs(qdd) <= limits.acceleration)
+    soft &= (np.abs(qd) <= limits.velocity) & (fastest <= limits.velocity)
+    if soft.all():
+        return Setpoint(q=q, qd=qd, qdd=qdd)
+    fast = towards(now, target.q, target.qd, limits, dt)
+    return Setpoint(
+        q=np.where(soft, q, fast.q),
+        qd=np.where(soft, qd, fast.qd),
+        qdd=np.where(soft, qdd, fast.qdd),
+    )
+
+
+@functools.cache
+def _soft_gains(dt: float) -> tuple[float, float, float]:
+    """The jerk [rad/s^3] by what a joint is off in angle, speed and acceleration.
+
+    Ackermann's formula for three equal poles of a joint whose jerk is constant for ``dt`` [s].
+    """
+    step = np.array([[1.0, dt, dt**2 / 2.0], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
+    push = np.array([dt**3 / 6.0, dt**2 / 2.0, dt])
+    poles = step - math.exp(-dt / SOFTNESS) * np.eye(3)
+    reached = np.column_stack([push, step @ push, step @ step @ push])
+    gains = np.linalg.solve(reached.T, [0.0, 0.0, 1.0]) @ poles @ poles @ poles
+    return tuple(gains.tolist())
 
 
 def path_to_rest(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,11 +21,14 @@ from so101_motion.control.approach import APPROACH, GATE
 from so101_motion.planning.timing.limits import MotionLimits
 from so101_motion.tasks.teleop.gate import Gate, Phase
 from so101_motion.tasks.teleop.mirror import Mirror
-from so101_motion.tasks.teleop.predictor import LONGEST, SLOW, Predictor
+from so101_motion.tasks.teleop.predictor import LONGEST, Predictor
 
-HORIZON = 0.066
-"""How far ahead of now the leader is aimed at [s]: what a servo of the follower is behind, but for
-some 10 ms, because what is foretold further ahead overshoots more at every turn. By trial."""
+HORIZON = 0.006
+"""How far ahead of now the leader is aimed at [s]. What the follower's servos are behind, their
+driver makes up for, who is told how the target moves on."""
+
+JAW_HORIZON = 0.066
+"""The same for the jaw, whose lag nobody makes up for [s]; by trial."""
 
 LOST_AFTER = 0.05
 """After how long without an answer from all joints of the leader the follower holds [s]. With the
@@ -32,11 +36,6 @@ period after, it brakes within 0.06 s. Single lost replies are asked for again l
 
 BEYOND = to_rad(0.5)
 """How far beyond the follower's range the leader must be for it to be told [rad]; chosen."""
-
-_REST = 1.6 * to_rad(360.0 / 4096.0)
-"""A target that hardly moves is left where it is while it is no further off [rad]: an encoder that
-wavers between two or three ticks shall not make the follower hum. Chosen."""
-
 
 FULL_JERK = 500.0
 """Jerk cap while mirroring [rad/s^3]: full acceleration within two periods. Chosen; a lower one
@@ -54,10 +53,24 @@ class Pace:
 
     full: MotionLimits = field(
         default_factory=lambda: MotionLimits.uniform(
-            velocity=to_rad(180.0), acceleration=to_rad(500.0), jerk=FULL_JERK
+            velocity=to_rad(180.0), acceleration=to_rad(450.0), jerk=FULL_JERK
         )
     )
     approach: MotionLimits = APPROACH
+
+
+class Target(NamedTuple):
+    """Where the follower is wanted.
+
+    Attributes:
+        q: Joint angles, shape (5,), [rad].
+        qd: How fast they move, shape (5,), [rad/s].
+        qdd: How that changes, shape (5,), [rad/s^2].
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
 
 
 class Pilot:
@@ -93,7 +106,6 @@ class Pilot:
         self._horizon, self._lost_after = horizon, lost_after
         self._lower, self._upper = np.full(5, -np.inf), np.full(5, np.inf)
         self._jumps = 0
-        self._rest: Array | None = None
         self._lock = threading.Lock()
 
     def fit(self, lower: Array, upper: Array) -> None:
@@ -131,12 +143,12 @@ class Pilot:
             target = self._target()
             if target is None:
                 return False
-            return self.gate.phase is Phase.APPROACHING or self.gate.is_open(target[0] - q)
+            return self.gate.phase is Phase.APPROACHING or self.gate.is_open(target.q - q)
 
     # Aiming
 
-    def arm(self, q: Array, *, rests: bool) -> tuple[Array, Array] | None:
-        """Where the arm goes and how fast that moves, shapes (5,), [rad], [rad/s]; None to hold.
+    def arm(self, q: Array, *, rests: bool) -> Target | None:
+        """Where the arm goes; None to hold.
 
         Args:
             q: Where it is wanted now, shape (5,), [rad].
@@ -148,15 +160,14 @@ class Pilot:
                 return None
             if rests:
                 self.gate.resume()
-            if self.gate.lets_go(target[0] - q):
+            if self.gate.lets_go(target.q - q):
                 return target
-            self._rest = None
             return None
 
     def jaw(self) -> tuple[float, float] | None:
         """The aperture that is wanted, 0 to 1, and how fast it changes [1/s]; None to hold."""
         with self._lock:
-            seen = self._seen()
+            seen = self._seen(max(self._horizon, JAW_HORIZON))
             if seen is None or self.gate.phase not in (Phase.APPROACHING, Phase.MIRRORING):
                 return None
             aperture = float(np.clip(seen[0][5], 0.0, 1.0))
@@ -164,19 +175,20 @@ class Pilot:
 
     # How
 
-    def _target(self) -> tuple[Array, Array] | None:
-        """The follower's wanted angles and velocities, within its range; None to hold."""
-        seen = self._seen()
+    def _target(self) -> Target | None:
+        """Where the follower is wanted, within its range; None to hold."""
+        seen = self._seen(self._horizon)
         if seen is None:
             return None
-        wanted = self._mirror.of(seen[0][:5])
+        x, xd, xdd = (each[:5] for each in seen)
+        wanted, factors = self._mirror.of(x), self._mirror.factors
         q = np.clip(wanted, self._lower, self._upper)
         over = np.abs(wanted - q)
         self.beyond = tuple(np.array(ARM_JOINTS)[over > BEYOND].tolist()) if over.any() else ()
-        qd = np.where(over > 0.0, 0.0, self._mirror.factors * seen[1][:5])
-        return self._rested(q, qd), qd
+        qd, qdd = (np.where(over > 0.0, 0.0, factors * each) for each in (xd, xdd))
+        return Target(q, qd, qdd)
 
-    def _seen(self) -> tuple[Array, Array] | None:
+    def _seen(self, horizon: float) -> tuple[Array, Array, Array] | None:
         now, track = self._clock.now(), self._predictor.track
         if track is None:
             return None
@@ -191,12 +203,4 @@ class Pilot:
                 f"the leader was suddenly elsewhere; bring it to within {to_deg(GATE):g} deg of"
                 " the follower, or start again"
             )
-        return self._predictor.at(now + self._horizon)
-
-    def _rested(self, q: Array, qd: Array) -> Array:
-        """``q``, with joints that hardly move kept at their last target."""
-        if self._rest is not None:
-            idle = (np.abs(qd) < SLOW) & (np.abs(q - self._rest) < _REST)
-            q = np.where(idle, self._rest, q)
-        self._rest = q
-        return q
+        return self._predictor.at(now + horizon)

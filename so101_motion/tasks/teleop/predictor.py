@@ -1,20 +1,21 @@
 """Predict where the guided leader will be a moment from now, with a Kalman filter per joint.
 
-The follower's servos are some 70 ms behind goals that nobody knows beforehand, a measurement is up
-to a period old when it is used, and it takes time to tell motion from noise. Most of that is made
-up for by aiming at where the leader will be instead of where it was.
+A measurement is up to a period old when it is used, the follower's servos take up a goal some
+30 ms after it was sent, and it takes time to tell motion from noise. All of that is made up for by
+knowing how the leader moves on.
 
-A Kalman filter per joint holds angle and velocity, driven by white acceleration; the velocity times
-the time ahead is what is added. Two things keep noise from being foretold as well. A slow joint is
-not predicted at all (``SLOW``, ``FAST``): half a degree a second is no motion but an encoder that
-cannot decide. And ``ACCELERATION`` is chosen so small that the trembling of a hand at 8 Hz, which
-the follower could not show anyway, passes only weakly.
+A Kalman filter per joint holds angle, velocity and acceleration; what it expects of a hand is an
+acceleration that changes at random (``JERK``) and dies down within ``LASTING``, as in Singer's
+model of a vehicle that turns. What rests is not predicted but taken to stay where it is
+(``WAVER``).
 
 One thread takes measurements, another asks: what was learnt is replaced whole.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -25,15 +26,22 @@ from so101_motion.common.units import to_rad
 N = 6
 """The arm's five joints [rad], and the aperture of the jaw, 0 to 1."""
 
-ACCELERATION = 2.0
-"""What the filter expects of a hand [rad/s^2], root mean square. Chosen by trial on reaches of up
+JERK = 120.0
+"""What the filter expects of a hand [rad/s^3], root mean square. Chosen by trial on reaches of up
 to 350 deg/s^2 with 0.08 deg of tremor: more follows the tremor, less lags behind in the reaches."""
+
+LASTING = 0.2
+"""How long an acceleration lasts [s]; chosen by trial likewise."""
 
 NOISE = to_rad(360.0 / 4096.0) / 12.0**0.5
 """What a measurement is off [rad]: an encoder tick, evenly spread."""
 
-SLOW, FAST = to_rad(1.0), to_rad(5.0)
-"""Below the first speed nothing is predicted, above the second all of it [rad/s]; chosen."""
+WAVER = 1.6 * to_rad(360.0 / 4096.0)
+"""A joint that stays within this [rad] for ``RESTING`` is at rest, and goes on resting until it
+leaves it: an encoder that wavers between two or three ticks is no motion. Chosen."""
+
+RESTING = 0.15
+"""How long a joint must have stayed there [s]; chosen."""
 
 LONGEST = 0.15
 """How far ahead of a measurement a prediction goes at most [s]."""
@@ -54,6 +62,8 @@ class Track(NamedTuple):
         t: When [s].
         x: Joint angles [rad] and aperture then, shape (6,).
         xd: How fast they changed, shape (6,).
+        xdd: And how fast that changed, shape (6,).
+        rest: Where each rests, shape (6,); NaN for one that moves.
         t_heard: When all joints of the arm had answered last [s].
         jumps: How often it was suddenly elsewhere.
     """
@@ -61,6 +71,8 @@ class Track(NamedTuple):
     t: float
     x: Array
     xd: Array
+    xdd: Array
+    rest: Array
     t_heard: float
     jumps: int
 
@@ -101,23 +113,41 @@ class Predictor:
             if not heard[:5].all():
                 return
             self._heard[:] = t
-            self.track = Track(t, np.array(x), np.zeros(N), t, 0)
+            self._begin(t, x, t, 0)
             return
         dt = t - last.t
         if dt <= 0.0:
             return
         self._heard[heard] = t
         t_heard = float(self._heard[:5].min())
-        expected = last.x + dt * last.xd
-        miss = np.where(heard, x - expected, 0.0)
+        x_then, xd, xdd = _carried(last, dt)
+        miss = np.where(heard, x - x_then, 0.0)
         if dt > self._longest or np.max(np.abs(miss[:5])) > JUMP * max(1.0, dt / USUAL):
             self._forget()
-            self.track = Track(t, np.array(x), np.zeros(N), t_heard, last.jumps + 1)
+            self._begin(t, x, t_heard, last.jumps + 1)
             return
-        gain, gain_rate = self._gains(dt)
+        gain, gain_d, gain_dd = self._gains(dt)
+        x_now = x_then + gain * miss
+        rest = self._resting(t, np.where(heard, x, x_now), last.rest)
         self.track = Track(
-            t, expected + gain * miss, last.xd + gain_rate * miss, t_heard, last.jumps
+            t, x_now, xd + gain_d * miss, xdd + gain_dd * miss, rest, t_heard, last.jumps
         )
+
+    def _begin(self, t: float, x: Array, t_heard: float, jumps: int) -> None:
+        rest = np.zeros(N)
+        self.track = Track(t, np.array(x), rest, rest, np.array(x), t_heard, jumps)
+
+    def _resting(self, t: float, x: Array, rest: Array) -> Array:
+        """Where each joint rests, NaN for one that moves, once ``x`` has been measured."""
+        self._recent.append((t, x))
+        while self._recent[0][0] < t - RESTING - 1e-9:
+            self._recent.popleft()
+        rest = np.where(np.abs(x - rest) <= WAVER, rest, np.nan)
+        if np.isnan(rest).any() and t - self._recent[0][0] > 0.8 * RESTING:
+            seen = np.array([each for _, each in self._recent])
+            still = np.isnan(rest) & (np.ptp(seen, axis=0) <= WAVER)
+            rest = np.where(still, seen.mean(axis=0), rest)
+        return rest
 
     def lose(self) -> None:
         """Note that the leader does not answer any more, without waiting for a timeout."""
@@ -126,28 +156,46 @@ class Predictor:
             self.track = self.track._replace(t_heard=-np.inf)
 
     def _forget(self) -> None:
-        self._p = (NOISE**2, 0.0, 1.0)  # variances and covariance of angle and velocity
+        self._p = np.diag([NOISE**2, 9.0, 9.0])  # covariance of angle, velocity, acceleration
+        self._recent = deque[tuple[float, Array]]()  # measurements of the last RESTING
 
-    def _gains(self, dt: float) -> tuple[float, float]:
-        """How much of a miss is angle, and how much velocity; textbook Kalman, written out."""
-        p_xx, p_xv, p_vv = self._p
-        q = ACCELERATION**2
-        p_xx += dt * (2.0 * p_xv + dt * p_vv) + q * dt**4 / 4.0
-        p_xv += dt * p_vv + q * dt**3 / 2.0
-        p_vv += q * dt**2
-        s = p_xx + NOISE**2
-        gain, gain_rate = p_xx / s, p_xv / s
-        self._p = ((1.0 - gain) * p_xx, (1.0 - gain) * p_xv, p_vv - gain_rate * p_xv)
-        return gain, gain_rate
+    def _gains(self, dt: float) -> Array:
+        """How much of a miss is angle, velocity and acceleration: the textbook's Kalman filter."""
+        left, rate, reach = _outlasting(dt)
+        step = np.array([[1.0, dt, reach], [0.0, 1.0, rate], [0.0, 0.0, left]])
+        noise = JERK * np.array([dt**3 / 6.0, dt**2 / 2.0, dt])
+        p = step @ self._p @ step.T + np.outer(noise, noise)
+        gains = p[:, 0] / (p[0, 0] + NOISE**2)
+        self._p = p - np.outer(gains, p[0])
+        return np.asarray(gains)
 
     # The thread that asks
 
-    def at(self, t: float) -> tuple[Array, Array] | None:
-        """Where the leader will be at ``t`` [s] and how fast, shapes (6,); None if never seen."""
+    def at(self, t: float) -> tuple[Array, Array, Array] | None:
+        """Where the leader will be at ``t`` [s], how fast, and how that changes; shapes (6,).
+
+        None if it has never been seen.
+        """
         track = self.track
         if track is None:
             return None
-        ahead = min(max(t - track.t, 0.0), LONGEST)
-        u = np.clip((np.abs(track.xd) - SLOW) / (FAST - SLOW), 0.0, 1.0)
-        xd = u * u * (3.0 - 2.0 * u) * track.xd
-        return track.x + ahead * xd, xd
+        moves = np.isnan(track.rest)
+        x, xd, xdd = _carried(track, min(max(t - track.t, 0.0), LONGEST))
+        return np.where(moves, x, track.rest), np.where(moves, xd, 0.0), np.where(moves, xdd, 0.0)
+
+
+def _carried(track: Track, dt: float) -> tuple[Array, Array, Array]:
+    """Angles, velocities and accelerations ``dt`` [s] later."""
+    left, rate, reach = _outlasting(dt)
+    return (
+        track.x + dt * track.xd + reach * track.xdd,
+        track.xd + rate * track.xdd,
+        left * track.xdd,
+    )
+
+
+def _outlasting(dt: float) -> tuple[float, float, float]:
+    """What is left of an acceleration after ``dt`` [s], and its first and second integrals."""
+    left = math.exp(-dt / LASTING)
+    rate = LASTING * (1.0 - left)
+    return left, rate, LASTING * (dt - rate)

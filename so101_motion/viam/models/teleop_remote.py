@@ -240,7 +240,7 @@ class RemoteFollower(Follower):
                 await self._arm.arm.stop(timeout=PATIENCE)
             return
         self._moves = True
-        q, _ = aim
+        q = aim.q
         caps = self._approach.caps(self._arm.clock.now(), q - self._x[:5])
         self._x_goal = np.append(q, self._x[5])
         await self._arm.arm.move_through_joint_positions(

@@ -10,6 +10,7 @@ from so101_motion.common.errors import ConfigError, FollowingError, Interrupted,
 from so101_motion.common.modes import Mode
 from so101_motion.control.approach import CATCH_UP, EASE, GATE, Approach
 from so101_motion.control.following import STALE_AFTER, Following
+from so101_motion.control.foreseen import KNOWN_JERK
 from so101_motion.control.joint_group import Channel
 from so101_motion.planning.timing import online
 from so101_motion.planning.timing.limits import MotionLimits
@@ -47,7 +48,7 @@ class Fence:
     def within_reach(self, q, q_target):
         return q_target
 
-    def admits(self, way):
+    def admits(self, way, *, ahead=False):
         return bool(np.all(way[:, 0] <= self.at))
 
 
@@ -153,7 +154,7 @@ def test_what_is_in_the_way_holds_the_joints_until_the_target_comes_back(sim):
 class Narrow(Fence):
     """A guard that has room for short paths only: how far they may lead a joint [rad]."""
 
-    def admits(self, way):
+    def admits(self, way, *, ahead=False):
         return bool(np.ptp(way, axis=0).max() <= self.at)
 
 
@@ -223,6 +224,60 @@ def test_a_target_that_moves_is_taken_to_move_on(sim):
     assert sim.state.q_ref == pytest.approx(UPPER, abs=1e-6), "and no further than the range"
 
 
+def test_the_driver_is_told_how_a_target_accelerates_that_says_so(sim):
+    def sways(following):
+        t, w = sim.clock.now() + 0.01, 2.5
+        s, c = np.full((2, 5), 0.3) * [[np.sin(w * t)], [np.cos(w * t)]]
+        following.aim(s, w * c, -w * w * s)
+
+    following = follow(sim, each=sways)
+    sim.clock.advance(3.0)
+    wanted = 0.3 * np.sin(2.5 * (sim.arm.times[-1] + 0.01))
+    assert sim.arm.goals[-1] == pytest.approx(np.full(5, wanted), abs=2e-3)
+    assert following.foreseen.qdd == pytest.approx(np.full(5, -6.25 * wanted), abs=0.1)
+    assert_bounded(sim)
+
+
+def test_one_that_does_not_say_so_is_nothing_the_driver_could_know(sim):
+    following = chase(sim, lambda t: np.full(5, 0.3 * np.sin(2.5 * t)))
+    sim.clock.advance(1.0)
+    assert following.foreseen.qdd is None
+
+
+def test_the_driver_is_told_of_no_acceleration_that_the_command_has_not(sim):
+    told, rng = [], np.random.default_rng(3)
+
+    def raves(following):
+        told.append((following.foreseen.qdd, following.now.qdd))
+        following.aim(rng.uniform(-1.0, 1.0, 5), rng.normal(size=5), 1e6 * rng.normal(size=5))
+
+    follow(sim, each=raves)
+    sim.clock.advance(3.0)
+    known, true = np.array(told[2:]).transpose(1, 0, 2)
+    assert np.all(known * (true - known) >= 0.0), "as far as that, the same way"
+    rises = np.diff(np.abs(known), axis=0)
+    assert rises.max() <= KNOWN_JERK * sim.dt + 1e-9, "and no faster than servos bear it"
+    assert_bounded(sim)
+
+
+def test_the_driver_is_told_how_joints_brake_whose_target_said_how_it_accelerates(sim):
+    told, t_end = [], sim.clock.now() + 0.4
+
+    def sways(following):
+        t = sim.clock.now()
+        told.append((following.foreseen.qdd, following.now.qdd))
+        if t > t_end:
+            return following.hold()
+        following.aim(np.full(5, 2.0 * t * t), np.full(5, 4.0 * t), np.full(5, 4.0))
+
+    follow(sim, each=sways)
+    sim.clock.advance(0.7)
+    braked = [(known, true) for known, true in told if np.any(true < 0.0)]
+    assert len(braked) > 10
+    for known, true in braked:
+        assert known == pytest.approx(true)
+
+
 def test_what_is_not_finite_or_too_many_is_refused_and_the_target_before_stays(sim):
     following = follow(sim, stale_after=None)
     following.aim(np.full(5, 0.2))
@@ -235,6 +290,8 @@ def test_what_is_not_finite_or_too_many_is_refused_and_the_target_before_stays(s
     ):
         with pytest.raises(ConfigError):
             following.aim(q, qd)
+    with pytest.raises(ConfigError):
+        following.aim(np.zeros(5), np.zeros(5), [0, 0, math.inf, 0, 0])
     sim.clock.advance(1.0)
     assert sim.state.q_ref == pytest.approx(np.full(5, 0.2), abs=1e-6)
 
@@ -387,3 +444,24 @@ def test_a_listener_that_fails_harms_nobody(sim, caplog):
     sim.clock.advance(0.05)
     assert "a listener failed" in caplog.text
     sim.after(3.0, sim.executor.execute(sim.to_goal(np.full(5, 0.2))))
+
+
+def test_the_guard_hears_when_the_servos_may_be_ahead_of_the_setpoint(sim):
+    class Heard(Fence):
+        ahead = ()
+
+        def admits(self, way, *, ahead=False):
+            self.ahead = (*self.ahead, ahead)
+            return True
+
+    guard, t_end = Heard(9.0), sim.clock.now() + 0.3
+
+    def says_less(following):
+        rest = np.zeros(5)
+        following.aim(rest, rest, rest if sim.clock.now() < t_end else None)
+
+    follow(sim, each=says_less, guard=guard)
+    sim.clock.advance(1.2)
+    assert all(guard.ahead[:29])
+    assert all(guard.ahead[32:78]), "what makes up for lag is given up slowly"
+    assert not any(guard.ahead[82:])

@@ -1,6 +1,7 @@
 import math
 
 import numpy as np
+import pytest
 from harness.emulated_joints import MAPS
 
 from so101_motion.drivers.feetech.goal_compensation import GoalCompensation
@@ -39,3 +40,49 @@ def test_the_lag_of_a_joint_that_is_led_is_not_taken_for_weight():
 
 def test_what_a_led_joint_lacks_beyond_its_lag_is_weight():
     assert followed(behind_deg=4.5, seconds=0.5) > 1.0
+
+
+def ahead_deg(speed_deg, *, is_led=True, told_from=0.0, told=0.0, slows=False, told_until=9.9):
+    """How far ahead the goal of a joint is that has come up to this speed [deg].
+
+    Its acceleration is known from ``told_from`` to ``told_until`` [s], and is said to be ``told``
+    [rad/s^2] once it is at that speed. One that ``slows`` has done so for the last 0.15 s.
+    """
+    limiter = GoalLimiter(NAMES, speed=math.pi, acceleration=10.0)
+    servos = dict(enumerate(MAPS.values()))
+    compensation = GoalCompensation(servos, lambda q: np.zeros(6), limiter, None, {})
+    speed, qd, q = math.radians(speed_deg), 0.0, [-1.5] * 6
+    compensation.begin(q, q, 0.0, ())
+    for k in range(1, 101):
+        qdd = [0.0] * 5
+        qdd[LIFT] = -6.0 if slows and k > 85 else 5.0 if qd < speed else told
+        rates = [0.0] * 5
+        rates[LIFT] = qd
+        q = [*q]
+        q[LIFT] += 0.01 * qd
+        known = qdd if told_from < 0.01 * k < told_until else None
+        compensation.point(q, rates, 0.01 * k, lambda i: math.nan, (), known, is_led=is_led)
+        goals = compensation.goals(0.01 * k)
+        qd = max(min(qd + 0.01 * qdd[LIFT], speed), 0.0)
+    servo = servos[LIFT]
+    return math.degrees(servo.to_rad(goals[servo.servo_id]) - q[LIFT])
+
+
+def test_a_slow_joint_that_is_led_is_driven_less_far_ahead_than_a_planned_one():
+    assert ahead_deg(20.0) < ahead_deg(20.0, is_led=False) - 0.15
+    assert abs(ahead_deg(80.0) - ahead_deg(80.0, is_led=False)) < 0.1
+
+
+def test_no_acceleration_drives_a_joint_further_ahead_than_its_top_speed_asks_for():
+    assert ahead_deg(175.0, is_led=False, told=8.0) > 45.0
+    assert ahead_deg(175.0, told=8.0) < 40.1
+
+
+def test_one_that_is_led_at_speed_is_not_driven_further_ahead_when_more_is_known():
+    assert ahead_deg(80.0, told_from=0.5) == pytest.approx(ahead_deg(80.0, told_from=math.inf))
+    assert ahead_deg(80.0, told_from=0.5) < ahead_deg(80.0) - 3.0
+
+
+def test_one_that_was_driven_ahead_does_not_run_on_when_it_slows_and_nobody_says_so():
+    known = ahead_deg(120.0, slows=True)
+    assert ahead_deg(120.0, slows=True, told_until=0.855) < known + 0.2

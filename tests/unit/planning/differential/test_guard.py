@@ -5,7 +5,7 @@ import pytest
 
 from so101_motion.planning.collision.collision import CollisionModel
 from so101_motion.planning.collision.scene import Scene
-from so101_motion.planning.differential.guard import FAST, GAP, Guard, room_of
+from so101_motion.planning.differential.guard import AHEAD, FAST, GAP, INEXACT, Guard, room_of
 from so101_motion.planning.kinematics.model import RobotModel
 
 ACCELERATION = np.full(5, 10.5)
@@ -57,6 +57,16 @@ def test_a_short_way_may_go_nearer_than_a_long_one(guard, collision):
     assert fast @ collision.reach > FAST
     guard.look(q)
     assert not guard.admits(way(q, fast + 0.05 * DOWN))
+
+
+def test_a_long_way_keeps_clearer_for_servos_that_are_driven_ahead_of_it(guard, collision):
+    q, pan = LOW - 2.0 * DOWN, np.array([0.3, 0.0, 0.0, 0.0, 0.0])
+    while collision.distances(q, 0.3).min() < collision.margin + INEXACT + 0.5 * AHEAD:
+        q -= 0.1 * DOWN
+    guard.look(q)
+    assert guard.admits(way(q, pan + 0.05 * DOWN))
+    assert not guard.admits(way(q, pan + 0.05 * DOWN), ahead=True)
+    assert guard.admits(way(q, 0.01 * pan), ahead=True)
 
 
 def test_bodies_that_are_too_close_may_part_but_come_no_closer(collision):
