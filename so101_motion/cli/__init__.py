@@ -32,7 +32,7 @@ from so101_motion.cli.ports import ports
 from so101_motion.cli.program import run
 from so101_motion.cli.setup import setup
 from so101_motion.cli.status import status, stop
-from so101_motion.cli.sweep import sweep
+from so101_motion.cli.sweeps.sweep import sweep
 from so101_motion.cli.teleop import teleop
 from so101_motion.cli.udev import install_udev
 from so101_motion.cli.viam import viam

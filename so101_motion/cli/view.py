@@ -121,7 +121,8 @@ def page_options(verb: F) -> F:
 @click.option(
     "--camera",
     metavar="CAMERA",
-    help="Shown over the scene: the URL of a picture or MJPEG stream, or a camera of the machine.",
+    help="Shown over the scene: a device such as /dev/video0, the URL of a picture or of an MJPEG"
+    " stream, or a camera of the machine.",
 )
 @click.option(
     "--atlas",
@@ -181,12 +182,12 @@ def show(
         page: Where to serve it.
         scene_file: What stands around the arm, and where the page saves it again.
         leader: The arm that this one may follow, if there is one.
-        camera: The address of a camera's pictures, or the machine's name of it; or None.
+        camera: A camera's device or address, or the machine's name of it; or None.
         atlas: The folder of an atlas to be shown, or None.
 
     Raises:
-        ConfigError: The page cannot be served there, the camera is neither, or the scene or atlas
-            cannot be read.
+        ConfigError: The page cannot be served there, the camera is none of these, or the scene or
+            atlas cannot be read.
     """
     from so101_motion.files.scene_file import read_scene
 

@@ -15,13 +15,13 @@ import numpy as np
 
 from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, F, Verbs, aside, json_option, print_json
-from so101_motion.cli.sweep_options import (
+from so101_motion.cli.sweeps.options import (
     caps_options,
     computing_options,
     payload_option,
     voltage_option,
 )
-from so101_motion.cli.sweep_place import place
+from so101_motion.cli.sweeps.place import place
 from so101_motion.common.units import to_m, to_mm, to_rad
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ def check(
     so101 sweep check pick.json --scene examples/table.json --out checked
     so101 sweep check pick.json --taught-with old.json --calibration new.json --out checked
     """  # noqa: D301
-    from so101_motion.cli.sweep_check import check_motions, check_program
+    from so101_motion.cli.sweeps.check import check_motions, check_program
 
     if scene_file is None and calibration_file is None:
         raise click.UsageError("against what? --scene or --calibration says it")

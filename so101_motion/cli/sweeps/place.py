@@ -12,7 +12,7 @@ import click
 
 from so101_motion.cli.param_types import IN_FILE, Finite, Numbers
 from so101_motion.cli.shared import CHECK_FAILED, aside, json_option, print_json
-from so101_motion.cli.sweep_options import (
+from so101_motion.cli.sweeps.options import (
     caps_options,
     computing_options,
     payload_option,
@@ -155,7 +155,7 @@ def place(
     so101 sweep place task.json --cell cell.json --arm left --out beside-the-other
     so101 sweep place left.json right.json --y-mm 0:300 --y-mm -300:0 --out two-arms
     """  # noqa: D301
-    from so101_motion.cli.sweep import computers, show_progress
+    from so101_motion.cli.sweeps.sweep import computers, show_progress
     from so101_motion.files.scene_file import read_scene
     from so101_motion.planning.collision.scene import Scene
     from so101_motion.tasks.sweeps import scene_text
