@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 from so101_motion.rig.cell_rigs import CellRigs
@@ -12,6 +13,8 @@ from .page.screen_state import Sentence, Tone
 from .panels.cell_part import CellPart
 from .panels.health_panel import EventsPart, HealthPart
 from .panels.hold_buttons import HoldButtons
+from .panels.jog_panel import JogPart
+from .program.cell_program_panel import CellProgramPart
 from .searching_page import SearchingPage
 from .server.guarded_server import GuardedServer, start_guarded
 from .server.kept_key import KeyOf, new_key
@@ -33,8 +36,9 @@ class CellPage(SearchingPage[CellRigs]):
 
     def _add_parts(self, opened: CellRigs) -> None:
         host, title, rigs = self.host, self._source.title, opened.rigs
+        context = host.page_context()
         part = CellPart(
-            host.page_context(),
+            context,
             opened,
             self._source.file,
             title=title,
@@ -47,13 +51,18 @@ class CellPage(SearchingPage[CellRigs]):
             HealthPart(host.arm_context(rig), panel, mark=partial(part.mark, name), name=name)
             for name, rig in rigs.items()
         ]
-        events = EventsPart(host.page_context(), panel)
+        events = EventsPart(context, panel)
         panel.dock_below(part.panel)
-        ways = HoldButtons(
-            host.page_context(), title=title, rigs=rigs, guide=part.guide, fade=part.fade
-        )
+        ways = HoldButtons(context, title=title, rigs=rigs, guide=part.guide, fade=part.fade)
+        program = CellProgramPart(context, opened.cell, part.model.arms)
+        with context.tabs.add_tab("Jog"):
+            arms = host.gui.add_tab_group()
+        jogs = [
+            JogPart(replace(host.arm_context(rig), tabs=arms), part.model.arms[name], title=name)
+            for name, rig in rigs.items()
+        ]
         logs = [ArmEvents(rig, partial(self._log, name)) for name, rig in rigs.items()]
-        host.add_parts(part, *health, events, ways, *logs)
+        host.add_parts(part, program, *health, events, ways, *logs, *jogs)
 
     def _log(self, name: str, text: str, tone: Tone) -> None:
         said = texts.named(name, Sentence(text=text, tone=tone))

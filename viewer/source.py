@@ -37,7 +37,7 @@ class Source:
         open: Makes the rig; raises ``So101Error`` while that is not possible.
         lasts: Whether the rig goes on when the page is closed; else the page closes it.
         scene_file: The file its surroundings are from, where the page saves them again.
-        camera: The address of a camera's pictures, or a machine's name of it; or None.
+        camera: A camera's device or address, or a machine's name of it; or None.
         atlas: What the arm reaches, to be shown, or None.
         open_leader: Opens the arm that this one may follow; None if there is none.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,9 +11,11 @@ from conftest import Visit
 from harness.browser_user import Guest
 from so101_viewer import CellPage, CellSource, serve_cell
 
+from so101_motion.common.modes import Mode
 from so101_motion.common.units import to_rad
 from so101_motion.files.cell_file import arms_in_a_circle
 from so101_motion.rig.cell_rigs import CellRigs, open_cell
+from so101_motion.rig.hardware_rig import Rig
 
 pytestmark = pytest.mark.browser
 
@@ -71,4 +74,62 @@ def test_a_common_motion_is_planned_executed_and_stopped(guest: Guest, arms: Cel
             break
     else:
         pytest.skip("this machine is too busy to let a simulated arm move")
+    assert guest.problems == []
+
+
+def test_each_arm_is_jogged_by_itself(guest: Guest, arms: CellRigs) -> None:
+    page, (first, second) = guest.page, arms.rigs.values()
+
+    def moves(rig: Rig) -> bool:
+        return bool(np.any(np.abs(rig.arm.state.qd_ref) > to_rad(1.0)))
+
+    page.get_by_role("tab", name="Jog", exact=True).click()
+    jog = page.get_by_role("tablist").filter(has_text=re.compile("^arm 1arm 2$"))
+    for name in ("arm 1", "arm 2"):  # both are switched on; the tab in front says which one moves
+        jog.get_by_role("tab", name=name, exact=True).click()
+        guest.press("Start jogging")
+        guest.until(lambda: page.locator('.so101-jog[data-jog="on"]:visible').count() == 1)
+    page.keyboard.down("q")
+    guest.until(lambda: moves(second))
+    assert not moves(first)
+    jog.get_by_role("tab", name="arm 1", exact=True).click()  # the key is still held
+    guest.until(lambda: not moves(second))
+    assert not moves(first)
+    page.keyboard.up("q")
+    page.keyboard.down("q")
+    guest.until(lambda: moves(first))
+    assert not moves(second)
+    guest.press("STOP")
+    guest.until(lambda: not moves(first) and guest.says("Stopped. Start jogging to go on."))
+    page.keyboard.up("q")
+    page.get_by_role("tab", name="Move", exact=True).click()
+    assert guest.problems == []
+
+
+def test_a_program_for_both_arms_is_recorded_edited_and_planned(
+    guest: Guest, arms: CellRigs
+) -> None:
+    page, rigs = guest.page, list(arms.rigs.values())
+    guest.until(lambda: all(rig.arm.state.mode is Mode.HOLDING for rig in rigs))
+    page.get_by_role("tab", name="Program", exact=True).click()
+    assert guest.button("Plan program").is_disabled()
+    guest.press("all arms")
+    guest.until(lambda: guest.says("Recorded step 1."))
+    guest.press("arm 2")
+    guest.until(lambda: guest.says("Recorded step 2."))
+    rows = page.locator(".so101-steps button")
+    assert [row.split("\n")[1] for row in rows.all_inner_texts()] == ["arm 1, arm 2", "arm 2"]
+    page.locator(".so101-steps:visible button").first.click()
+    page.get_by_role("tablist").filter(has_text=re.compile("^arm 1arm 2$")).get_by_role(
+        "tab", name="arm 1", exact=True
+    ).click()
+    guest.press("leave out")
+    guest.until(lambda: [row.split("\n")[1] for row in rows.all_inner_texts()] == ["arm 2"] * 2)
+    before = [rig.arm.state.q for rig in rigs]
+    guest.press("Plan program")
+    guest.until(lambda: guest.button("Run program").is_enabled())
+    for rig, q in zip(rigs, before, strict=True):
+        np.testing.assert_array_equal(rig.arm.state.q, q)
+    assert guest.barriers() == []
+    page.get_by_role("tab", name="Move", exact=True).click()
     assert guest.problems == []

@@ -330,6 +330,9 @@ def test_a_plan_is_played_and_shows_what_it_sweeps_and_its_curves(guest: Guest, 
     now = over.locator(".so101-now")
     guest.until(lambda: abs(now.bounding_box()["x"] - over.bounding_box()["x"] - 0.5 * width) < 5.0)  # type: ignore[index]
     guest.until(lambda: guest.pose_of("/ghost/gripper_link")["position"] != at_goal)
+    handle = guest.page.get_by_role("slider", name="Preview (s)")
+    end = float(handle.get_attribute("aria-valuemax") or "nan")
+    guest.until(lambda: abs(float(handle.get_attribute("aria-valuenow") or 0) - 0.5 * end) < 0.1)
     guest.press("keep this plan")
     guest.until(lambda: "/kept-path" in guest.nodes())
     guest.press("forget it")

@@ -363,6 +363,7 @@ def test_the_arm_moves_only_when_the_way_is_clear_and_stop_ends_it(
 def test_the_configuration_is_ready_to_copy(person: Newcomer, kit: Kit) -> None:
     person.presses("Next")
     person.sees("devrel:so101:arm")
+    person.guest.until(lambda: person.guest.barriers() == [])
     person.reloads("devrel:so101:arm")
     snippet = person.guest.page.locator("textarea").first.input_value()
     components = json.loads(snippet)["components"]

@@ -23,6 +23,8 @@ class HeardPort(SerialPort):
     def __init__(self, name, baud, *, terminal):
         self._terminal, self._taken = terminal, terminal.delivered
         super().__init__(name, baud)
+        super().discard()  # what was left for others
+        self._taken = terminal.delivered
         terminal.leave_to_client(left=True)
 
     def write(self, data):
@@ -38,9 +40,9 @@ class HeardPort(SerialPort):
         return self._take(until)
 
     def discard(self):
+        # All is counted that is taken; what a flush dropped would be waited for.
         while self._is_arriving and self._take(time.monotonic() + _PATIENCE):
             pass
-        super().discard()
 
     def close(self):
         self._terminal.leave_to_client(left=False)

@@ -1,4 +1,4 @@
-"""Fetch pictures of a camera: from its address, or through the machine that has it.
+"""Fetch pictures of a camera: from its address, its device, or the machine that has it.
 
 At an address there are JPEG or PNG again and again, or a stream of JPEG. The thread
 ``so101-viewer-camera`` keeps the newest picture as the camera sent it; nothing is decoded here.
@@ -10,7 +10,8 @@ from __future__ import annotations
 import base64
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from http.client import HTTPException
 from typing import BinaryIO
@@ -18,6 +19,8 @@ from urllib.parse import urlsplit
 from urllib.request import Request, urlopen
 
 from so101_motion.common.errors import ConfigError, So101Error
+
+from . import video_device
 
 PERIOD = 0.2
 """Least time between two pictures [s]; chosen: one sees what happens, and the network has room."""
@@ -33,6 +36,7 @@ LARGEST = 4_000_000
 
 _KINDS = {b"\xff\xd8": "image/jpeg", b"\x89P": "image/png"}
 _END = b"\xff\xd9"
+_DEVICES = "/dev/"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,31 +60,31 @@ class Picture:
 
 
 def check_camera(camera: str, *, has_machine: bool) -> None:
-    """Refuse what is neither an address nor, where there is a machine, a name.
+    """Refuse what is neither an address nor a device nor, where there is a machine, a name.
 
     Raises:
-        ConfigError: It is neither.
+        ConfigError: It is none of them.
     """
     parts = urlsplit(camera)
     if parts.scheme in ("http", "https") and parts.hostname:
         return
-    if camera.startswith("/dev/"):
+    if camera.startswith(_DEVICES) and len(camera) > len(_DEVICES):
+        return
+    if not has_machine or not camera or "/" in camera:
+        also = ", or the name of a camera of the machine" if has_machine else ""
         raise ConfigError(
             "camera",
             camera,
-            "is a device, which cannot be read here; run"
-            f" ustreamer --device {camera} --port 8090, and give http://127.0.0.1:8090/stream",
+            f"must be an address that begins with http://, a device such as /dev/video0{also}",
         )
-    if not has_machine or not camera or "/" in camera:
-        also = ", or be the name of a camera of the machine" if has_machine else ""
-        raise ConfigError("camera", camera, f"must be an address that begins with http://{also}")
 
 
 class CameraFeed:
     """Fetches pictures until it is closed.
 
     Args:
-        camera: The address of a picture or of a stream, http or https; or the machine's name of it.
+        camera: The address of a picture or of a stream, http or https; its device on this
+            computer; or the machine's name of it.
         ask: Asks the machine for a picture of the camera of that name; None without a machine.
         wanted: Whether anybody looks; nothing is fetched otherwise.
 
@@ -89,7 +93,7 @@ class CameraFeed:
         problem: Why there is no newer one; empty when there is.
 
     Raises:
-        ConfigError: It is no such address or name.
+        ConfigError: It is none of these.
     """
 
     def __init__(
@@ -99,7 +103,7 @@ class CameraFeed:
         ask: Callable[[str], bytes] | None = None,
     ) -> None:
         check_camera(camera, has_machine=ask is not None)
-        self._camera, self._ask = camera, None if "://" in camera else ask
+        self._camera, self._ask = camera, None if "/" in camera else ask
         self._wanted = wanted
         self.picture: Picture | None = None
         self.problem = ""
@@ -127,15 +131,23 @@ class CameraFeed:
         if self._ask is not None:
             self._take(self._ask(self._camera))
             return
+        if self._camera.startswith(_DEVICES):
+            with closing(video_device.pictures(self._camera, PATIENCE)) as pictures:
+                self._take_each(pictures)
+            return
         request = Request(self._camera, headers={"User-Agent": "so101_motion"})
         with urlopen(request, timeout=PATIENCE) as reply:
             if "multipart" in reply.headers.get("Content-Type", ""):
-                for data in _jpegs(reply):
-                    self._take(data)
-                    if self._closing.is_set() or not self._wanted():
-                        return
-                raise ValueError("the stream has ended")
-            self._take(reply.read(LARGEST + 1))
+                self._take_each(_jpegs(reply))
+            else:
+                self._take(reply.read(LARGEST + 1))
+
+    def _take_each(self, pictures: Iterable[bytes]) -> None:
+        for data in pictures:
+            self._take(data)
+            if self._closing.is_set() or not self._wanted():
+                return
+        raise ValueError("the stream has ended")
 
     def _take(self, data: bytes) -> None:
         kind = _KINDS.get(data[:2])

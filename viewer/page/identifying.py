@@ -81,7 +81,9 @@ class Identifying:
     def _plan(self) -> None:
         if self._rig.settings.file is None:
             raise CalibrationError(
-                None, "this arm has no calibration file to keep the figures beside", "calibrate it"
+                None,
+                "this arm has no calibration file, and the figures belong beside one",
+                "calibrate it",
             )
         self._identification = Identification(self._rig)
         self.outline = self._identification.outline()

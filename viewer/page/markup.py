@@ -53,14 +53,19 @@ class Bar:
         return min(max(share, 0.0), 1.0)
 
 
+_SHORT = 100
+"""Sentences of so many letters are seen whole; longer ones may have to be scrolled, by keys too."""
+
 NEAR_LIMIT = 0.03
 """Share of the range at either end where a bar turns red; chosen: 6 degrees of the pan joint."""
 
 
 def sentence(sentence: Sentence) -> str:
     """One sentence, coloured by its tone."""
+    by_keys = ' tabindex="0"' if len(sentence.text) > _SHORT else ""
     return (
-        '<div style="padding:.35em .7em .5em;height:4.6em;overflow-y:auto;box-sizing:border-box;'
+        f'<div{by_keys} style="padding:.35em .7em .5em;height:4.6em;overflow-y:auto;'
+        "box-sizing:border-box;"
         f'font-size:.95em;line-height:1.35;font-weight:500;color:{_TONES[sentence.tone]}">{escape(sentence.text)}</div>'
     )
 
@@ -211,7 +216,8 @@ def events(items: Iterable[Event]) -> str:
         for event in items
     )
     return (
-        '<div style="display:grid;grid-template-columns:max-content 1fr;gap:.2em .7em;'
+        '<div role="region" aria-label="Events" tabindex="0"'  # keys scroll it
+        ' style="display:grid;grid-template-columns:max-content 1fr;gap:.2em .7em;'
         "padding:.5em .7em;font-size:.8em;line-height:1.3;max-height:15em;overflow-y:auto;"
         f'font-variant-numeric:tabular-nums">{rows}</div>'
     )

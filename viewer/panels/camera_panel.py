@@ -23,10 +23,10 @@ class CameraPart(Part):
     """Shows the pictures of a camera.
 
     Args:
-        camera: Its address, or the machine's name of it.
+        camera: Its device or address, or the machine's name of it.
 
     Raises:
-        ConfigError: It is neither.
+        ConfigError: It is none of these.
     """
 
     def __init__(self, context: ArmContext, camera: str) -> None:

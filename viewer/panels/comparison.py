@@ -23,7 +23,9 @@ class Comparison:
         self._kept: PlanView | None = None
         self._line: viser.LineSegmentsHandle | None = None
         self._buttons = context.gui.add_button_group(
-            "Compare", (_KEEP, _FORGET), hint="Its figures and its path, grey, beside the next plan"
+            "Compare",
+            (_KEEP, _FORGET),
+            hint="Shows its figures and its path, in grey, beside the next plan",
         )
         context.on_choice(self._buttons, self._choose)
 

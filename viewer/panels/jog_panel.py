@@ -36,15 +36,16 @@ class JogPart(Part):
 
     Args:
         page: Has the target whose arrows can be dragged.
+        title: What the tab is called.
     """
 
-    def __init__(self, context: ArmContext, page: ViewModel) -> None:
+    def __init__(self, context: ArmContext, page: ViewModel, *, title: str = "Jog") -> None:
         self._context, self._page, self._arm = context, page, context.rig.arm
         self.jogging = Jogging(context.rig, self._wanted)
         self._mode = MODES[0]
         self._shown: object = None
         gui = context.gui
-        with context.tabs.add_tab("Jog"):
+        with context.tabs.add_tab(title):
             self._sentence = gui.add_html("")
             self._switch = gui.add_button("Start jogging", icon=viser.Icon.HAND_FINGER)
             modes = gui.add_button_group("Moves", MODES, hint="Joints, or the tool along axes")

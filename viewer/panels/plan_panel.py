@@ -74,8 +74,8 @@ class PlanPanel:
             click = gui.add_dropdown(
                 "A click",
                 CLICKS,
-                hint="On the table or an object: the target 20 mm above it, from above where that"
-                " can be reached, or two points to measure",
+                hint="On the table or an object. A target is set 20 mm above it, from above where"
+                " that can be reached; two clicks measure the distance between them.",
             )
             context.on_entry(click, on_click)
             self._target.add_choices()

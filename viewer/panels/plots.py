@@ -89,7 +89,8 @@ class PlanPlots:
         keep = np.unique(np.linspace(0, len(tracking.t) - 1, _MOST_POINTS).astype(int))
         most = np.radians(_LEAST_ERROR_DEG)
         self._error.data = _columns(tracking.t[keep], tracking.error[keep], most, -most)
-        self._facts.content = markup.small(f"{name}: {texts.followed(tracking)}")
+        said = f"{name}: {texts.followed(tracking)}"
+        self._facts.content = markup.small(said[0].upper() + said[1:])
 
 
 def add_velocity_plot(gui: viser.GuiApi) -> viser.GuiUplotHandle:

@@ -78,7 +78,7 @@ class TargetControls:
         )
         with gui.add_folder("Direction", expand_by_default=False):
             kind = gui.add_dropdown(
-                "Keeps", DIRECTIONS, hint="What of the gripper's direction a target keeps"
+                "Keeps", DIRECTIONS, hint="How much of the gripper's direction the target fixes"
             )
             tilt = gui.add_slider("Tilt (°)", -90, 90, 1, 0, hint="-90 is straight down")
             roll = gui.add_slider("Roll (°)", -180, 180, 1, 0)
@@ -122,7 +122,7 @@ class TargetControls:
             100,
             1,
             100,
-            hint="Of the force that the servo can keep up without getting hot",
+            hint="Share of the force that the servo can hold without getting hot",
             visible=False,
         )
         self._force = SharedField(

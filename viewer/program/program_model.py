@@ -7,7 +7,7 @@ are futures that ``refresh`` collects. One thread owns a ``ProgramModel``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from dataclasses import replace
 from itertools import count
@@ -155,7 +155,7 @@ class ProgramModel:
     def duplicate(self) -> None:
         """Add the selected waypoint once more behind itself."""
         index = self._chosen_index()
-        again = replace(self._program.waypoints[index], name=_next_letter(self._program))
+        again = replace(self._program.waypoints[index], name=self._next_letter())
         self._edit(self._program.with_waypoint(again).moved(len(self._program), index + 1))
         self._chosen = index + 1
 
@@ -183,7 +183,7 @@ class ProgramModel:
         """Remove the inner one of the loops around the selected waypoint."""
         around = self._program.loops_around(self._chosen_index())
         if not around:
-            raise ConfigError("loop", None, "the chosen waypoint is in none")
+            raise ConfigError("loop", None, "the chosen waypoint is in no loop")
         self._edit(self._program.without_loop(around[-1]))
 
     # Files
@@ -333,10 +333,13 @@ class ProgramModel:
 
     def _record(self, q: Array) -> None:
         number = len(self._program) + 1
-        waypoint = Waypoint(name=_next_letter(self._program), q=q)
+        waypoint = Waypoint(name=self._next_letter(), q=q)
         self._edit(self._program.with_waypoint(waypoint))
         self._chosen = number - 1
         self._sentence = words.recorded(number)
+
+    def _next_letter(self) -> str:
+        return next_letter(waypoint.name for waypoint in self._program.waypoints)
 
     def _chosen_index(self) -> int:
         if self._chosen is None:
@@ -367,8 +370,7 @@ class ProgramModel:
 
     def _things(self) -> tuple[object, ...]:
         """What a plan depends on beside the program and the arm's place."""
-        arm = self._arm
-        return (arm.scene, arm.range, arm.speed, arm.acceleration)
+        return things_around(self._arm)
 
     def _can_plan(self) -> bool:
         return (
@@ -383,7 +385,7 @@ class ProgramModel:
             self._timeline is not None
             and self._run is None
             and self._arm.state.mode is Mode.HOLDING
-            and _same(self._things(), self._made_for)
+            and same_things(self._things(), self._made_for)
         )
 
     def _can_guide(self) -> bool:
@@ -417,7 +419,7 @@ class ProgramModel:
             self._drop_plan(words.ARM_MOVED)
         elif abs(rehearsal.q_jaw_start - state.q_jaw_ref) > SAME_JAW:
             self._drop_plan(words.JAW_MOVED)
-        elif not _same(self._things(), self._made_for):
+        elif not same_things(self._things(), self._made_for):
             self._drop_plan(words.THINGS_CHANGED)
 
     def _collect_run(self) -> None:
@@ -428,14 +430,19 @@ class ProgramModel:
         self._drop_plan(words.done(run) if error is None else words.ended(error))
 
 
-def _next_letter(program: Program) -> str:
-    """The first name of a waypoint, kept when the order changes: A to Z, then A2."""
-    taken = {waypoint.name for waypoint in program.waypoints}
+def next_letter(taken: Iterable[str]) -> str:
+    """The first free name of a waypoint, kept when the order changes: A to Z, then A2."""
+    known = set(taken)
     names = (f"{letter}{lap if lap > 1 else ''}" for lap in count(1) for letter in ascii_uppercase)
-    return next(name for name in names if name not in taken)
+    return next(name for name in names if name not in known)
 
 
-def _same(things: tuple[object, ...], others: tuple[object, ...]) -> bool:
+def things_around(arm: Arm) -> tuple[object, ...]:
+    """What the plans of an arm depend on beside its place."""
+    return (arm.scene, arm.range, arm.speed, arm.acceleration)
+
+
+def same_things(things: tuple[object, ...], others: tuple[object, ...]) -> bool:
     """Whether scenes and ranges are identical objects, and figures equal."""
     return len(things) == len(others) and all(
         one is other or (isinstance(one, float) and one == other)

@@ -14,7 +14,7 @@ from so101_motion.common.geometry import Array
 from so101_motion.common.units import to_deg, to_rad
 from so101_motion.planning.kinematics.model import RobotModel
 from so101_motion.tasks.program.loops import MOST_TIMES, Loop
-from so101_motion.tasks.program.program import LONGEST_PAUSE, MOST, SLOWEST
+from so101_motion.tasks.program.program import MOST
 from so101_motion.tasks.program.rehearsal import PASSING
 
 from ..page import markup
@@ -24,15 +24,12 @@ from ..page.part import Part
 from ..page.shared_fields import SharedField, grey, put
 from ..view_model import ViewModel
 from . import program_texts as words
+from .program_fields import FileFields, RoundsFields, WaypointFields
 from .program_model import REST, STEP, ProgramModel
 from .program_screen import ProgramScreen
 from .program_view import Ghost, ProgramView
 from .rehearsal_time import RehearsalTime
 
-_NONE = "none"
-_PART_WAY = "part way"
-_JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
-"""What the gripper does at a waypoint, as an aperture."""
 _RATES = {"0.5×": 0.5, "1×": 1.0, "2×": 2.0}
 _LINES = 3  # of the figures
 
@@ -64,8 +61,8 @@ class ProgramPart(Part):
             self._add_run(context.gui)
             self._add_waypoint(context.gui)
             self._add_loops(context.gui)
-            self._add_rounds(context.gui)
-            self._add_files(context.gui)
+            self._rounds = RoundsFields(self._context, self.model.set_rounds)
+            self._files = FileFields(self._context, self.model)
 
     # Widgets
 
@@ -101,32 +98,15 @@ class ProgramPart(Part):
         model = self.model
         name = gui.add_text("Name", "")
         self._name = self._field(name, model.rename, str)
-        speed = gui.add_slider(
-            "Speed (%)",
-            round(100.0 * SLOWEST),
-            100,
-            1,
-            100,
-            hint="On the way to it, as a share of the speed on the Move tab",
-        )
-        self._speed = self._field(speed, lambda percent: model.set_speed(percent / 100.0), round)
+        self._fields = WaypointFields(self._context, model)
+        self._fields.add_speed()
         passes = gui.add_checkbox(
             "Pass through",
             False,
             hint=f"Go on without stopping, no joint further than {to_deg(PASSING):g}° from it",
         )
         self._pass = self._field(passes, model.set_passes, bool)
-        pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
-        self._pause = self._field(pause, model.set_pause, lambda s: round(s, 1))
-        jaw = gui.add_dropdown("Gripper", tuple(_JAW))
-        self._jaw = self._field(jaw, lambda name: model.set_aperture(_JAW[name]), str)
-        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
-        self._opening = self._field(
-            opening, lambda percent: model.set_aperture(percent / 100.0), round
-        )
-        self._of_waypoint = (
-            self._name, self._speed, self._pass, self._pause, self._jaw, self._opening
-        )  # fmt: skip
+        self._fields.add_stay()
 
     def _add_loops(self, gui: viser.GuiApi) -> None:
         with gui.add_folder("Loops", expand_by_default=False):
@@ -146,16 +126,6 @@ class ProgramPart(Part):
         first, last, times = (int(field.value) for field in self._loop)
         self.model.set_loop(first - 1, last - 1, times)
 
-    def _add_rounds(self, gui: viser.GuiApi) -> None:
-        model = self.model
-        self._rounds_box = gui.add_number("Rounds", 1, min=1, max=MOST_TIMES, step=1)
-        self._rounds = self._field(self._rounds_box, lambda n: model.set_rounds(int(n)), int)
-        self._endless = self._field(
-            gui.add_checkbox("Until stopped", False),
-            lambda on: model.set_rounds(None if on else int(self._rounds_box.value)),
-            bool,
-        )
-
     def _add_run(self, gui: viser.GuiApi) -> None:
         model = self.model
         self._history = gui.add_button_group("Edits", ("undo", "redo"))
@@ -171,8 +141,6 @@ class ProgramPart(Part):
         self._progress = gui.add_progress_bar(0.0, color="green")
         self._line = gui.add_html(markup.timeline(None, None))
         self._now = gui.add_html("", visible=False)
-        self._sought = gui.add_number("Sought", -1.0, step=0.01, visible=False)
-        self._context.on_entry(self._sought, self._seek)
         self._slider = gui.add_slider("Rehearsal (s)", 0.0, 1.0, 0.01, 0.0, disabled=True)
         self._t = self._field(self._slider, model.preview, lambda t: round(t, 2))
         self._play = gui.add_button_group(
@@ -182,22 +150,6 @@ class ProgramPart(Part):
         )
         self._context.on_choice(self._play, lambda name: model.play(_RATES[name]))
         self._facts = gui.add_html(markup.facts(words.NO_FACTS, lines=_LINES))
-
-    def _add_files(self, gui: viser.GuiApi) -> None:
-        model = self.model
-        with gui.add_folder("Save and load", expand_by_default=False):
-            self._called = self._field(gui.add_text("Program name", ""), model.call, str)
-            write = gui.add_button_group("Program", ("save", "new"))
-            self._saved = gui.add_dropdown("Saved", (_NONE,))
-            self._use = gui.add_button_group("Saved one", ("load", "delete"))
-        self._on_choice(write, {"save": model.save, "new": model.clear})
-        self._on_choice(
-            self._use,
-            {
-                "load": lambda: model.load(self._saved.value),
-                "delete": lambda: model.delete(self._saved.value),
-            },
-        )
 
     def _field(self, widget: Any, command: Callable[[Any], None], shown: Any) -> SharedField:
         return SharedField(widget, command, self._context, shown=shown)
@@ -210,11 +162,6 @@ class ProgramPart(Part):
         if number.isdigit():
             self.model.choose(int(number) - 1)
         put(self._picked, "")
-
-    def _seek(self, t: float) -> None:
-        """Show the ghost at a place of the line of time, also at one where it was before."""
-        self.model.preview(t)
-        put(self._sought, -1.0)
 
     def _reorder(self, told: str) -> None:
         """Move a waypoint: the browser tells a count, from where, and to where."""
@@ -259,18 +206,14 @@ class ProgramPart(Part):
             move=uuid_of(self._dragged),
         )
         self._show_waypoint(screen)
-        self._rounds.offer(program.rounds)
-        self._endless.show(program.rounds is None)
+        self._rounds.show(program.rounds)
         self._plan.disabled = not screen.can_plan
         self._run.disabled = not screen.can_run
         grey(self._plan_part, not screen.can_plan or screen.chosen is None)
         grey(self._history, not (screen.can_undo or screen.can_redo))
         self._show_rehearsal(screen)
         put(self._progress, 0.0 if run is None else round(100.0 * run.share, 1))
-        self._called.show(screen.name)
-        if self._saved.options != (screen.saved or (_NONE,)):
-            self._saved.options = screen.saved or (_NONE,)
-        grey(self._use, not screen.saved)
+        self._files.show(screen.name, screen.saved)
 
     def _show_rehearsal(self, screen: ProgramScreen) -> None:
         timeline = screen.timeline
@@ -281,7 +224,7 @@ class ProgramPart(Part):
         if timeline is not self._drawn:
             self._drawn = timeline
             line = None if timeline is None else words.timeline(timeline)
-            self._line.content = markup.timeline(line, uuid_of(self._sought))
+            self._line.content = markup.timeline(line, uuid_of(self._slider))
         self._now.content = board("program", t=None if timeline is None else round(screen.t, 2))
         if timeline is not None:
             self._slider.max = max(math.ceil(100.0 * timeline.duration) / 100.0, 0.01)
@@ -292,9 +235,10 @@ class ProgramPart(Part):
         index = screen.chosen if screen.can_edit else None
         grey(self._order, index is None)
         grey(self._loops, index is None)
+        self._fields.show(None if index is None else waypoints[index])
         if index is None:
-            for field in self._of_waypoint:
-                field.offer(None)
+            self._name.offer(None)
+            self._pass.offer(None)
             return
         if (index, waypoints) != self._offered:
             self._offered = (index, waypoints)
@@ -303,15 +247,8 @@ class ProgramPart(Part):
             numbers = (loop.first + 1, loop.last + 1, loop.times)
             for box, number in zip(self._loop, numbers, strict=True):
                 put(box, number)
-        chosen = waypoints[index]
-        stops, aperture = not chosen.passes, chosen.aperture
-        self._name.offer(chosen.name)
-        self._speed.offer(100.0 * chosen.speed)
-        self._pass.offer(chosen.passes)
-        self._pause.offer(chosen.pause if stops else None)
-        jaw = next((name for name, value in _JAW.items() if value == aperture), _PART_WAY)
-        self._jaw.offer(jaw)
-        self._opening.offer(100.0 * aperture if aperture is not None else None)
+        self._name.offer(waypoints[index].name)
+        self._pass.offer(waypoints[index].passes)
 
 
 def _apart(q: Array, other: Array) -> bool:

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 from so101_motion.common.errors import Interrupted
 from so101_motion.common.units import to_mm
-from so101_motion.tasks.program import Program, ProgramRun, Rehearsal, Waypoint
+from so101_motion.tasks.program import (
+    CellProgramRun,
+    CellRehearsal,
+    Program,
+    ProgramRun,
+    Rehearsal,
+    Waypoint,
+)
 
 from ..page import markup, texts
 from ..page.screen_state import Sentence, Tone
@@ -31,6 +39,13 @@ THINGS_CHANGED = Sentence(
 PAUSE_STOPS = Sentence(text="A pause needs a stop, so this waypoint is no longer passed.")
 JAW_STOPS = Sentence(text="The gripper needs a stop, so this waypoint is no longer passed.")
 HELD_AGAIN = Sentence(text="Hand guiding has timed out. The arm holds where it is.")
+
+CELL_WELCOME = Sentence(text="Drag the targets on the Move tab, then record a step.")
+CELL_PLANNING = Sentence(text="Planning all steps …")
+CELL_PLANNED = Sentence(
+    text="Planned, no collisions. Press Run program to move the arms.", tone=Tone.GOOD
+)
+CELL_STOPPED = Sentence(text="Stopped. All arms hold where they are; the rest was not run.")
 
 deleted = texts.deleted
 
@@ -60,6 +75,16 @@ def loaded(name: str, count: int) -> Sentence:
     return Sentence(text=f"Loaded {name}, {_waypoints(count)}. Press Plan program.")
 
 
+def recorded_step(number: int) -> Sentence:
+    """A step of several arms was added."""
+    return Sentence(text=f"Recorded step {number}. Record more, or press Plan program.")
+
+
+def loaded_steps(name: str, count: int) -> Sentence:
+    """A program of several arms was loaded."""
+    return Sentence(text=f"Loaded {name}, {count} step{'s'[: count > 1]}. Press Plan program.")
+
+
 def guided(left: float | None) -> Sentence:
     """The arm is guided by hand, for ``left`` more seconds if that is limited."""
     end = "" if left is None else f" It holds again in {max(math.ceil(left), 0)} s."
@@ -78,7 +103,18 @@ def running(run: ProgramRun, first: int = 0) -> Sentence:
     return Sentence(text=f"{doing} {called}.{laps}{rounds} Press Space or Stop to stop.")
 
 
-def done(run: ProgramRun) -> Sentence:
+def running_step(run: CellProgramRun) -> Sentence:
+    """The progress of a run of several arms."""
+    lap, index = run.where
+    index = min(index, len(run.program.steps) - 1)
+    rounds = run.program.rounds
+    of = "" if rounds is None else f" of {rounds}"
+    said = "" if rounds == 1 else f" Round {lap + 1}{of}."
+    text = f"Doing {run.program.called(index)}.{said} Press Space or Stop to stop."
+    return Sentence(text=text)
+
+
+def done(run: ProgramRun | CellProgramRun) -> Sentence:
     """A run has ended as planned."""
     rounds = run.program.rounds
     times = "" if rounds == 1 else f" {rounds} times"
@@ -90,6 +126,24 @@ def ended(error: BaseException) -> Sentence:
     if isinstance(error, Interrupted) and error.by == "stop":
         return Sentence(text="Stopped. The arm holds where it is; the rest was not run.")
     return texts.ended(error)
+
+
+def cell_ended(error: BaseException) -> Sentence:
+    """Why a plan or a run of several arms failed."""
+    return CELL_STOPPED if isinstance(error, Interrupted) else texts.ended(error)
+
+
+def cell_facts(rehearsal: CellRehearsal | None) -> tuple[tuple[str, str], ...]:
+    """The figures of a planned program of several arms."""
+    if rehearsal is None:
+        return (("One round", "–"),)
+    return (("One round", f"{rehearsal.duration:.1f} s plus gripper time and pauses"),)
+
+
+def cell_line(step: Mapping[str, Waypoint]) -> str:
+    """What is special about a step of several arms."""
+    parts = ((name, ", ".join(_done_at(waypoint))) for name, waypoint in step.items())
+    return "; ".join(f"{name}: {said}" for name, said in parts if said)
 
 
 def facts(rehearsal: Rehearsal) -> tuple[tuple[str, str], ...]:
@@ -138,7 +192,15 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
         index: Which step.
         clearance: How near it comes to anything [m], if it is planned.
     """
-    waypoint = program.waypoints[index]
+    parts = _done_at(program.waypoints[index])
+    if clearance is not None:
+        parts.append(f"{to_mm(clearance):.0f} mm clear")
+    ending = (loop for loop in reversed(program.loops) if loop.last == index)
+    parts += [f"steps {loop.called} {loop.times}×" for loop in ending]
+    return ", ".join(parts)
+
+
+def _done_at(waypoint: Waypoint) -> list[str]:
     parts = [f"{100.0 * waypoint.speed:.0f} % speed"] if waypoint.speed < 1.0 else []
     parts += ["passed"] if waypoint.passes else []
     if waypoint.aperture is not None:
@@ -149,11 +211,7 @@ def line(program: Program, index: int, clearance: float | None = None) -> str:
         )
     if waypoint.pause > 0.0:
         parts.append(f"{waypoint.pause:g} s")
-    if clearance is not None:
-        parts.append(f"{to_mm(clearance):.0f} mm clear")
-    ending = (loop for loop in reversed(program.loops) if loop.last == index)
-    parts += [f"steps {loop.called} {loop.times}×" for loop in ending]
-    return ", ".join(parts)
+    return parts
 
 
 def _of(program: Program) -> str:

@@ -40,6 +40,11 @@ FLOOR_SIZE = 1.2
 """Edge of the floor that is drawn [m]; chosen: somewhat beyond the arm's reach."""
 
 
+_AXES = 0.42  # how long X and Y are drawn on it [m]; chosen: their ends are in the first picture
+_AXIS_COLORS = np.array([(224, 49, 49), (47, 158, 68)])
+"""Of X and Y, about as the arrows of the target have them."""
+
+
 @dataclass(slots=True)
 class _Drawn:
     """A thing and its scene node."""
@@ -106,6 +111,8 @@ class SceneView:
 
     def _show_floor(self, floor_z: float | None) -> None:
         if self._floor is None:
+            if floor_z is None:
+                return
             self._floor = _floor(self._stage, f"{self._root}/floor")
         self._floor.visible = floor_z is not None
         if floor_z is not None:
@@ -178,7 +185,8 @@ def _surface(shape: Box | Sphere | Capsule | Mesh) -> tuple[np.ndarray, np.ndarr
 
 
 def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
-    return stage.add_grid(
+    """The floor, and on it which way X and Y go."""
+    floor = stage.add_grid(
         path,
         width=FLOOR_SIZE,
         height=FLOOR_SIZE,
@@ -189,3 +197,12 @@ def _floor(stage: viser.SceneApi, path: str) -> viser.GridHandle:
         cell_thickness=0.5,
         shadow_opacity=0.25,
     )
+    ends = _AXES * np.eye(3)[:2]
+    lines = np.stack([np.zeros((2, 3)), ends], axis=1)
+    colors = np.repeat(_AXIS_COLORS[:, None], 2, axis=1)
+    stage.add_line_segments(f"{path}/axes", lines, colors, thickness=1.5, thickness_units="screen")
+    for name, end in zip("XY", ends, strict=True):
+        stage.add_label(
+            f"{path}/{name}", name, position=end, anchor="center-center", depth_test=True
+        )
+    return floor

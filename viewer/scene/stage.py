@@ -24,6 +24,7 @@ _FADED = (150, 155, 160)
 _ALARM, _WARNING = (200, 20, 40), (250, 220, 0)  # the arm itself is orange
 _PATH = (240, 140, 0)
 _HINT = (120, 150, 190)
+_LETTERS = 0.135  # how far from the target the names of its axes stand [m]
 
 
 class Stage:
@@ -60,6 +61,8 @@ class Stage:
         self._target = self._scene.add_transform_controls(
             f"{root}/target", scale=0.11, disable_rotations=True, depth_test=False
         )
+        for axis, p in zip("XYZ", _LETTERS * np.eye(3), strict=True):
+            self._scene.add_label(f"{root}/target/{axis}", axis, position=p, anchor="center-center")
         self._on_drag, self._on_turn = on_drag, on_turn
         context.on_drag(self._target, self._dragged)
         context.on_release(self._target, lambda _: self._released(on_release))

@@ -18,8 +18,9 @@ from .robot_view import Color
 _OPACITY = 0.10
 
 CELL = 0.006
-"""Edge of the grid that the meshes are thinned with [m]; chosen: a tenth of the triangles, and thin
-as air nobody sees the difference. Without a GPU all of them would treble the time of a picture."""
+"""Edge of the grid that the meshes are thinned with [m]; chosen: a tenth of the triangles are left,
+and at this opacity nobody sees the difference. Without a GPU all of them would treble the time of
+a picture."""
 
 LINKS = {link: part for link, part in PARTS.items() if link != "base_link"}
 

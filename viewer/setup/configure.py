@@ -93,8 +93,8 @@ class ConfigurePage(StepPage):
         html += "" if tested is None else cards.check_text(tested)
         if target.is_remote:
             html += cards.instruction(
-                "", f"The machine has it in force already. Its calibration is in {saved}: give its"
-                " arm and gripper this calibration_file, if they have not."
+                "", f"The machine uses it already. Its calibration is in {saved}: set"
+                " calibration_file of its arm and gripper to that, if it is not."
             )  # fmt: skip
         self._about.content = html
         about = "For a Viam machine: paste this into Configure, then JSON."

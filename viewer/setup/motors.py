@@ -164,7 +164,7 @@ class MotorsPage(StepPage):
         self._list = gui.add_html("")
         self._redo = gui.add_dropdown("Set up again", (_NONE, *SETUP_ORDER), initial_value=_NONE)
         self._swapped = AskingButton(
-            self._setup.context, _SWAPPED, "Press again: both get their ids anew", self._swap
+            self._setup.context, _SWAPPED, "Press again: both get new ids", self._swap
         )
         self._anew = AskingButton(self._setup.context, _START_OVER, _SURE, self._begin_anew)
         on_press = self._setup.context.on_press

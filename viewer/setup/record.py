@@ -18,8 +18,8 @@ from .page import CalibrationPage
 from .setup_context import SetupContext
 
 _TOO_EARLY = (
-    "There is no homing pose any more: the calibration or this program was ended after it was"
-    " taken. Press Back and take it again."
+    "The homing pose is lost, because the calibration or this program ended after it. Press Back"
+    " and take it again."
 )
 
 

@@ -239,7 +239,8 @@ def _folder() -> Path:
 
 def _recording(recorder: PathRecorder, left: float | None) -> Sentence:
     end = "" if left is None else f" It holds again in {max(left, 0.0):.0f} s."
-    text = f"Recording, {recorder.points} points. Guide the arm by hand.{end}"
+    count = f"{recorder.points} point{'' if recorder.points == 1 else 's'}"
+    text = f"Recording, {count}. Guide the arm by hand.{end}"
     return Sentence(text=text, tone=Tone.WARM)
 
 

@@ -170,7 +170,12 @@ class WorldPart(Part):
             mime_type=",".join(ENDINGS),
         )
         voxel = gui.add_number(
-            "Voxel (mm)", 10.0, min=1.0, max=100.0, step=1.0, hint="Of points that are loaded"
+            "Voxel (mm)",
+            10.0,
+            min=1.0,
+            max=100.0,
+            step=1.0,
+            hint="Edge of the cubes that points become",
         )
         self._voxel = self._field(voxel, lambda mm: self.world.set_voxel(to_m(mm)), shown=tenth)
         self._context.on_file(bring, lambda file: self.world.load(file.name, file.content))

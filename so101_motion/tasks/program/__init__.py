@@ -7,7 +7,12 @@ and ``cell_run.py`` are the same for several arms. A path that a hand has shown 
 """
 
 from so101_motion.tasks.program.cell_program import CellProgram, read_cell_program
-from so101_motion.tasks.program.cell_run import CellProgramRun, rehearse_cell, start_cell_program
+from so101_motion.tasks.program.cell_run import (
+    CellProgramRun,
+    CellRehearsal,
+    rehearse_cell,
+    start_cell_program,
+)
 from so101_motion.tasks.program.loops import Loop
 from so101_motion.tasks.program.program import Program, Waypoint
 from so101_motion.tasks.program.rehearsal import Rehearsal, rehearse
@@ -21,6 +26,7 @@ from so101_motion.tasks.program.run import (
 __all__ = [
     "CellProgram",
     "CellProgramRun",
+    "CellRehearsal",
     "Loop",
     "Program",
     "ProgramRun",

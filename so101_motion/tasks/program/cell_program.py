@@ -66,6 +66,15 @@ class CellProgram:
         return f"step {index + 1} ({goals})"
 
 
+def cell_folder() -> Path:
+    """The folder of the user's programs of several arms.
+
+    Raises:
+        ConfigError: This user has no home.
+    """
+    return user_storage.folder() / "cell_programs"
+
+
 def read_cell_program(path: Path) -> CellProgram:
     """Read the program in a file.
 

@@ -60,6 +60,11 @@ class CellRehearsal:
     first: tuple[PlannedStep, ...]
     again: tuple[PlannedStep, ...]
 
+    @property
+    def duration(self) -> float:
+        """How long the motions of the first round take [s]."""
+        return sum(max(plan.duration for plan in step.plans.values()) for step in self.first)
+
 
 def rehearse_cell(cell: Cell, program: CellProgram) -> CellRehearsal:
     """Plan all of a program of several arms; moves nothing.

@@ -98,6 +98,7 @@
       root.classList.toggle('so101-empty', !board().so101);
       root.classList.toggle('so101-watching', mine.controls === false);
       if (changed('alerts', wrong)) {
+        alerts.tabIndex = wrong.length > 2 ? 0 : -1;  // more may have to be scrolled
         list.replaceChildren(...wrong.map(({ tone, text }) => {
           const line = make('p');
           line.className = tone;

@@ -9,12 +9,14 @@
   let count = 0;
   let timer = 0;
   let hand = null;
+  let astray = false;  // whether a stick is still pushed for another arm
   let told = false;  // whether the server believes that something is held
 
-  // The tab's buttons, while they are to be seen and switched on.
+  // The buttons that are to be seen and switched on: of several arms those of the tab in front.
   const tab = () => {
-    const found = document.querySelector('.so101-jog[data-jog="on"]');
-    return found && found.offsetParent && document.hasFocus() && !document.hidden ? found : null;
+    if (!document.hasFocus() || document.hidden) return null;
+    const on = [...document.querySelectorAll('.so101-jog[data-jog="on"]')];
+    return on.find((each) => each.offsetParent) ?? null;
   };
 
   function stick() {
@@ -31,13 +33,19 @@
   }
 
   function values() {
-    const sum = stick();
+    const pushed = stick();
+    astray = astray && pushed.some(Boolean);
+    const sum = astray ? new Array(AXES).fill(0) : pushed;
     for (const [axis, way] of held.values()) sum[axis] = Math.max(-1, Math.min(1, sum[axis] + way));
     return sum;
   }
 
   function say() {
     const buttons = tab();
+    if (told && buttons?.dataset.hand !== hand) {
+      held.clear();  // it was meant for the arm whose tab was in front
+      [dragging, astray] = [false, true];
+    }
     const now = buttons ? values() : null;
     const isHeld = now && (now.some(Boolean) || (dragging && buttons.dataset.kind === 'drag'));
     if (isHeld) {

@@ -67,6 +67,14 @@
     worker.postMessage({ type: 'send', message });
   };
 
+  // The same, and the widget shows it: viser tells every window but the one that sent it.
+  link.enter = (uuid, value) => {
+    if (!link.connected || !uuid) return;
+    link.send(uuid, value);
+    const messages = [{ type: 'GuiUpdateMessage', uuid, updates: { value } }];
+    worker.onmessage({ data: { type: 'message_batch', messages } });
+  };
+
   // The phone's layout is viser's for narrow windows; ours begins at a width of our own.
   const stock = window.matchMedia.bind(window);
   window.matchMedia = (query) =>

@@ -1,4 +1,5 @@
 // A line in the plots at the time that the preview's slider shows; a click in a plot moves both.
+// For those who cannot see it, a plot says what is drawn; its figures stand above it as text.
 (() => {
   const link = window.so101;
   const charts = () => window.__viserTestpoints?.uplots ?? {};  // viser's own register of its plots
@@ -12,12 +13,17 @@
     chart.over.addEventListener('click', (event) => {
       const { seek } = link.boards.plot ?? {};
       const left = event.clientX - chart.over.getBoundingClientRect().left;
-      if (seek) link.send(seek, Math.round(100 * chart.posToVal(left, 'x')) / 100);
+      link.enter(seek, Math.round(100 * chart.posToVal(left, 'x')) / 100);
     });
     return made;
   }
 
   function show() {
+    for (const { chart } of Object.values(charts())) {
+      const drawing = chart.root.querySelector('.u-wrap');
+      drawing.setAttribute('role', 'img');
+      drawing.setAttribute('aria-label', `Plot of ${chart.axes[1].label}, over time`);
+    }
     const { t = null, plots = [] } = link.boards.plot ?? {};
     for (const uuid of plots) {
       const chart = charts()[uuid]?.chart;

@@ -14,7 +14,7 @@
   function seek(event) {
     const { left, width } = line.getBoundingClientRect();
     const share = Math.max(0, Math.min(1, (event.clientX - left) / width));
-    link.send(line.dataset.seek, Math.round(100 * share * Number(line.dataset.duration)) / 100);
+    link.enter(line.dataset.seek, Math.round(100 * share * Number(line.dataset.duration)) / 100);
   }
 
   addEventListener('pointerdown', (event) => {

@@ -50,6 +50,12 @@ def test_what_is_wrong_is_told(address: str, path: str, says: str) -> None:
     feed.close()
 
 
+def test_a_device_that_is_no_camera_is_told() -> None:
+    feed = CameraFeed("/dev/null", ask=lambda name: pytest.fail(f"{name} is no camera's name"))
+    until(lambda: feed.problem == "/dev/null is no camera")
+    feed.close()
+
+
 def test_nothing_is_fetched_while_nobody_looks(address: str) -> None:
     before, asked = WebCamera.count, []
     feed = CameraFeed(f"{address}/picture", wanted=lambda: bool(asked.append(1)))
@@ -71,13 +77,11 @@ def test_a_machines_camera_is_asked_by_its_name_and_what_it_refuses_is_told() ->
     assert feed.picture is not None
     assert not pictures
     feed.close()
-    with pytest.raises(ConfigError, match="or be the name of a camera of the machine"):
+    with pytest.raises(ConfigError, match="or the name of a camera of the machine"):
         CameraFeed("a/b", ask=ask)
 
 
-@pytest.mark.parametrize(
-    "url", ["/dev/video0", "file:///etc/passwd", "camera", "http://", "ftp://a/b"]
-)
-def test_only_web_addresses_are_taken(url: str) -> None:
+@pytest.mark.parametrize("url", ["/dev/", "file:///etc/passwd", "camera", "http://", "ftp://a/b"])
+def test_only_web_addresses_and_devices_are_taken(url: str) -> None:
     with pytest.raises(ConfigError):
         CameraFeed(url)

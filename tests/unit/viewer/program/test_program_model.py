@@ -244,7 +244,7 @@ def test_a_loop_is_shown_twice_on_the_line_of_time_and_told_while_it_runs(tab: T
     assert tab.said.startswith("Planned, no collisions; a loop that began earlier")
     tab.model.end_loop()
     assert tab.model.screen().program.loops == ()
-    with pytest.raises(ConfigError, match="is in none"):
+    with pytest.raises(ConfigError, match="is in no loop"):
         tab.model.end_loop()
     tab.model.undo()
     assert tab.model.screen().program.loops[0].times == 3

@@ -111,6 +111,7 @@ def test_a_stop_ends_the_recording_and_what_was_shown_is_kept(bench: Bench) -> N
     teaching = bench.teaching
     teaching.record()
     bench.taught(lambda: teaching.doing is Doing.RECORDING)
+    bench.taught(lambda: "Recording, 1 point. " in teaching.sentence.text)
     bench.lead(AWAY)
     stopping = bench.submit(bench.rig.arm.stop)
     bench.taught(lambda: stopping.done() and teaching.doing is Doing.NOTHING)

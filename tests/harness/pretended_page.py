@@ -1,0 +1,190 @@
+"""An arm, a gripper and a planner that are pretended, for the state of the Move tab."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from so101_viewer.page.screen_state import Screen
+from so101_viewer.page.target_ik import Surroundings, TargetSolver
+from so101_viewer.view_model import ViewModel
+
+from so101_motion.common.errors import OutsideLimits, Unreachable
+from so101_motion.common.geometry import Array
+from so101_motion.common.modes import Mode
+from so101_motion.common.state import ARM_JOINTS, JointReading, JointState
+from so101_motion.planning.goals import JointGoal, PoseGoal
+from so101_motion.planning.timing.limits import MotionLimits
+from so101_motion.planning.timing.trajectory import Trajectory
+
+REACH = 0.5
+"""The pretended arm's tool point is its first three angles, and it reaches this far [m]."""
+
+WELCOME = "Welcome."
+
+
+def point(q: Array, frame: str) -> Array:
+    return q[:3] if frame == "tool" else q[:3] + np.array([0.0, 0.0, 0.1])
+
+
+def clearance(q: Array, _q_jaw: float) -> Any:
+    """How far the pretended arm is from the floor that it touches at -0.2 m."""
+    return SimpleNamespace(distance=q[2] + 0.2, first="gripper", second="floor")
+
+
+def check_limits(q: Array) -> None:
+    i = int(np.argmax(np.abs(q)))
+    if abs(q[i]) > 2.0:
+        raise OutsideLimits("far", joint=ARM_JOINTS[i], value=q[i], lower=-2.0, upper=2.0)
+
+
+def candidates(goal: PoseGoal, q_seed: Array) -> list[Any]:
+    p = goal.T_base_tool.p
+    distance = float(np.linalg.norm(p))
+    if distance > REACH:
+        raise Unreachable(
+            "too far",
+            error_position=distance - REACH,
+            error_angle=0.0,
+            p_base_nearest=p * REACH / distance,
+            q_nearest=np.append(p * REACH / distance, q_seed[3:]),
+            limit="full stretch",
+        )
+    return [SimpleNamespace(q=np.append(p, q_seed[3:]))]
+
+
+def contact(q: Array, _q_jaw: float) -> tuple[str, str] | None:
+    return ("gripper", "floor") if q[2] < -0.2 else None
+
+
+@dataclass(eq=False)
+class PretendedPlan:
+    q_start: Array
+    q_goal: Array
+    trajectory: Trajectory
+    tool_path: Array
+    limits: MotionLimits
+    report: Any
+
+    @property
+    def duration(self) -> float:
+        return self.trajectory.duration
+
+
+def straight(q_start: Array, q_goal: Array) -> PretendedPlan:
+    q = np.linspace(q_start, q_goal, 101)
+    still = np.zeros_like(q)
+    return PretendedPlan(
+        q_start=q_start,
+        q_goal=q_goal,
+        trajectory=Trajectory(dt=0.01, q=q, qd=still, qdd=still, duration=1.0),
+        tool_path=q[:, :3],
+        limits=MotionLimits.uniform(velocity=1.0, acceleration=1.0, jerk=10.0),
+        report=None,
+    )
+
+
+class PretendedArm:
+    """An arm that is where it is told to be, and whose motions end when the test says so."""
+
+    def __init__(self) -> None:
+        self.speed = self.acceleration = 1.0
+        self.scene: object = object()
+        self.range = (np.full(5, -2.0), np.full(5, 2.0))
+        self.newest = None
+        self.failure: Exception | None = None
+        self.executed: list[PretendedPlan] = []
+        self.motion = SimpleNamespace(future=Future())
+        self.state = JointState(
+            t=0.0,
+            mode=Mode.HOLDING,
+            reading=JointReading(q=np.zeros(5), qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0),
+            q_ref=np.zeros(5),
+            qd_ref=np.zeros(5),
+            q_jaw_ref=0.0,
+            arm_moving=False,
+            jaw_moving=False,
+            late_ticks=0,
+        )
+
+    def be(self, q: Array, *, t: float = 0.0, mode: Mode = Mode.HOLDING) -> None:
+        reading = JointReading(q=q, qd=np.zeros(5), q_jaw=0.0, qd_jaw=0.0)
+        self.state = replace(
+            self.state,
+            t=t,
+            reading=reading,
+            q_ref=q,
+            mode=mode,
+            arm_moving=mode is Mode.MOVING,
+            fault="servo 3 is hot" if mode is Mode.FAULT else None,
+        )
+
+    def set_speed(self, speed: float) -> None:
+        self.speed = speed
+
+    def set_acceleration(self, acceleration: float) -> None:
+        self.acceleration = acceleration
+
+    def plan(self, goal: PoseGoal | JointGoal) -> PretendedPlan:
+        if self.failure is not None:
+            raise self.failure
+        q = goal.q if isinstance(goal, JointGoal) else np.append(goal.T_base_tool.p, np.zeros(2))
+        return straight(self.state.q_ref, q)
+
+    def start_execute(self, plan: PretendedPlan) -> Any:
+        self.executed.append(plan)
+        self.motion = SimpleNamespace(future=Future())
+        return self.motion
+
+
+class PretendedGripper:
+    def __init__(self) -> None:
+        self.apertures: list[float] = []
+        self.is_holding = False
+
+    def start_move(self, aperture: float) -> None:
+        self.apertures.append(aperture)
+
+
+def run_at_once(call: Callable[[], Any]) -> Future[Any]:
+    future: Future[Any] = Future()
+    try:
+        future.set_result(call())
+    except Exception as error:
+        future.set_exception(error)
+    return future
+
+
+class PageInputs:
+    """What the page is given: a clock that the test drives, and solvers for some surroundings."""
+
+    def __init__(self) -> None:
+        self.t = 0.0
+        self.loaded: list[Surroundings] = []
+        self.failure: Exception | None = None
+
+    def now(self) -> float:
+        return self.t
+
+    def load_solver(self, around: Surroundings) -> TargetSolver:
+        self.loaded.append(around)
+        if self.failure is not None:
+            raise self.failure
+        return TargetSolver(
+            point=point,
+            candidates=candidates,
+            clearance=clearance,
+            contact=contact,
+            check_limits=check_limits,
+            rotation=lambda _q, _frame: np.eye(3),
+        )
+
+
+def planned(page: ViewModel) -> Screen:
+    page.plan()
+    page.refresh()
+    return page.screen()

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from harness.pretended_page import (
+    WELCOME,
+    PageInputs,
+    PretendedArm,
+    planned,
+)
+from so101_viewer.page.screen_state import Tone
+from so101_viewer.view_model import ViewModel
+
+from so101_motion.common.errors import Interrupted, NoPath
+from so101_motion.common.modes import Mode
+from so101_motion.common.units import to_rad
+
+
+def test_the_first_screen_shows_a_target_apart_from_the_arm_and_a_hint_of_the_way(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    screen = page.screen()
+    assert screen.sentence.text == WELCOME
+    assert screen.q_ghost is not None
+    assert screen.path is not None
+    assert not screen.path.planned
+    assert screen.can_plan
+    assert not screen.can_execute
+    assert arm.executed == []
+
+
+def test_targets_are_undone_and_redone_and_a_drag_is_one_change(
+    page: ViewModel, inputs: PageInputs
+) -> None:
+    first = page.target.p_base
+    assert not page.screen().can_undo
+    for k in range(5):
+        inputs.t += 0.1
+        page.set_target_point(np.array([0.1, 0.1, 0.01 * k]))
+    inputs.t += 5.0
+    page.set_target_joints(np.full(5, 0.3))
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, first)
+    assert (page.screen().can_undo, page.screen().can_redo) == (False, True)
+    page.redo()
+    page.redo()
+    np.testing.assert_allclose(page.target.q, np.full(5, 0.3))
+    page.undo()
+    page.set_target_point(np.array([0.2, 0.0, 0.1]))  # soon after, but what was undone is gone
+    assert not page.screen().can_redo
+    page.undo()
+    np.testing.assert_allclose(page.target.p_base, [0.1, 0.1, 0.04])
+    planned(page)
+    page.undo()
+    assert not page.plan_is_current
+
+
+def test_two_buttons_show_the_product(page: ViewModel, arm: PretendedArm) -> None:
+    screen = planned(page)
+    assert screen.can_execute
+    assert screen.path is not None
+    assert screen.path.planned
+    assert screen.sentence.tone is Tone.GOOD
+
+    page.execute()
+    assert len(arm.executed) == 1
+    assert not page.screen().can_execute
+
+    arm.be(arm.executed[0].q_goal, t=1.0)
+    arm.motion.future.set_result(None)
+    assert page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text.startswith("Arrived, 0.0 mm off")
+    assert screen.q_ghost is None
+    assert screen.path is None
+    assert not screen.can_plan
+    assert not screen.can_execute
+
+
+def test_nothing_moves_without_a_plan(page: ViewModel, arm: PretendedArm) -> None:
+    page.execute()
+    assert arm.executed == []
+
+
+def test_out_of_reach_says_by_how_much_and_why_and_there_is_nothing_to_plan(
+    page: ViewModel,
+) -> None:
+    page.set_target_point(np.array([0.0, 0.543, 0.0]))
+    screen = page.screen()
+    assert screen.sentence.text == "43 mm out of reach (arm fully stretched)."
+    assert screen.sentence.tone is Tone.BAD
+    assert screen.path is None
+    assert not screen.can_plan
+    page.plan()
+    assert not page.refresh()
+    assert page.screen().plan is None
+
+
+def test_a_target_inside_the_table_says_what_touches_what(page: ViewModel) -> None:
+    page.set_target_point(np.array([0.1, 0.0, -0.3]))
+    screen = page.screen()
+    assert screen.sentence.text == "The gripper would hit the floor."
+    assert not screen.can_plan
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda page: page.set_target_point(np.array([0.1, 0.1, 0.1])),
+        lambda page: page.set_target_joints(np.full(5, 0.2)),
+        lambda page: page.set_target_joint(3, 0.4),
+        lambda page: page.set_target_frame("jaw_tip"),
+        lambda page: page.set_speed(to_rad(30.0)),
+        lambda page: page.set_acceleration(to_rad(30.0)),
+        lambda page: page.move_jaw(1.0),
+    ],
+    ids=["target", "pose", "joint", "frame", "speed", "acceleration", "jaw"],
+)
+def test_whatever_a_plan_was_made_for_changes_drops_it(
+    page: ViewModel, arm: PretendedArm, change: Callable[[ViewModel], None]
+) -> None:
+    assert planned(page).can_execute
+    change(page)
+    assert not page.screen().can_execute
+    page.execute()
+    assert arm.executed == []
+
+
+def test_an_arm_moved_by_somebody_else_drops_the_plan(page: ViewModel, arm: PretendedArm) -> None:
+    assert planned(page).can_execute
+    arm.be(np.full(5, to_rad(1.0)))
+    assert page.refresh()
+    screen = page.screen()
+    assert not screen.can_execute
+    assert screen.sentence.text == "The arm has moved. Press Plan again."
+
+
+def test_the_preview_moves_the_ghost_along_the_plan(page: ViewModel) -> None:
+    page.set_target_point(np.array([0.4, 0.0, 0.0]))
+    assert planned(page).preview_time == 1.0
+    page.preview(0.5)
+    screen = page.screen()
+    assert screen.q_ghost is not None
+    np.testing.assert_allclose(screen.q_ghost[:3], [0.2, 0.0, 0.0])
+    page.preview(99.0)
+    assert page.screen().preview_time == 1.0
+
+
+def test_progress_follows_the_clock_from_the_first_movement(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    planned(page)
+    page.execute()
+    assert page.screen().progress == 0.0
+    arm.be(np.zeros(5), t=7.0, mode=Mode.MOVING)
+    page.refresh()
+    arm.be(np.full(5, 0.05), t=7.5, mode=Mode.MOVING)
+    assert page.refresh()
+    assert page.screen().progress == pytest.approx(0.5)
+
+
+def test_a_stop_is_told_plainly_and_the_target_can_be_planned_for_again(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    planned(page)
+    page.execute()
+    arm.be(np.array([0.01, 0.0, 0.0, 0.0, 0.0]))
+    arm.motion.future.set_exception(Interrupted("stop"))
+    page.refresh()
+    screen = page.screen()
+    assert screen.sentence.text == "Stopped. The arm holds where it is."
+    assert screen.can_plan
+    assert not screen.can_execute
+
+
+def test_a_failed_plan_is_told_in_its_own_words(page: ViewModel, arm: PretendedArm) -> None:
+    arm.failure = NoPath("no way around <the table>; move the target")
+    screen = planned(page)
+    assert screen.sentence.text == "No way around <the table>; move the target."
+    assert screen.sentence.tone is Tone.BAD
+    assert screen.can_plan
+
+
+def test_a_mistake_inside_is_told_and_does_not_stop_the_page(
+    page: ViewModel, arm: PretendedArm
+) -> None:
+    arm.failure = ZeroDivisionError("oops")
+    assert "Internal error" in planned(page).sentence.text
+
+
+@pytest.mark.parametrize(
+    ("mode", "words"),
+    [(Mode.LIMP, "limp"), (Mode.FAULT, "Fault: see above"), (Mode.CALIBRATING, "calibrated")],
+)
+def test_an_arm_that_cannot_move_says_so_and_offers_no_buttons(
+    page: ViewModel, arm: PretendedArm, mode: Mode, words: str
+) -> None:
+    planned(page)
+    arm.be(np.zeros(5), mode=mode)
+    page.refresh()
+    screen = page.screen()
+    assert words in screen.sentence.text
+    assert not screen.can_plan
+    assert not screen.can_execute

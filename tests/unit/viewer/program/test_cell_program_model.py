@@ -1,0 +1,178 @@
+"""The Program tab of several arms: simulated arms on a clock that the tests drive."""
+
+import time
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+from so101_viewer.page.target_ik import TargetSolver
+from so101_viewer.program.cell_program_model import ArmInStep, CellProgramModel
+from so101_viewer.view_model import ViewModel
+
+from so101_motion.common.clock import ManualClock
+from so101_motion.common.errors import ConfigError
+from so101_motion.common.units import to_rad
+from so101_motion.files.cell_file import arms_in_a_circle
+from so101_motion.planning.goals import JointGoal
+from so101_motion.rig.cell_rigs import open_cell
+from so101_motion.rig.hardware_rig import open_simulated
+
+FIRST, SECOND = "arm 1", "arm 2"
+
+
+def aside(pan_deg):
+    """Where an arm is that was turned a little further to the side; nobody is in its way."""
+    return to_rad(np.array([pan_deg, 0.0, 0.0, 0.0, 0.0]))
+
+
+def at_once(call):
+    done = Future()
+    try:
+        done.set_result(call())
+    except Exception as error:
+        done.set_exception(error)
+    return done
+
+
+class Bench:
+    """Two arms and the model of their Program tab."""
+
+    def __init__(self, opened, clock):
+        self.opened, self.clock = opened, clock
+        self.arms = {
+            name: ViewModel(
+                arm=rig.arm,
+                gripper=rig.gripper,
+                load_solver=TargetSolver.load,
+                submit=at_once,
+                now=clock.now,
+                welcome="",
+            )
+            for name, rig in opened.rigs.items()
+        }
+        self.model = CellProgramModel(opened.cell, self.arms, at_once)
+
+    def record(self, **targets):
+        """Record a step in which arms, by ``first`` and ``second``, go somewhere."""
+        names = {"first": FIRST, "second": SECOND}
+        for key, q in targets.items():
+            self.arms[names[key]].set_target_joints(q)
+        self.model.record([names[key] for key in targets])
+
+    def planned(self):
+        self.model.plan()
+        self.model.refresh()
+        return self.model.can_run
+
+    def move(self, until):
+        end = time.monotonic() + 60.0  # the planner takes real time
+        while time.monotonic() < end:
+            self.model.refresh()
+            if until():
+                return
+            self.clock.advance(0.01)
+        raise AssertionError(f"it goes on and on: {self.model.sentence.text}")
+
+    def says(self, words):
+        return words in self.model.sentence.text
+
+    def q(self, name):
+        return self.opened.rigs[name].arm.state.q
+
+
+@pytest.fixture(scope="module", autouse=True)
+def planning_process():
+    """One rig stays open, so that the others find the planning process running."""
+    with open_simulated(clock=ManualClock()) as rig:
+        rig.arm.plan(JointGoal(q=np.full(5, 0.2)))
+        yield
+
+
+@pytest.fixture
+def bench(clock):
+    with open_cell(arms_in_a_circle(2), clock=clock) as opened:
+        yield Bench(opened, clock)
+
+
+def test_a_program_is_planned_and_run_side_by_side_and_one_after_the_other(bench):
+    bench.record(first=aside(55.0), second=aside(50.0))
+    bench.record(second=aside(60.0))
+    before = bench.q(FIRST).copy()
+    assert bench.planned()
+    assert bench.says("Planned, no collisions.")
+    np.testing.assert_array_equal(bench.q(FIRST), before)  # planning moves nothing
+    bench.model.run()
+    bench.move(lambda: bench.model.active == 1)
+    np.testing.assert_allclose(bench.q(FIRST), aside(55.0), atol=to_rad(0.5))
+    bench.move(lambda: bench.says("Done."))
+    np.testing.assert_allclose(bench.q(SECOND), aside(60.0), atol=to_rad(0.5))
+    assert not bench.model.can_run  # planned from elsewhere
+
+
+def test_stop_ends_it_for_all_arms(bench):
+    bench.record(first=aside(70.0), second=aside(70.0))
+    assert bench.planned()
+    bench.model.run()
+    first, second = (rig.arm for rig in bench.opened.rigs.values())
+    bench.move(lambda: first.is_moving and second.is_moving)
+    with pytest.raises(ConfigError, match="stop the program before you change it"):
+        bench.model.remove()
+    second.start_stop()
+    bench.move(lambda: bench.says("Stopped. All arms hold where they are; the rest was not run."))
+    assert not first.is_moving
+    assert not second.is_moving
+
+
+def test_a_plan_is_dropped_when_an_arm_has_moved(bench):
+    bench.record(first=aside(55.0))
+    assert bench.planned()
+    bench.opened.rigs[SECOND].arm.start_move(JointGoal(q=aside(50.0)))
+    bench.move(lambda: bench.says("arm 2: The arm has moved."))
+    assert not bench.model.can_run
+    assert bench.model.rehearsal is None
+
+
+def test_steps_are_edited_arm_by_arm_and_edits_are_undone(bench):
+    model = bench.model
+    bench.record(first=aside(55.0))
+    bench.arms[SECOND].set_target_joints(aside(50.0))
+    model.take_target(SECOND)
+    assert [*model.steps[0]] == [FIRST, SECOND]
+    ArmInStep(model, SECOND).set_aperture(0.5)
+    ArmInStep(model, SECOND).set_pause(1.5)
+    ArmInStep(model, FIRST).set_speed(0.4)
+    assert model.waypoint(SECOND).aperture == 0.5
+    assert model.waypoint(FIRST).aperture is None
+    model.leave_out(FIRST)
+    assert model.waypoint(FIRST) is None
+    with pytest.raises(ConfigError, match="has no other arm; delete it instead"):
+        model.leave_out(SECOND)
+    model.undo()
+    assert model.waypoint(FIRST).speed == 0.4
+    bench.record(first=aside(60.0), second=aside(60.0))
+    model.move(-1)
+    assert model.chosen == 0
+    assert [*model.steps[1]] == [FIRST, SECOND]
+    model.remove()
+    model.remove()
+    assert model.steps == ()
+    assert not model.can_plan
+
+
+def test_a_saved_program_comes_back_and_is_gone_when_deleted(bench):
+    model = bench.model
+    bench.record(first=aside(55.0), second=aside(50.0))
+    model.set_rounds(None)
+    model.call("wave")
+    model.save()
+    model.clear()
+    assert model.saved == ("wave",)
+    model.load("wave")
+    assert model.rounds is None
+    np.testing.assert_allclose(model.steps[0][SECOND].q, aside(50.0), atol=1e-6)
+    model.delete("wave")
+    assert model.saved == ()
+    model.clear()
+    model.call("nothing")
+    with pytest.raises(ConfigError, match="steps"):
+        model.save()

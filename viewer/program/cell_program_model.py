@@ -1,0 +1,354 @@
+"""State and commands of the Program tab of several arms, without viser.
+
+A step says which arms go where, side by side. All of a program is planned before anything moves;
+the plan is dropped when the steps, an arm's place, its speed limits or its surroundings change.
+Nothing here waits: slow calls are futures that ``refresh`` collects. One thread owns a
+``CellProgramModel``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+from so101_motion.arm.cell import Cell
+from so101_motion.common.errors import ConfigError, So101Error
+from so101_motion.common.modes import Mode
+from so101_motion.tasks.program import (
+    CellProgram,
+    CellProgramRun,
+    CellRehearsal,
+    Waypoint,
+    files,
+    read_cell_program,
+    rehearse_cell,
+    start_cell_program,
+)
+from so101_motion.tasks.program.cell_program import cell_folder, write_cell_program
+from so101_motion.tasks.program.rehearsal import stands_at
+
+from ..page import texts
+from ..page.history import History
+from ..page.screen_state import Sentence
+from ..view_model import ViewModel
+from . import program_texts as words
+from .program_model import SAME_JAW, next_letter, same_things, things_around
+
+Step = Mapping[str, Waypoint]
+Steps = tuple[Step, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Edited:
+    """A program that may still be empty."""
+
+    steps: Steps = ()
+    rounds: int | None = 1
+
+
+class CellProgramModel:
+    """State and commands of the Program tab of several arms.
+
+    Args:
+        cell: In which the arms keep apart.
+        arms: Target and picture of each arm, by its name in the cell.
+        submit: Runs a slow call beside.
+
+    Attributes:
+        chosen: Index of the step that is edited; None without one.
+        name: What the program is called, when it is saved or was loaded.
+        saved: The user's programs, by name.
+        rehearsal: The plan of all of it, as long as it holds; else None.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        arms: Mapping[str, ViewModel],
+        submit: Callable[[Callable[[], Any]], Future[Any]],
+    ) -> None:
+        self._cell, self._arms, self._submit = cell, dict(arms), submit
+        self._edited = _Edited()
+        self._history = History(self._edited)
+        self.chosen: int | None = None
+        self.name, self.saved = "", self._listed()
+        self.rehearsal: CellRehearsal | None = None
+        self._sentence = words.CELL_WELCOME
+        self._planning: Future[CellRehearsal] | None = None
+        self._made_for: tuple[object, ...] = ()
+        self._run: CellProgramRun | None = None
+        self._shown: tuple[object, ...] = ()
+
+    # Steps
+
+    @property
+    def steps(self) -> Steps:
+        """In each a waypoint for each arm that has something to do, by its name."""
+        return self._edited.steps
+
+    @property
+    def rounds(self) -> int | None:
+        """How often they are repeated; None for until stopped."""
+        return self._edited.rounds
+
+    def record(self, names: Sequence[str]) -> None:
+        """Add a step in which these arms go to their targets, side by side."""
+        number = len(self.steps) + 1
+        self._edit((*self.steps, {name: self._at_target(name) for name in names}))
+        self.chosen, self._sentence = number - 1, words.recorded_step(number)
+
+    def choose(self, index: int) -> None:
+        """Select a step, and show the ghosts of its arms there."""
+        if 0 <= index < len(self.steps):
+            self.chosen = index
+            for name, waypoint in self.steps[index].items():
+                if name in self._arms:
+                    self._arms[name].set_target_joints(waypoint.q)
+
+    def waypoint(self, name: str) -> Waypoint | None:
+        """What an arm does in the selected step; None for nothing."""
+        can_edit = self.chosen is not None and self._run is None
+        return self.steps[self._chosen_index()].get(name) if can_edit else None
+
+    def take_target(self, name: str) -> None:
+        """Let an arm go to its target in the selected step, beside the others."""
+        before = self.steps[self._chosen_index()].get(name)
+        if before is None:
+            self._put(name, self._at_target(name))
+        else:
+            self.change(name, q=self._arms[name].target.q)
+
+    def change(self, name: str, **to: Any) -> None:
+        """Change what an arm does in the selected step, in terms of ``Waypoint``."""
+        waypoint = self.steps[self._chosen_index()].get(name)
+        if waypoint is not None:
+            self._put(name, replace(waypoint, **to))
+
+    def leave_out(self, name: str) -> None:
+        """Let an arm stand still in the selected step."""
+        index = self._chosen_index()
+        rest = {key: each for key, each in self.steps[index].items() if key != name}
+        if not rest:
+            raise ConfigError("step", index + 1, "has no other arm; delete it instead")
+        self._edit((*self.steps[:index], rest, *self.steps[index + 1 :]))
+
+    def reorder(self, index: int, to: int) -> None:
+        """Put a step at another place, and select it."""
+        steps = list(self.steps)
+        if min(index, to) >= 0 and max(index, to) < len(steps):
+            steps.insert(to, steps.pop(index))
+            self._edit(tuple(steps))
+            self.chosen = to
+
+    def move(self, by: int) -> None:
+        """Move the selected step earlier (-1) or later (1)."""
+        index = self._chosen_index()
+        self.reorder(index, index + by)
+
+    def remove(self) -> None:
+        """Remove the selected step."""
+        index = self._chosen_index()
+        self._edit((*self.steps[:index], *self.steps[index + 1 :]))
+
+    def undo(self) -> None:
+        """Undo the last edit."""
+        self._set(self._history.undo())
+
+    def redo(self) -> None:
+        """Redo what was undone last."""
+        self._set(self._history.redo())
+
+    def set_rounds(self, rounds: int | None) -> None:
+        """Set the number of rounds; None for endless."""
+        self._edit(self.steps, rounds=rounds)
+
+    # Files
+
+    def call(self, name: str) -> None:
+        """Set the name for saving."""
+        self.name = name
+
+    def save(self) -> None:
+        """Save the program under its name; replaces one of that name."""
+        file = files.file_of(self.name, cell_folder())
+        write_cell_program(self._program(), file)
+        self.name, self.saved = file.stem, self._listed()
+        self._sentence = words.saved(file)
+
+    def load(self, name: str) -> None:
+        """Load the program ``name``; nothing moves."""
+        program = read_cell_program(files.file_of(name, cell_folder()))
+        self._edit(program.steps, rounds=program.rounds)
+        self.name, self.chosen = name, 0
+        self._sentence = words.loaded_steps(name, len(program.steps))
+
+    def delete(self, name: str) -> None:
+        """Delete the file of the program ``name``; the edited program stays."""
+        files.delete(name, cell_folder())
+        self.saved = self._listed()
+        self._sentence = words.deleted(name)
+
+    def clear(self) -> None:
+        """Start a new program."""
+        self._edit((), rounds=1)
+        self.name = ""
+
+    # Planning, running
+
+    def plan(self) -> None:
+        """Plan all of the program; nothing moves."""
+        if self.can_plan:
+            self._made_for = self._things()
+            self._planning = self._submit(partial(rehearse_cell, self._cell, self._program()))
+            self._sentence = words.CELL_PLANNING
+
+    def run(self) -> None:
+        """Run the program as it was planned."""
+        if self.can_run and self.rehearsal is not None:
+            self._run = start_cell_program(self._cell, self.rehearsal)
+
+    def report(self, error: BaseException) -> None:
+        """Show that a command failed."""
+        self._sentence = words.cell_ended(error)
+
+    # What is shown
+
+    @property
+    def sentence(self) -> Sentence:
+        """What to know or to do now."""
+        return self._sentence if self._run is None else words.running_step(self._run)
+
+    @property
+    def active(self) -> int | None:
+        """Index of the step that is being done; None if none is."""
+        return None if self._run is None else self._run.where[1]
+
+    @property
+    def can_plan(self) -> bool:
+        """Whether Plan may be pressed."""
+        return bool(self.steps) and self._planning is None and self._are_ready
+
+    @property
+    def can_run(self) -> bool:
+        """Whether Run may be pressed."""
+        return self.rehearsal is not None and self._are_ready
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is an edit to undo, or one that was undone."""
+        return self._run is None and (self._history.can_undo or self._history.can_redo)
+
+    @property
+    def _are_ready(self) -> bool:
+        holding = (each.arm.state.mode is Mode.HOLDING for each in self._cell.places.values())
+        return self._run is None and all(holding)
+
+    def refresh(self) -> bool:
+        """Take in changes since the last call; return whether there is anything new to show."""
+        self._collect_plan()
+        self._watch_plan()
+        self._collect_run()
+        before = self._shown
+        self._shown = (
+            self._edited, self.chosen, self.saved, self.sentence, self.active, self.can_plan,
+            self.can_run,
+        )  # fmt: skip
+        return self._shown != before
+
+    # How
+
+    def _collect_plan(self) -> None:
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning = self._planning, None
+        error = planning.exception()
+        if error is not None:
+            self.report(error)
+        else:
+            self.rehearsal, self._sentence = planning.result(), words.CELL_PLANNED
+
+    def _watch_plan(self) -> None:
+        if self.rehearsal is None or self._run is not None:
+            return
+        for name, stand in self.rehearsal.first[0].stands.items():
+            state = self._cell.places[name].arm.state
+            if not stands_at(stand.q, state.q_ref):
+                self._drop_plan(texts.named(name, words.ARM_MOVED))
+            elif abs(stand.q_jaw - state.q_jaw_ref) > SAME_JAW:
+                self._drop_plan(texts.named(name, words.JAW_MOVED))
+        if self.rehearsal is not None and not same_things(self._things(), self._made_for):
+            self._drop_plan(words.THINGS_CHANGED)
+
+    def _collect_run(self) -> None:
+        if self._run is not None and self._run.future.done():
+            run, self._run = self._run, None
+            error = run.future.exception()
+            self._drop_plan(words.done(run) if error is None else words.cell_ended(error))
+
+    def _drop_plan(self, sentence: Sentence) -> None:
+        self._planning = self.rehearsal = None
+        self._sentence = sentence
+
+    def _things(self) -> tuple[object, ...]:
+        return tuple(x for each in self._cell.places.values() for x in things_around(each.arm))
+
+    def _listed(self) -> tuple[str, ...]:
+        try:
+            return files.names(cell_folder())
+        except So101Error:
+            return ()
+
+    def _at_target(self, name: str) -> Waypoint:
+        taken = (each.name for step in self.steps for each in step.values())
+        return Waypoint(name=next_letter(taken), q=self._arms[name].target.q)
+
+    def _chosen_index(self) -> int:
+        if self.chosen is None:
+            raise ConfigError("step", None, "record a step first")
+        return self.chosen
+
+    def _program(self) -> CellProgram:
+        return CellProgram(steps=self.steps, rounds=self.rounds)
+
+    def _put(self, name: str, waypoint: Waypoint) -> None:
+        index = self._chosen_index()
+        step = {**self.steps[index], name: waypoint}
+        self._edit((*self.steps[:index], step, *self.steps[index + 1 :]))
+
+    def _edit(self, steps: Steps, **to: Any) -> None:
+        if self._run is not None:
+            raise ConfigError("program", None, "stop the program before you change it")
+        edited = replace(self._edited, steps=steps, **to)
+        if steps:
+            CellProgram(steps=edited.steps, rounds=edited.rounds)  # refuses what is too long
+        self._history.add(edited)
+        self._set(edited)
+
+    def _set(self, edited: _Edited) -> None:
+        self._edited = edited
+        left = len(edited.steps)
+        if self.chosen is not None:
+            self.chosen = min(self.chosen, left - 1) if left else None
+        self._drop_plan(words.PRESS_PLAN if left else words.CELL_WELCOME)
+
+
+class ArmInStep:
+    """Changes what an arm does in the selected step."""
+
+    def __init__(self, model: CellProgramModel, name: str) -> None:
+        self._change = partial(model.change, name)
+
+    def set_speed(self, share: float) -> None:
+        """Set how fast it goes there, as a share of its speed."""
+        self._change(speed=share)
+
+    def set_pause(self, seconds: float) -> None:
+        """Set the pause there [s]."""
+        self._change(pause=seconds)
+
+    def set_aperture(self, aperture: float | None) -> None:
+        """Set the jaw's aperture there, 0 to 1; None to leave it."""
+        self._change(aperture=aperture)

@@ -1,0 +1,131 @@
+"""The Program tab of several arms: record steps, order them, plan, run and save them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import viser
+
+from so101_motion.arm.cell import Cell
+
+from ..page import markup
+from ..page.bar import uuid_of
+from ..page.page_context import PageContext
+from ..page.part import Part
+from ..page.shared_fields import grey, put
+from ..view_model import ViewModel
+from . import program_texts as words
+from .cell_program_model import ArmInStep, CellProgramModel
+from .program_fields import FileFields, RoundsFields, WaypointFields
+
+_ALL = "all arms"
+
+
+class CellProgramPart(Part):
+    """The widgets of the Program tab of several arms.
+
+    Args:
+        cell: In which the arms keep apart.
+        arms: Target and picture of each arm, by its name in the cell.
+    """
+
+    def __init__(self, context: PageContext, cell: Cell, arms: Mapping[str, ViewModel]) -> None:
+        self.model = CellProgramModel(cell, arms, context.beside)
+        self._context = context.reporting(self.model.report)
+        self._names = tuple(arms)
+        with context.tabs.add_tab("Program"):
+            self._add_steps(context.gui)
+            self._add_run(context.gui)
+            self._add_arms(context.gui)
+            self._rounds = RoundsFields(self._context, self.model.set_rounds)
+            self._files = FileFields(self._context, self.model)
+
+    def _add_steps(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._sentence = gui.add_html("")
+        record = gui.add_button_group(
+            "Record", (*self._names, _ALL), hint="A step: who goes to its target, side by side"
+        )
+        self._context.on_choice(
+            record, lambda name: model.record(self._names if name == _ALL else (name,))
+        )
+        self._steps = gui.add_html("")
+        self._picked = gui.add_text("Picked", "", visible=False)
+        self._context.on_entry(self._picked, self._pick)
+        self._dragged = gui.add_text("Dragged", "", visible=False)
+        self._context.on_entry(self._dragged, self._reorder)
+        self._order = gui.add_button_group("Step", ("up", "down", "delete"))
+        orders = {"up": partial(model.move, -1), "down": partial(model.move, 1)}
+        self._context.on_choice(self._order, partial(_do, orders | {"delete": model.remove}))
+
+    def _add_run(self, gui: viser.GuiApi) -> None:
+        model = self.model
+        self._history = gui.add_button_group("Edits", ("undo", "redo"))
+        edits = {"undo": model.undo, "redo": model.redo}
+        self._context.on_choice(self._history, partial(_do, edits))
+        self._plan = gui.add_button("Plan program", icon=viser.Icon.ROUTE)
+        self._context.on_press(self._plan, model.plan)
+        self._run = gui.add_button("Run program", icon=viser.Icon.PLAYER_PLAY, color="green")
+        self._context.on_press(self._run, model.run)
+        self._facts = gui.add_html("")
+
+    def _add_arms(self, gui: viser.GuiApi) -> None:
+        model, tabs = self.model, gui.add_tab_group()
+        self._fields: dict[str, WaypointFields] = {}
+        self._uses: list[viser.GuiButtonGroupHandle] = []
+        for name in self._names:
+            with tabs.add_tab(name):
+                use = gui.add_button_group("In this step", ("to target", "leave out"))
+                does = {
+                    "to target": partial(model.take_target, name),
+                    "leave out": partial(model.leave_out, name),
+                }
+                self._context.on_choice(use, partial(_do, does))
+                fields = WaypointFields(self._context, ArmInStep(model, name))
+                fields.add_speed()
+                fields.add_stay()
+            self._fields[name] = fields
+            self._uses.append(use)
+
+    def _pick(self, number: str) -> None:
+        """Choose a step; picked once more, the targets go there again."""
+        if number.isdigit():
+            self.model.choose(int(number) - 1)
+        put(self._picked, "")
+
+    def _reorder(self, told: str) -> None:
+        """Move a step: the browser tells a count, from where, and to where."""
+        places = [int(word) for word in told.split()[1:] if word.isdigit()]
+        if len(places) == 2:
+            self.model.reorder(*places)
+
+    def refresh(self) -> bool:
+        """Take in the state of the arms, the plan being made and the running program."""
+        return self.model.refresh()
+
+    def show(self) -> None:
+        """Update the widgets; viser sends only what differs."""
+        model = self.model
+        self._sentence.content = markup.sentence(model.sentence)
+        self._steps.content = markup.steps(
+            [(", ".join(step), words.cell_line(step), 0) for step in model.steps],
+            chosen=model.chosen,
+            active=model.active,
+            press=uuid_of(self._picked),
+            move=uuid_of(self._dragged),
+        )
+        for name, fields in self._fields.items():
+            fields.show(model.waypoint(name))
+        for group in (self._order, *self._uses):
+            grey(group, model.chosen is None or model.active is not None)
+        grey(self._history, not model.can_undo)
+        self._plan.disabled = not model.can_plan
+        self._run.disabled = not model.can_run
+        self._facts.content = markup.facts(words.cell_facts(model.rehearsal))
+        self._rounds.show(model.rounds)
+        self._files.show(model.name, model.saved)
+
+
+def _do(commands: Mapping[str, Callable[[], None]], name: str) -> None:
+    commands[name]()

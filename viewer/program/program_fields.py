@@ -1,0 +1,144 @@
+"""Widgets that the Program tabs of one arm and of several arms have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from so101_motion.tasks.program.loops import MOST_TIMES
+from so101_motion.tasks.program.program import LONGEST_PAUSE, SLOWEST, Waypoint
+
+from ..page.page_context import PageContext
+from ..page.shared_fields import SharedField, grey
+
+_NONE = "none"
+_PART_WAY = "part way"
+_JAW = {"keep": None, "close": 0.0, "open": 1.0, _PART_WAY: 0.5}
+"""What the gripper does at a waypoint, as an aperture."""
+
+
+class WaypointEditor(Protocol):
+    """Changes the selected waypoint."""
+
+    def set_speed(self, share: float) -> None:
+        """Set how fast it is gone to, as a share of the arm's speed."""
+
+    def set_pause(self, seconds: float) -> None:
+        """Set the pause there [s]."""
+
+    def set_aperture(self, aperture: float | None) -> None:
+        """Set the jaw's aperture there, 0 to 1; None to leave it."""
+
+
+class FileKeeper(Protocol):
+    """Saves and loads programs."""
+
+    def call(self, name: str) -> None:
+        """Set the name for saving."""
+
+    def save(self) -> None:
+        """Save the program under its name."""
+
+    def clear(self) -> None:
+        """Start a new program."""
+
+    def load(self, name: str) -> None:
+        """Load a program."""
+
+    def delete(self, name: str) -> None:
+        """Delete the file of a program."""
+
+
+class WaypointFields:
+    """Adds fields of the selected waypoint where its methods are called."""
+
+    def __init__(self, context: PageContext, editor: WaypointEditor) -> None:
+        self._context, self._editor = context, editor
+
+    def add_speed(self) -> None:
+        """How fast it is gone to."""
+        slider = self._context.gui.add_slider(
+            "Speed (%)",
+            round(100.0 * SLOWEST),
+            100,
+            1,
+            100,
+            hint="On the way to it, as a share of the speed on the Move tab",
+        )
+        self._speed = SharedField(
+            slider,
+            lambda percent: self._editor.set_speed(percent / 100.0),
+            self._context,
+            shown=round,
+        )
+
+    def add_stay(self) -> None:
+        """What is done there."""
+        gui, editor, context = self._context.gui, self._editor, self._context
+        pause = gui.add_number("Pause (s)", 0.0, min=0.0, max=LONGEST_PAUSE, step=0.1)
+        self._pause = SharedField(
+            pause, editor.set_pause, context, shown=lambda seconds: round(seconds, 1)
+        )
+        jaw = gui.add_dropdown("Gripper", tuple(_JAW))
+        self._jaw = SharedField(
+            jaw, lambda name: editor.set_aperture(_JAW[name]), context, shown=str
+        )
+        opening = gui.add_slider("Gripper (%)", 0, 100, 1, 0)
+        self._opening = SharedField(
+            opening, lambda percent: editor.set_aperture(percent / 100.0), context, shown=round
+        )
+
+    def show(self, waypoint: Waypoint | None) -> None:
+        """Show a waypoint; without one the fields are grey."""
+        if waypoint is None:
+            for field in (self._speed, self._pause, self._jaw, self._opening):
+                field.offer(None)
+            return
+        aperture = waypoint.aperture
+        self._speed.offer(100.0 * waypoint.speed)
+        self._pause.offer(None if waypoint.passes else waypoint.pause)
+        self._jaw.offer(next((name for name, each in _JAW.items() if each == aperture), _PART_WAY))
+        self._opening.offer(100.0 * aperture if aperture is not None else None)
+
+
+class RoundsFields:
+    """How often a program is repeated."""
+
+    def __init__(self, context: PageContext, command: Callable[[int | None], None]) -> None:
+        number = context.gui.add_number("Rounds", 1, min=1, max=MOST_TIMES, step=1)
+        self._rounds = SharedField(number, lambda n: command(int(n)), context, shown=int)
+        self._endless = SharedField(
+            context.gui.add_checkbox("Until stopped", False),
+            lambda on: command(None if on else int(number.value)),
+            context,
+            shown=bool,
+        )
+
+    def show(self, rounds: int | None) -> None:
+        """Show a number of rounds; None for endless."""
+        self._rounds.offer(rounds)
+        self._endless.show(rounds is None)
+
+
+class FileFields:
+    """A folder that saves and loads programs."""
+
+    def __init__(self, context: PageContext, keeper: FileKeeper) -> None:
+        gui = context.gui
+        with gui.add_folder("Save and load", expand_by_default=False):
+            name = gui.add_text("Program name", "")
+            self._called = SharedField(name, keeper.call, context, shown=str)
+            write = gui.add_button_group("Program", ("save", "new"))
+            self._saved = saved = gui.add_dropdown("Saved", (_NONE,))
+            self._use = gui.add_button_group("Saved one", ("load", "delete"))
+        writes = {"save": keeper.save, "new": keeper.clear}
+        uses = {"load": keeper.load, "delete": keeper.delete}
+        context.on_choice(write, lambda chosen: writes[chosen]())
+        context.on_choice(self._use, lambda chosen: uses[chosen](saved.value))
+
+    def show(self, name: str, saved: Sequence[str]) -> None:
+        """Show the name for saving, and what is saved."""
+        self._called.show(name)
+        if self._saved.options != (tuple(saved) or (_NONE,)):
+            self._saved.options = tuple(saved) or (_NONE,)
+        grey(self._use, not saved)
